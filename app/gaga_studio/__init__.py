@@ -1,0 +1,1 @@
+"""gaga-studio: the window."""

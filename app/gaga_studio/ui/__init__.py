@@ -1,0 +1,1 @@
+"""Panels: functions that draw the session; no GL."""

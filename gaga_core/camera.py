@@ -1,0 +1,68 @@
+"""A posed pinhole camera."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, check_shape
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Pinhole camera, OpenCV axes, pixel centres at +0.5, no distortion.
+
+    Raises ``ValueError`` when a shape is wrong.
+    """
+
+    K: DoubleArray  # (3, 3) pixels
+    cam_from_world: DoubleArray  # (4, 4) rigid
+    width: int
+    height: int
+    name: str = ""  # file name of the photo, with suffix
+
+    def __post_init__(self) -> None:
+        check_shape("K", self.K, (3, 3))
+        check_shape("cam_from_world", self.cam_from_world, (4, 4))
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"camera {self.name}: size {self.width} x {self.height}")
+
+    @cached_property
+    def position(self) -> DoubleArray:
+        """Centre of projection (3,), world."""
+        rotation = self.cam_from_world[:3, :3]
+        result: DoubleArray = -rotation.T @ self.cam_from_world[:3, 3]
+        return result
+
+    @cached_property
+    def forward(self) -> DoubleArray:
+        """Unit viewing direction (3,), world."""
+        return self.cam_from_world[2, :3].copy()
+
+    @cached_property
+    def world_from_cam(self) -> DoubleArray:
+        """Inverse pose (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.cam_from_world[:3, :3].T
+        matrix[:3, 3] = self.position
+        return matrix
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """The same view at another picture size: K is scaled in x and y."""
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        return replace(self, K=scale @ self.K, width=width, height=height)
+
+    def project(self, points_world: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+        """Pixels (N, 2) and depths (N,) along the viewing direction of world points (N, 3)."""
+        p_cam = points_world @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
+        depth = p_cam[:, 2]
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        pixels = p_cam[:, :2] / safe[:, None] * np.array([self.K[0, 0], self.K[1, 1]])
+        return pixels + self.K[:2, 2], depth
+
+    def unproject(self, u: float, v: float, depth: float) -> DoubleArray:
+        """World point (3,) at pixel (u, v) and ``depth`` along the viewing direction."""
+        x = (u - self.K[0, 2]) / self.K[0, 0] * depth
+        y = (v - self.K[1, 2]) / self.K[1, 1] * depth
+        result: DoubleArray = (self.world_from_cam @ np.array([x, y, depth, 1.0]))[:3]
+        return result

@@ -1,0 +1,1 @@
+"""The demo scene, made by our own code."""

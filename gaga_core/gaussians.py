@@ -1,0 +1,73 @@
+"""3D Gaussians as numpy columns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray, check_shape
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """A set of 3D Gaussians with raw parameters, as 3DGS files store them (Kerbl 2023).
+
+    All standard columns are C-contiguous float32. ``extra`` holds every other column of the file
+    by name, in file order and in its own dtype: normals, ``obj_dc_*``, anything unknown. They
+    survive a round trip. ``comments`` are the file's header comments (render-mode hints).
+
+    Raises ``ValueError`` when columns disagree in length or shape.
+    """
+
+    means: FloatArray  # (N, 3) world
+    quats: FloatArray  # (N, 4) wxyz, any length
+    log_scales: FloatArray  # (N, 3) natural log of the standard deviation
+    logit_opacities: FloatArray  # (N,)
+    sh: FloatArray  # (N, S, 3), S = (degree + 1)^2
+    extra: Mapping[str, AnyArray] = field(default_factory=lambda: MappingProxyType({}))  # each (N,)
+    comments: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.means)
+        check_shape("means", self.means, (n, 3), np.float32)
+        check_shape("quats", self.quats, (n, 4), np.float32)
+        check_shape("log_scales", self.log_scales, (n, 3), np.float32)
+        check_shape("logit_opacities", self.logit_opacities, (n,), np.float32)
+        check_shape("sh", self.sh, (n, "S", 3), np.float32)
+        if self.sh.shape[1] not in (1, 4, 9, 16, 25):
+            raise ValueError(f"sh: {self.sh.shape[1]} coefficients is no full degree")
+        for name, column in self.extra.items():
+            check_shape(f"extra[{name}]", column, (n,))
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the view-dependent color: 0 to 4."""
+        return {1: 0, 4: 1, 9: 2, 16: 3, 25: 4}[self.sh.shape[1]]
+
+    @property
+    def scales(self) -> FloatArray:
+        """Standard deviations (N, 3), scene units."""
+        return np.exp(self.log_scales)
+
+    @property
+    def opacities(self) -> FloatArray:
+        """Opacities (N,) in 0..1."""
+        with np.errstate(over="ignore"):
+            result: FloatArray = np.float32(1) / (np.float32(1) + np.exp(-self.logit_opacities))
+        return result
+
+    def take(self, indices: IntArray | LongArray | BoolArray) -> "Gaussians":
+        """The chosen rows, in the order given, with all extra columns."""
+        return Gaussians(
+            means=self.means[indices],
+            quats=self.quats[indices],
+            log_scales=self.log_scales[indices],
+            logit_opacities=self.logit_opacities[indices],
+            sh=self.sh[indices],
+            extra=MappingProxyType({k: v[indices] for k, v in self.extra.items()}),
+            comments=self.comments,
+        )

@@ -1,0 +1,112 @@
+"""Rotations and affine maps: quaternions wxyz, matrices that act on column vectors."""
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, check_shape
+
+
+def quats_to_matrices(quats: FloatArray | DoubleArray) -> DoubleArray:
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4) wxyz; they need not be of unit length."""
+    check_shape("quats", quats, ("N", 4))
+    q = np.asarray(quats, np.float64)
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def matrices_to_quats(matrices: FloatArray | DoubleArray) -> DoubleArray:
+    """Unit quaternions (N, 4) wxyz, w >= 0, of rotation matrices (N, 3, 3) (Shepperd's method)."""
+    check_shape("matrices", matrices, ("N", 3, 3))
+    m = np.asarray(matrices, np.float64)
+    trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    # Each row: the quaternion scaled by a different component; take the largest for stability.
+    candidates = np.stack(
+        [
+            np.stack(
+                [
+                    1 + trace,
+                    m[:, 2, 1] - m[:, 1, 2],
+                    m[:, 0, 2] - m[:, 2, 0],
+                    m[:, 1, 0] - m[:, 0, 1],
+                ],
+                axis=1,
+            ),
+            np.stack(
+                [
+                    m[:, 2, 1] - m[:, 1, 2],
+                    1 + 2 * m[:, 0, 0] - trace,
+                    m[:, 0, 1] + m[:, 1, 0],
+                    m[:, 0, 2] + m[:, 2, 0],
+                ],
+                axis=1,
+            ),
+            np.stack(
+                [
+                    m[:, 0, 2] - m[:, 2, 0],
+                    m[:, 0, 1] + m[:, 1, 0],
+                    1 + 2 * m[:, 1, 1] - trace,
+                    m[:, 1, 2] + m[:, 2, 1],
+                ],
+                axis=1,
+            ),
+            np.stack(
+                [
+                    m[:, 1, 0] - m[:, 0, 1],
+                    m[:, 0, 2] + m[:, 2, 0],
+                    m[:, 1, 2] + m[:, 2, 1],
+                    1 + 2 * m[:, 2, 2] - trace,
+                ],
+                axis=1,
+            ),
+        ],
+        axis=1,
+    )  # (N, 4 candidates, 4)
+    diagonal = candidates[:, np.arange(4), np.arange(4)]
+    best = candidates[np.arange(len(m)), diagonal.argmax(axis=1)]
+    best /= np.linalg.norm(best, axis=1, keepdims=True)
+    result: DoubleArray = np.where(best[:, :1] < 0, -best, best)
+    return result
+
+
+def multiply_quats(a: DoubleArray, b: DoubleArray) -> DoubleArray:
+    """Hamilton product of quaternions (..., 4) wxyz: first ``b``, then ``a``."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def look_at(eye: DoubleArray, target: DoubleArray, up: DoubleArray) -> DoubleArray:
+    """``cam_from_world`` (4, 4) of a camera at ``eye`` that looks at ``target`` (OpenCV axes).
+
+    ``up`` is the world direction that shall point to the top of the picture.
+    """
+    forward = np.asarray(target, np.float64) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-9:
+        right = np.cross(forward, np.roll(up, 1))
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = -rotation @ eye
+    return matrix
+
+
+def compose_affine(a: DoubleArray, b: DoubleArray) -> DoubleArray:
+    """Affine map (3, 4) or (..., 3, 4) that applies ``b`` first, then ``a``."""
+    linear = a[..., :3] @ b[..., :3]
+    offset = (a[..., :3] @ b[..., 3:]) + a[..., 3:]
+    return np.concatenate([linear, offset], axis=-1)

@@ -1,0 +1,1 @@
+"""Identity of each Gaussian (section 3.3)."""

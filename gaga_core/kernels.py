@@ -1,0 +1,105 @@
+"""Numba kernels: one decorator, one thread pool, one compile cache.
+
+Kernels are ``nogil`` and single-threaded; parallel work is chunks of one kernel on our own pool.
+``parallel=True`` is never used: numba's workqueue layer aborts the process when two Python threads
+enter it, and the window renders, sorts and associates from several.
+"""
+
+import hashlib
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+# No nnan/ninf: kernels test for non-finite values.
+_FASTMATH = {"contract", "reassoc", "nsz", "arcp", "afn"}
+
+
+def _user_cache() -> Path:
+    if os.name == "nt":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "gaga-studio"
+
+
+def _source_digest() -> str:
+    """Digest of every kernel file: numba alone notices a change in the kernel's own file only,
+    not in a helper of another file that was inlined into it."""
+    root = Path(__file__).resolve().parent
+    sources = [Path(__file__).resolve(), *sorted(root.rglob("*_kernels.py"))]
+    app = root.parent / "app" / "gaga_studio"
+    installed = root.parent / "gaga_studio"
+    for folder in (app, installed):
+        sources += sorted(folder.rglob("*_kernels.py"))
+    digest = hashlib.sha256()
+    for source in sources:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+# Set before numba is imported anywhere: site-packages may be read-only, and stale code is worse
+# than a compile.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(_user_cache() / "kernels" / _source_digest()))
+
+import numba  # noqa: E402  (the cache folder must be known first)
+
+
+def kernel(function: _F) -> _F:
+    """Compile ``function`` with numba: nogil, cached on disk, fast math without nnan/ninf."""
+    compiled = numba.njit(nogil=True, cache=True, fastmath=_FASTMATH, boundscheck=False)(function)
+    return cast(_F, compiled)
+
+
+def exact_kernel(function: _F) -> _F:
+    """Like `kernel`, without fast math: results are the same bits as plain IEEE arithmetic."""
+    return cast(_F, numba.njit(nogil=True, cache=True, boundscheck=False)(function))
+
+
+def n_threads() -> int:
+    """Threads that this process may use (honours CPU affinity and GAGA_THREADS)."""
+    wanted = os.environ.get("GAGA_THREADS", "")
+    if wanted.isdigit() and int(wanted) > 0:
+        return int(wanted)
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return max(1, os.cpu_count() or 1)
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(n_threads(), thread_name_prefix="gaga-kernel")
+
+
+def run_chunks(work: Callable[[int, int], None], n: int, chunk: int) -> None:
+    """Call ``work(start, stop)`` over ``range(n)`` in pieces of ``chunk``, on all threads.
+
+    Pieces are taken dynamically, so uneven ones balance. ``work`` must release the GIL (a kernel)
+    and write disjoint output, so the result does not depend on the number of threads. The calling
+    thread works too. The first exception of a piece is raised here.
+    """
+    n_pieces = (n + chunk - 1) // chunk
+    threads = min(n_threads(), n_pieces)
+    if threads <= 1:
+        for start in range(0, n, chunk):
+            work(start, min(start + chunk, n))
+        return
+    lock = threading.Lock()
+    pieces = iter(range(0, n, chunk))
+
+    def drain() -> None:
+        while True:
+            with lock:
+                start = next(pieces, None)
+            if start is None:
+                return
+            work(start, min(start + chunk, n))
+
+    helpers = [_pool().submit(drain) for _ in range(threads - 1)]
+    drain()
+    for helper in helpers:
+        helper.result()

@@ -1,0 +1,95 @@
+"""What every rasterizer can do: the operators that the method is made of.
+
+All backends share one image model (3D Gaussian Splatting, Kerbl 2023): EWA projection with the
+Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagonal of the 2D
+covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 are dropped; a pixel
+is done when its transmittance would fall under 1e-4; front to back by camera depth of the centres.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+
+NEAR = 0.01  # scene units; centres nearer than this are not drawn
+BLUR = 0.3  # pixels^2 added to the 2D covariance
+ALPHA_MIN = 1.0 / 255.0
+ALPHA_MAX = 0.99
+T_MIN = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A rendered view."""
+
+    image: FloatArray  # (H, W, C) color in 0..1 (not clipped) or any channels
+    alpha: FloatArray  # (H, W) 1 - transmittance
+    expected_depth: FloatArray  # (H, W) sum w z / sum w, camera depth; 0 where alpha is 0
+    median_depth: FloatArray  # (H, W) depth where T falls to 1/2; 0 if never
+
+
+@dataclass(frozen=True, eq=False)
+class LabelFrame:
+    """A rendered label map: at each pixel the label of greatest summed blending weight."""
+
+    labels: IntArray  # (H, W) 0 = none
+    confidence: FloatArray  # (H, W) weight of that label, 0..1
+
+
+@dataclass(frozen=True, eq=False)
+class PixelWeights:
+    """Blending weights w = alpha T of sampled pixels as sparse rows, front to back in each row."""
+
+    indptr: LongArray  # (P + 1,)
+    indices: IntArray  # (nnz,) Gaussian
+    weights: FloatArray  # (nnz,)
+
+
+class Rasterizer(Protocol):
+    """Operators of one backend. ``gaussians`` are in world frame; nothing is changed but what is
+    said to be. Every method may be called from several threads at once."""
+
+    name: str
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        *,
+        channels: FloatArray | None = None,  # (N, C) blended instead of SH color
+        background: DoubleArray | FloatArray | None = None,  # (C,); black
+    ) -> Frame:
+        """Blend SH color (degree of the file), or ``channels`` when given, and depth."""
+        ...
+
+    def weights(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        pixels: LongArray,  # (P,) flat indices v * width + u
+        *,
+        w_min: float = 0.0,
+    ) -> PixelWeights:
+        """Blending weights of these pixels; entries not above ``w_min`` are left out."""
+        ...
+
+    def vote(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,  # (H, W) at camera size; negative = ignore
+        histogram: FloatArray,  # (N, K) added to in place
+    ) -> None:
+        """histogram[i, k] += sum of w_i over pixels with label k."""
+        ...
+
+    def label_splat(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,  # (N,) >= 0; 0 takes part as "none"
+    ) -> LabelFrame:
+        """Exact argmax over labels of summed weights, without a K-channel image."""
+        ...

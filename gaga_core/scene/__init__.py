@@ -1,0 +1,1 @@
+"""The scene being edited: columns, edits, history, selection, export."""

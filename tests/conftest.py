@@ -1,0 +1,76 @@
+"""Fixtures that every test may use: real data, a GL context without display, a display."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def real_scene(name: str) -> Path:
+    """Folder of a real scene; skips the test where it is absent."""
+    folder = Path(os.environ.get("GAGA_TEST_DATA", _DATA)) / name
+    if not folder.is_dir():
+        pytest.skip(f"real scene {name} is not on this machine (set GAGA_TEST_DATA)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def ycb_table() -> Path:
+    return real_scene("ycb_table")
+
+
+@pytest.fixture(scope="session")
+def garden() -> Path:
+    return real_scene("garden")
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settings, recent files and the demo go to a folder of the test run, never to the user's."""
+    base = tmp_path_factory.getbasetemp() / "home"
+    base.mkdir(exist_ok=True)
+    monkeypatch.setenv("GAGA_HOME", str(base))
+
+
+@pytest.fixture(scope="session")
+def gl() -> Iterator[Any]:
+    """A moderngl context without any display (EGL, software rendering)."""
+    import moderngl
+
+    try:
+        context = moderngl.create_standalone_context(require=330, backend="egl")
+    except Exception as error:  # noqa: BLE001  any driver failure means the same here
+        pytest.skip(f"no EGL context on this machine: {error}")
+    yield context
+    context.release()
+
+
+@pytest.fixture(scope="session")
+def display() -> Iterator[str]:
+    """A display for window tests: Xvfb of our own, ended with the test run."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("no Xvfb on this machine: install the package xvfb")
+    read_end, write_end = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1920x1080x24", "-nolisten", "tcp"],
+        pass_fds=(write_end,),
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write_end)
+    with os.fdopen(read_end) as pipe:
+        name = f":{pipe.readline().strip()}"
+    before = os.environ.get("DISPLAY")
+    os.environ["DISPLAY"] = name
+    yield name
+    server.terminate()
+    server.wait(timeout=10)
+    if before is None:
+        del os.environ["DISPLAY"]
+    else:
+        os.environ["DISPLAY"] = before
