@@ -44,7 +44,8 @@ def gl() -> Iterator[Any]:
     import moderngl
 
     try:
-        context = moderngl.create_standalone_context(require=330, backend="egl")
+        options: dict[str, Any] = {"backend": "egl"}
+        context = moderngl.create_context(require=330, standalone=True, **options)
     except Exception as error:  # noqa: BLE001  any driver failure means the same here
         pytest.skip(f"no EGL context on this machine: {error}")
     yield context

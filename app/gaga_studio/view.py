@@ -12,6 +12,16 @@ class Mode(StrEnum):
     DEPTH = "depth"
 
 
+class ToolName(StrEnum):
+    """The one active tool."""
+
+    PICK = "pick"
+    RECT = "rect"
+    MOVE = "move"
+    ROTATE = "rotate"
+    SCALE = "scale"
+
+
 @dataclass
 class ViewState:
     """The picture's settings; the camera is in ``CameraRig``."""
@@ -22,3 +32,5 @@ class ViewState:
     show_outline: bool = True
     splat_budget: int = 0  # 0 = no limit
     resolution_scale: float = 1.0  # of the viewport's own pixels
+    show_panels: bool = True  # Tab hides everything but the picture
+    show_info: bool = True  # splats, frame time and backend in the status bar

@@ -1,10 +1,12 @@
 """The 3D-aware memory bank (section 3.2): which Gaussians each group owns, and why."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import IntArray, LongArray, check_shape
+from gaga_core.grouping.gate_kernels import count_overlaps, take_free
 
 
 @dataclass(frozen=True)
@@ -33,3 +35,88 @@ class MemoryBank:
     def empty(n_gaussians: int) -> "MemoryBank":
         """A bank in which every Gaussian is free."""
         return MemoryBank(np.full(n_gaussians, -1, np.int32), 0)
+
+
+def add_view(
+    bank: MemoryBank,
+    view: str,
+    mask_ids: IntArray,  # (M + 1,) id of each mask in the view's label map; entry 0 is 0
+    mask_of: IntArray,  # (N,) mask 1..M of each Gaussian behind one, 0 = none
+    threshold: float,
+) -> tuple[MemoryBank, IntArray]:
+    """The bank after the masks of one view, and the group (M + 1,) that each mask got, 0 = none.
+
+    Mask by mask in the order of their ids, Overlap(m, i) = #(G(m) and G_i) / #G(m): the mask joins
+    the group of greatest overlap (the older one on a tie) if that is at least ``threshold``, and
+    the group gains the Gaussians of G(m) that no group owns; otherwise a new group opens. A mask
+    behind which no Gaussian lies gets no group.
+
+    One count for the whole view is exact, although the bank grows with each mask: the G(m) of one
+    view are disjoint, so what an earlier mask of the view brought into a group is never in a later
+    mask's G(m). For the same reason two masks of one view may join the same group, but never one
+    that was opened in this view. ``bank`` itself is not changed.
+    """
+    check_shape("mask_of", mask_of, (len(bank.group),), np.int32)
+    counts = np.zeros((len(mask_ids), bank.n_groups + 1), np.int32)
+    count_overlaps(mask_of, bank.group, counts)
+    sizes = counts.sum(axis=1, dtype=np.int64)  # #G(m)
+    best, runner_up = two_best(counts)
+    group_of_mask = np.zeros(len(mask_ids), np.int32)
+    n_groups, log = bank.n_groups, []
+    for m in range(1, len(mask_ids)):
+        size = int(sizes[m])
+        overlap = int(counts[m, best[m]]) / size if best[m] else 0.0
+        second = int(counts[m, runner_up[m]]) / size if runner_up[m] else 0.0
+        joins = best[m] > 0 and overlap >= threshold
+        if size > 0:
+            n_groups += not joins
+            group_of_mask[m] = best[m] if joins else n_groups
+        log.append(
+            Decision(
+                view=view,
+                mask=int(mask_ids[m]),
+                group=int(group_of_mask[m]),
+                is_new=size > 0 and not joins,
+                overlap=overlap,
+                runner_up=int(runner_up[m]),
+                runner_up_overlap=second,
+                n_gaussians=size,
+            )
+        )
+    group = bank.group.copy()
+    take_free(mask_of, group_of_mask, group)
+    return MemoryBank(group, n_groups, bank.log + tuple(log)), group_of_mask
+
+
+def views_per_group(bank: MemoryBank) -> IntArray:
+    """In how many views a mask joined each group, (n_groups + 1,); entry 0 is 0."""
+    pairs = {(decision.view, decision.group) for decision in bank.log if decision.group > 0}
+    groups = np.array([group for _, group in pairs], np.int64)
+    return np.bincount(groups, minlength=bank.n_groups + 1).astype(np.int32)
+
+
+def groups_of_masks(bank: MemoryBank, views: Iterable[str]) -> dict[str, IntArray]:
+    """For each of ``views`` the group of every mask id that its label map has, 0 = none."""
+    ids: dict[str, list[tuple[int, int]]] = {view: [(0, 0)] for view in views}
+    for decision in bank.log:
+        if decision.view in ids:
+            ids[decision.view].append((decision.mask, decision.group))
+    result = {}
+    for view, pairs in ids.items():
+        masks, groups = np.array(pairs, np.int64).T
+        result[view] = np.zeros(int(masks.max()) + 1, np.int32)
+        result[view][masks] = groups
+    return result
+
+
+def two_best(counts: IntArray | LongArray) -> tuple[LongArray, LongArray]:
+    """Groups of the greatest and the second greatest count of each row, 0 where that is zero.
+
+    Of equal counts the lower group comes first. Column 0, the free Gaussians, takes no part.
+    """
+    rest = counts.copy()
+    rest[:, 0] = 0
+    rows = np.arange(len(rest))
+    best = rest.argmax(axis=1)  # 0 where every count is 0
+    rest[rows, best] = 0
+    return best, rest.argmax(axis=1)

@@ -1,1 +1,5 @@
 """Numba tile rasterizer."""
+
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
+
+__all__ = ["CpuRasterizer"]

@@ -1,0 +1,42 @@
+# make studio  sets everything up and opens the window on the demo scene
+# make test    sets everything up and runs every check and test (starts its own Xvfb)
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+
+.PHONY: studio test check setup bench screenshot clean
+
+studio:
+	@.ci/has-display
+	@.ci/system-libraries window
+	@$(MAKE) --no-print-directory $(STAMP)
+	@$(BIN)/gaga-studio --demo
+
+test: check
+	@$(BIN)/python -m pytest -q
+
+check: setup
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check -q .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+setup:
+	@.ci/system-libraries tests
+	@$(MAKE) --no-print-directory $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --upgrade pip
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@touch $(STAMP)
+
+bench: setup
+	@$(BIN)/python -m tests.bench
+
+screenshot: setup
+	@$(BIN)/python -m tests.screenshot assets/screenshot.png
+
+clean:
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist

@@ -1,0 +1,116 @@
+"""Kernels of the depth sort: one pass that culls, one counting sort on 16-bit keys.
+
+Keys are the bits of the float32 depth, stretched over the range that is seen: they grow like its
+logarithm (linear inside each power of two), so far outliers do not cost precision near by.
+"""
+
+import math
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array, UInt32Array
+from gaga_core.kernels import kernel
+
+N_KEYS = 1 << 16
+SKIPPED = 2 | 8  # bits of State: hidden, deleted
+
+
+@kernel
+def reaches(log_scales: FloatArray, out: FloatArray) -> None:
+    """Distance within which each splat can be seen: 3.34 times its longest standard deviation."""
+    for i in range(log_scales.shape[0]):
+        longest = max(log_scales[i, 0], max(log_scales[i, 1], log_scales[i, 2]))
+        out[i] = np.float32(3.34 * math.exp(longest))
+
+
+@kernel
+def importance(
+    log_scales: FloatArray, logit_opacities: FloatArray, out: FloatArray
+) -> None:
+    """Log of opacity times the area of the largest cross-section: what a splat adds to a view."""
+    for i in range(log_scales.shape[0]):
+        a, b, c = log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]
+        area = a + b + c - min(a, min(b, c))
+        out[i] = np.float32(area - math.log1p(math.exp(-logit_opacities[i])))
+
+
+@kernel
+def visible_depths(
+    means: FloatArray,  # (N, 3)
+    reach: FloatArray,  # (N,)
+    state: UInt8Array,  # (N,)
+    placement: IntArray,  # (N,)
+    rows: IntArray,  # (R,) splats to look at; R = 0: all
+    poses: DoubleArray,  # (P, 3, 4) cam_from_file of each placement
+    stretch: DoubleArray,  # (P,) bound on how much the placement enlarges
+    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, margin in pixels
+    depths: FloatArray,  # (N or R,) out, first M filled
+    ids: IntArray,  # (N or R,) out
+) -> int:
+    """Camera depths and ids of the M splats that can touch the picture, in row order; M.
+
+    A splat is kept when its centre lies in the picture grown by ``margin`` plus a bound of its own
+    radius in pixels (the one of the rasterizer: the Jacobian is clamped, so it is finite).
+    """
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    width, height, near, margin = lens[4], lens[5], lens[6], lens[7]
+    limit_x = 0.65 * width / fx
+    limit_y = 0.65 * height / fy
+    grow = max(fx * math.sqrt(1 + limit_x * limit_x), fy * math.sqrt(1 + limit_y * limit_y))
+    n = reach.shape[0] if rows.shape[0] == 0 else rows.shape[0]
+    m = 0
+    for j in range(n):
+        i = j if rows.shape[0] == 0 else rows[j]
+        p = placement[i]
+        if state[i] & SKIPPED != 0 or p < 0 or p >= poses.shape[0]:
+            continue
+        x, y, z = means[i, 0], means[i, 1], means[i, 2]
+        tz = poses[p, 2, 0] * x + poses[p, 2, 1] * y + poses[p, 2, 2] * z + poses[p, 2, 3]
+        if not (tz >= near and tz < 1e30):
+            continue
+        iz = 1.0 / tz
+        tx = poses[p, 0, 0] * x + poses[p, 0, 1] * y + poses[p, 0, 2] * z + poses[p, 0, 3]
+        ty = poses[p, 1, 0] * x + poses[p, 1, 1] * y + poses[p, 1, 2] * z + poses[p, 1, 3]
+        u = fx * tx * iz + cx
+        v = fy * ty * iz + cy
+        # sqrt(s^2 + BLUR) <= s + sqrt(BLUR); 3.34 sqrt(0.3) < 1.9.
+        bound = reach[i] * stretch[p] * grow * iz + 1.9 + margin
+        # Not "outside" but "not inside": a NaN anywhere leaves here.
+        if not (u + bound > 0 and u - bound < width and v + bound > 0 and v - bound < height):
+            continue
+        depths[m] = tz
+        ids[m] = i
+        m += 1
+    return m
+
+
+@kernel
+def far_to_near(
+    bits: UInt32Array,  # (M,) depths as bits
+    ids: IntArray,  # (M,)
+    counts: LongArray,  # (N_KEYS + 1,) scratch
+    order: IntArray,  # (M,) out
+    quantiles: UInt32Array,  # (2,) out: bits of the depths at 2 % and 98 %
+) -> None:
+    """Counting sort, far to near; of equal keys the first id comes last, as in front to back."""
+    m = bits.shape[0]
+    if m == 0:
+        return
+    low, high = bits[0], bits[0]
+    for i in range(m):
+        low = min(low, bits[i])
+        high = max(high, bits[i])
+    scale = (N_KEYS - 1) / max(1.0, float(high) - float(low))
+    counts[:] = 0
+    for i in range(m):
+        counts[int((float(bits[i]) - float(low)) * scale) + 1] += 1
+    found = 0
+    for k in range(N_KEYS):
+        counts[k + 1] += counts[k]
+        while found < 2 and counts[k + 1] >= (0.02 if found == 0 else 0.98) * m:
+            quantiles[found] = np.uint32(float(low) + (k + 0.5) / scale)
+            found += 1
+    for i in range(m):
+        k = int((float(bits[i]) - float(low)) * scale)
+        order[m - 1 - counts[k]] = ids[i]
+        counts[k] += 1

@@ -1,0 +1,174 @@
+"""Depth order of the splats, made in a thread of its own: drawing never waits for it."""
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.raster.base import NEAR
+from gaga_core.scene.scene import Placements
+from gaga_studio.gpu import sort_kernels
+
+MARGIN = 0.12  # share of the picture's size kept around it: a turning camera sees no bare rim
+
+
+@dataclass(frozen=True, eq=False)
+class SortJob:
+    """A snapshot to sort: columns are never written in place, so references are enough."""
+
+    ticket: int
+    gaussians: Gaussians
+    state: UInt8Array  # (N,)
+    placement: IntArray  # (N,)
+    placements: Placements
+    camera: Camera
+    budget: int = 0  # most important splats only; 0 = all
+
+
+@dataclass(frozen=True, eq=False)
+class DepthOrder:
+    """Splats that can be seen, far to near, culled with some margin."""
+
+    ticket: int
+    order: IntArray  # (M,)
+    near: float  # depths between which 96 % of them lie
+    far: float
+
+
+class Sorter:
+    """One worker; of several waiting jobs only the latest is done."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._job: SortJob | None = None
+        self._result: DepthOrder | None = None
+        self._ended = False
+        self._columns = _Columns()
+        self._thread = threading.Thread(target=self._work, name="gaga-sort", daemon=True)
+        self._thread.start()
+
+    def submit(self, job: SortJob) -> None:
+        """Sort this next; a job that has not begun is forgotten."""
+        with self._changed:
+            self._job = job
+            self._changed.notify_all()
+
+    def take(self) -> DepthOrder | None:
+        """The newest order that was not taken yet."""
+        with self._changed:
+            result, self._result = self._result, None
+            return result
+
+    def wait(self, ticket: int, timeout: float = 60.0) -> None:
+        """Until the job with this ticket is done: for tests and pictures that are saved."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._result is not None and self._result.ticket >= ticket, timeout
+            )
+
+    def release(self) -> None:
+        """End the worker."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        self._thread.join(timeout=10)
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._job is not None or self._ended)
+                if self._ended:
+                    return
+                job, self._job = self._job, None
+            assert job is not None
+            result = self._columns.sort(job)
+            with self._changed:
+                self._result = result
+                self._changed.notify_all()
+
+
+def sort(job: SortJob) -> DepthOrder:
+    """The order of ``job``, in this thread."""
+    return _Columns().sort(job)
+
+
+class _Columns:
+    """What is worked out once per set of Gaussians, and scratch memory."""
+
+    def __init__(self) -> None:
+        self._gaussians: Gaussians | None = None
+        self._reach: FloatArray = np.zeros(0, np.float32)
+        self._by_importance: IntArray | None = None
+        self._depths: FloatArray = np.zeros(0, np.float32)
+        self._ids: IntArray = np.zeros(0, np.int32)
+        self._counts = np.zeros(sort_kernels.N_KEYS + 1, np.int64)
+
+    def sort(self, job: SortJob) -> DepthOrder:
+        """Cull and sort."""
+        self._prepare(job.gaussians)
+        poses, stretch = _poses(job.placements, job.camera)
+        n_found = sort_kernels.visible_depths(
+            job.gaussians.means,
+            self._reach,
+            job.state,
+            job.placement,
+            self._rows(job.budget),
+            poses,
+            stretch,
+            _lens(job.camera),
+            self._depths,
+            self._ids,
+        )
+        order = np.empty(n_found, np.int32)
+        quantiles = np.array([1.0, 1.0], np.float32)
+        sort_kernels.far_to_near(
+            self._depths[:n_found].view(np.uint32),
+            self._ids[:n_found],
+            self._counts,
+            order,
+            quantiles.view(np.uint32),
+        )
+        return DepthOrder(job.ticket, order, float(quantiles[0]), float(quantiles[1]))
+
+    def _prepare(self, gaussians: Gaussians) -> None:
+        if self._gaussians is gaussians:
+            return
+        n = len(gaussians)
+        self._reach = np.empty(n, np.float32)
+        sort_kernels.reaches(gaussians.log_scales, self._reach)
+        self._depths = np.empty(n, np.float32)
+        self._ids = np.empty(n, np.int32)
+        self._by_importance = None
+        self._gaussians = gaussians
+
+    def _rows(self, budget: int) -> IntArray:
+        """The most important splats; empty stands for all."""
+        gaussians = self._gaussians
+        if gaussians is None or not 0 < budget < len(gaussians):
+            return np.zeros(0, np.int32)
+        if self._by_importance is None:
+            score = np.empty(len(gaussians), np.float32)
+            sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities, score)
+            self._by_importance = np.argsort(-score, kind="stable").astype(np.int32)
+        # In row order: memory is read forwards, and ties in depth stay as without a budget.
+        return np.sort(self._by_importance[:budget])
+
+
+def _poses(
+    placements: Placements, camera: Camera
+) -> tuple[DoubleArray, DoubleArray]:
+    """cam_from_file (P, 3, 4) and the factor (P,) by which each placement enlarges at most."""
+    matrix = np.asarray(placements.matrix, np.float64)
+    poses = camera.cam_from_world[:3, :3] @ matrix
+    poses[:, :, 3] += camera.cam_from_world[:3, 3]
+    stretch = np.linalg.norm(matrix[:, :, :3], ord=2, axis=(1, 2)) * (1 + 1e-6)
+    return np.ascontiguousarray(poses), stretch
+
+
+def _lens(camera: Camera) -> DoubleArray:
+    K, width, height = camera.K, camera.width, camera.height
+    margin = MARGIN * max(width, height)
+    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], width, height, NEAR, margin])

@@ -1,0 +1,211 @@
+"""Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from gaga_studio.ui import theme
+from gaga_studio.ui.theme import em
+
+T = TypeVar("T")
+
+
+def tooltip(text: str, shortcut: str = "") -> None:
+    """Explain the item drawn last when the mouse rests on it, also when it is disabled."""
+    flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
+    if not text or not imgui.is_item_hovered(flags):
+        return
+    if imgui.begin_tooltip():
+        imgui.push_text_wrap_pos(em(24))
+        imgui.text_unformatted(text)
+        if shortcut:
+            with theme.text_color(theme.DIM):
+                imgui.text_unformatted(shortcut)
+        imgui.pop_text_wrap_pos()
+        imgui.end_tooltip()
+
+
+def button(
+    label: str,
+    *,
+    icon: str = "",
+    why_not: str = "",
+    hint: str = "",
+    width: float = 0.0,
+    primary: bool = False,
+) -> bool:
+    """A text button; ``why_not`` disables it and is what its tooltip says."""
+    if primary:
+        imgui.push_style_color(imgui.Col_.button, theme.ACCENT_STRONG)
+        imgui.push_style_color(imgui.Col_.button_hovered, theme.ACCENT)
+        imgui.push_style_color(imgui.Col_.button_active, theme.ACCENT)
+        imgui.push_style_color(imgui.Col_.text, ImVec4(1, 1, 1, 1))
+    imgui.begin_disabled(bool(why_not))
+    shown = f"{icon}  {label}" if icon else label
+    clicked = imgui.button(f"{shown}###{label}", ImVec2(width, 0))
+    imgui.end_disabled()
+    if primary:
+        imgui.pop_style_color(4)
+    tooltip(why_not or hint)
+    return clicked and not why_not
+
+
+def icon_button(
+    name: str,
+    icon: str,
+    *,
+    hint: str = "",
+    why_not: str = "",
+    on: bool = False,
+    shortcut: str = "",
+    size: float = 0.0,
+) -> bool:
+    """A square button; ``name`` is its identity for tests, ``hint`` its tooltip."""
+    side = size or imgui.get_frame_height()
+    _push_flat(on)
+    imgui.begin_disabled(bool(why_not))
+    clicked = imgui.button(f"{icon}###{name}", ImVec2(side * 1.12, side))
+    imgui.end_disabled()
+    imgui.pop_style_color(4)
+    tooltip(f"{hint or name}: {why_not}" if why_not else hint or name, shortcut)
+    return clicked and not why_not
+
+
+def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None) -> bool:
+    """A borderless icon of text height, for table rows."""
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
+    _push_flat(False)
+    imgui.push_style_color(imgui.Col_.text, color or theme.DIM)
+    clicked = imgui.button(f"{icon}###{name}", ImVec2(em(1.35), em(1.25)))
+    imgui.pop_style_color(5)
+    imgui.pop_style_var()
+    tooltip(hint)
+    return clicked
+
+
+def segmented(name: str, choices: Sequence[tuple[T, str, str, str]], current: T) -> T:
+    """One choice of several in one control; each choice is (value, icon, label, hint)."""
+    imgui.push_id(name)
+    spacing = imgui.get_style().item_spacing
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(theme.scaled(1), spacing.y))
+    picked = current
+    for position, (value, icon, label, hint) in enumerate(choices):
+        if position:
+            imgui.same_line()
+        _push_flat(value == current, rest=theme.RAISED)
+        if imgui.button(f"{icon}  {label}###{label}" if icon else f"{label}###{label}"):
+            picked = value
+        imgui.pop_style_color(4)
+        tooltip(hint)
+    imgui.pop_style_var()
+    imgui.pop_id()
+    return picked
+
+
+def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
+    """Push the four colors of a flat toggle."""
+    clear = ImVec4(0, 0, 0, 0)
+    imgui.push_style_color(imgui.Col_.button, theme.ACCENT_SOFT if on else rest or clear)
+    imgui.push_style_color(imgui.Col_.button_hovered, ImVec4(1, 1, 1, 0.10))
+    imgui.push_style_color(imgui.Col_.button_active, ImVec4(1, 1, 1, 0.16))
+    imgui.push_style_color(imgui.Col_.text, ImVec4(1, 1, 1, 1) if on else theme.TEXT)
+
+
+def dim(text: str, wrap: bool = False) -> None:
+    """Secondary text."""
+    with theme.text_color(theme.DIM):
+        if wrap:
+            imgui.text_wrapped(text)
+        else:
+            imgui.text_unformatted(text)
+
+
+def heading(text: str) -> None:
+    """The title of a section of a panel."""
+    imgui.dummy(ImVec2(0, em(0.15)))
+    with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
+        imgui.text_unformatted(text)
+
+
+def number(text: str, color: ImVec4 | None = None) -> None:
+    """Text at the right edge of the room left in this column."""
+    room = imgui.get_content_region_avail().x
+    width = imgui.calc_text_size(text).x
+    if room > width:
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
+    with theme.text_color(color or theme.TEXT):
+        imgui.text_unformatted(text)
+
+
+def elided(text: str, width: float) -> str:
+    """``text`` cut with an ellipsis so that it fits ``width`` pixels."""
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if imgui.calc_text_size(text[:middle] + "…").x <= width:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low] + "…"
+
+
+def line(text: str, color: ImVec4 | None = None) -> None:
+    """One line of text that is cut at the edge of the panel and whole in its tooltip."""
+    shown = elided(text, imgui.get_content_region_avail().x)
+    with theme.text_color(color or theme.TEXT):
+        imgui.text_unformatted(shown)
+    if shown != text:
+        tooltip(text)
+
+
+def swatch(name: str, color: tuple[float, float, float], side: float) -> bool:
+    """A round color sample that can be clicked."""
+    corner = imgui.get_cursor_screen_pos()
+    clicked = imgui.invisible_button(name, ImVec2(side, side))
+    centre = ImVec2(corner.x + side / 2, corner.y + side / 2)
+    fill = imgui.get_color_u32(ImVec4(*color, 1.0))
+    imgui.get_window_draw_list().add_circle_filled(centre, side * 0.36, fill, 20)
+    return clicked
+
+
+def empty_state(icon: str, title: str, detail: str) -> None:
+    """What a panel shows while it has nothing: a sign, what is missing, what to do."""
+    room = imgui.get_content_region_avail()
+    roomy = room.y > em(8)
+    if roomy:
+        imgui.dummy(ImVec2(0, min(room.y * 0.16, em(2.2))))
+        with theme.face(scale=1.7), theme.text_color(theme.FAINT):
+            _centred(icon)
+    with theme.face(strong=True):
+        wrapped(title, theme.TEXT)
+    if detail:
+        wrapped(detail, theme.DIM)
+
+
+def wrapped(text: str, color: ImVec4) -> None:
+    """Text in centred lines that fit the panel."""
+    width = imgui.get_content_region_avail().x - em(0.5)
+    with theme.text_color(color):
+        for part in _lines(text, width):
+            _centred(part)
+
+
+def _lines(text: str, width: float) -> list[str]:
+    lines: list[str] = []
+    for word in text.split():
+        joined = f"{lines[-1]} {word}" if lines else word
+        if lines and imgui.calc_text_size(joined).x <= width:
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    return lines
+
+
+def _centred(text: str) -> None:
+    room = imgui.get_content_region_avail().x
+    offset = (room - imgui.calc_text_size(text).x) / 2
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(offset, 0.0))
+    imgui.text_unformatted(text)

@@ -1,0 +1,82 @@
+"""What the command prints: messages and progress on standard error, results on standard output."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from gaga_core.progress import Progress as Step
+from gaga_core.progress import Stage, run_stage
+
+T = TypeVar("T")
+_messages = Console(stderr=True, highlight=False)
+
+
+def say(text: str) -> None:
+    """A message for the person at the terminal."""
+    _messages.print(text, markup=False, soft_wrap=True)
+
+
+def fail(text: str) -> None:
+    """The one sentence of a failure."""
+    _messages.print(f"gaga: {text}", markup=False, style="red", soft_wrap=True)
+
+
+def follow(stage: Stage[T]) -> T:
+    """Run ``stage`` with a progress bar and ETA; Ctrl-C closes it, so nothing half-made stays."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[message]}", style="dim"),
+    )
+    with Progress(*columns, console=_messages, transient=True) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(step: Step) -> None:
+            if step.stage not in tasks:
+                tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
+            bar.update(
+                tasks[step.stage],
+                completed=step.done,
+                total=step.total or max(step.done, 1),
+                message=step.message,
+            )
+
+        try:
+            return run_stage(stage, show)
+        finally:
+            stage.close()
+
+
+def result(values: Mapping[str, object], *, as_json: bool) -> None:
+    """Print the result of a command: one JSON object, or aligned lines for a person."""
+    if as_json:
+        sys.stdout.write(json.dumps(values, indent=2) + "\n")
+        return
+    width = max((len(key) for key in values), default=0)
+    for key, value in values.items():
+        sys.stdout.write(f"{key.replace('_', ' '):<{width}}  {_readable(value)}\n")
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on standard output."""
+    shown = Table(*headings)
+    for row in rows:
+        shown.add_row(*row)
+    Console(highlight=False).print(shown)
+
+
+def _readable(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    if isinstance(value, list | tuple):
+        return ", ".join(str(v) for v in value) if value else "none"
+    return str(value)

@@ -1,0 +1,58 @@
+"""The demo's model: objects laid out, covered with discs, lit, turned into splats."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.demo import room
+from gaga_core.demo.layout import items
+from gaga_core.demo.lighting import Lights, bake
+from gaga_core.demo.splats import gaussians_of
+from gaga_core.demo.surface import cover, joined
+from gaga_core.gaussians import Gaussians
+from gaga_core.progress import Progress
+
+STAGE = "Make the demo scene"
+_N_AT_ONE = 147_000  # splats at coarseness 1; their number falls with its square
+_FINE_EDGES = 1.9  # ... nearly: discs at bends and edges grow fewer more slowly
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Splats with the truth about them."""
+
+    gaussians: Gaussians
+    labels: IntArray  # (N,) object of each splat: 1.., 0 = floor and walls
+    names: tuple[str, ...]  # of objects 1..
+    steps: int  # progress steps that building took
+
+
+def build_stage(
+    n_splats: int, seed: int, steps_after: int
+) -> Generator[Progress, None, Model]:
+    """Build about ``n_splats`` splats; ``steps_after`` belong to the whole task's progress."""
+    rng = np.random.default_rng((seed, 0))
+    coarseness = (_N_AT_ONE / n_splats) ** (1 / _FINE_EDGES)
+    objects, lights = items(), Lights()
+    rays = lights.sky_rays + lights.key_rays
+    steps = len(objects) + 1 + rays
+    total = steps + steps_after
+    surfaces = [room.shell(coarseness, rng)]
+    for k, item in enumerate(objects, start=1):
+        yield Progress(STAGE, k, total, item.name.capitalize())
+        surfaces.append(cover(item, k, coarseness, rng))
+    surface = joined(surfaces)
+    lit = bake(surface, lights, rng)
+    done = len(objects)
+    while True:
+        try:
+            next(lit)
+        except StopIteration as end:
+            sh = end.value
+            break
+        done += 1
+        yield Progress(STAGE, done, total, "Light")
+    gaussians = gaussians_of(surface, sh, rng)
+    return Model(gaussians, surface.labels, tuple(item.name for item in objects), steps)

@@ -1,0 +1,263 @@
+"""Mask association (section 3.2): inconsistent 2D masks of all views -> groups of Gaussians."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.gate import (
+    GateConfig,
+    ViewMasks,
+    depth_bounds,
+    gaussians_of_masks,
+    open_bounds,
+)
+from gaga_core.grouping.memory_bank import (
+    MemoryBank,
+    add_view,
+    groups_of_masks,
+    views_per_group,
+)
+from gaga_core.grouping.refine import fill_unseen, prune_groups, reassign_masks
+from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+
+STAGE = "Associate masks"
+PRESETS = ("paper", "robust")
+_STEPS = 1000  # progress units of one part; parts differ in their number of steps
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class AssociateConfig:
+    """Settings of the association; the defaults are the paper's (section 3.2), to the letter."""
+
+    preset: Literal["paper", "robust"] = "paper"  # where the other values come from
+    threshold: float = 0.1  # least overlap #(G(m) and G_i) / #G(m) to join a group
+    depth: Literal["expected", "median", "none"] = "expected"  # "none": ablation "all Gaussians"
+    order: Literal["name", "coverage"] = "name"  # coverage: views with most Gaussians first
+    gate: GateConfig = field(default_factory=GateConfig)
+    passes: int = 0  # reassign passes after the bank (beyond the paper)
+    min_views: int = 1  # groups seen in fewer views are dropped, when there are passes
+    fill_unseen: bool = False  # hidden Gaussians take the gate's votes, then their neighbours'
+    histogram_bytes: int = HISTOGRAM_BYTES  # memory for the vote of labels per Gaussian
+
+    def __post_init__(self) -> None:
+        if self.preset not in PRESETS:
+            raise ValueError(f"preset: {self.preset!r} is none of {PRESETS}")
+        if not 0 < self.threshold <= 1:
+            raise ValueError(f"threshold: {self.threshold} is not in (0, 1]")
+        if self.depth not in ("expected", "median", "none"):
+            raise ValueError(f"depth: {self.depth!r} is none of 'expected', 'median', 'none'")
+        if self.order not in ("name", "coverage"):
+            raise ValueError(f"order: {self.order!r} is neither 'name' nor 'coverage'")
+        if self.passes < 0 or self.min_views < 1 or self.histogram_bytes < 1:
+            raise ValueError("passes, min_views and histogram_bytes: too small")
+
+    @staticmethod
+    def of(preset: str) -> "AssociateConfig":
+        """The settings of a preset by name."""
+        if preset == "paper":
+            return AssociateConfig()
+        if preset == "robust":
+            return AssociateConfig(
+                preset="robust",
+                depth="median",
+                order="coverage",
+                gate=GateConfig(iqr_floor=0.02, guard_near=True),
+                passes=3,
+                min_views=2,
+                fill_unseen=True,
+            )
+        raise GagaError(f"There is no preset {preset!r}. Choose one of {', '.join(PRESETS)}.")
+
+
+@dataclass(frozen=True, eq=False)
+class BankSnapshot:
+    """What a live observer sees after a view. The bank is a value of its own."""
+
+    view: str
+    bank: MemoryBank
+    n_groups: int
+
+
+@dataclass(frozen=True, eq=False)
+class Association:
+    """Groups of a scene: who owns what, why, and what every mask became."""
+
+    bank: MemoryBank
+    labels: IntArray  # (N,) by vote; who no mask sees keeps the bank's group; 0 = none
+    confidence: FloatArray  # (N,) share of the label in the vote; 0 where nothing was voted
+    mask_groups: Mapping[str, IntArray]  # view name -> group of each mask id, 0 = none
+    views_per_group: IntArray  # (G + 1,)
+    notes: tuple[str, ...] = ()  # sentences for the user: masks that were resized, ...
+
+    def to_json(self) -> dict[str, object]:
+        """Figures for reports and machines."""
+        return {
+            "gaussians": len(self.labels),
+            "labelled": int((self.labels > 0).sum()),
+            "views": len(self.mask_groups),
+            "masks": len(self.bank.log),
+            "groups": self.bank.n_groups,
+            "groups_with_gaussians": len(np.unique(self.labels[self.labels > 0])),
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What all parts of an association read, and what they leave each other."""
+
+    gaussians: Gaussians
+    views: tuple[Camera, ...]  # with masks, by name
+    masks: MaskSet
+    rasterizer: Rasterizer
+    config: AssociateConfig
+    bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view, once known
+    resized: set[str] = field(default_factory=set)  # views whose masks did not fit
+
+
+def associate_stage(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    masks: MaskSet,
+    rasterizer: Rasterizer,
+    config: AssociateConfig | None = None,
+) -> Stage[Association]:
+    """Associate the masks of ``cameras`` through the memory bank, then label every Gaussian.
+
+    Preset "paper": views in the order of their names, the first one that has masks opens the bank.
+    Each view costs one depth picture and one pass over the Gaussians; masks are loaded one view at
+    a time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
+    adds what `AssociateConfig` says. The progress after a view carries a `BankSnapshot`.
+    Raises ``GagaError`` when there is nothing to associate.
+    """
+    config = config or AssociateConfig()
+    views = views_with_masks(cameras, masks)
+    if len(gaussians) == 0:
+        raise GagaError("The model holds no Gaussians. Choose another .ply file.")
+    task = _Task(gaussians, views, masks, rasterizer, config)
+    n_parts = 2 + 2 * config.passes + (config.order == "coverage") + config.fill_unseen
+    parts = iter(range(n_parts))
+    order: Sequence[Camera] = views
+    if config.order == "coverage":
+        order = yield from _part(_widest_first(task), next(parts), n_parts)
+    bank = yield from _part(_fill_bank(task, order), next(parts), n_parts)
+    votes = yield from _part(_vote(task, bank), next(parts), n_parts)
+    for _ in range(config.passes):
+        reassign = reassign_masks(
+            gaussians, views, masks, bank, votes.labels, rasterizer, config.threshold
+        )
+        log = yield from _part(reassign, next(parts), n_parts)
+        bank = prune_groups(replace(bank, log=log), min(config.min_views, len(views)))
+        votes = yield from _part(_vote(task, bank), next(parts), n_parts)
+    labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
+    if config.fill_unseen:
+        hidden = fill_unseen(gaussians, views, masks, task.bounds, bank, votes.labels)
+        labels = yield from _part(hidden, next(parts), n_parts)
+    if config.passes:  # the votes have overruled who came first
+        bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
+    return Association(
+        bank=bank,
+        labels=labels,
+        confidence=votes.confidence,
+        mask_groups=groups_of_masks(bank, [camera.name for camera in views]),
+        views_per_group=views_per_group(bank),
+        notes=_notes(task, len(cameras)),
+    )
+
+
+def _widest_first(task: _Task) -> Stage[list[Camera]]:
+    """The views by the number of Gaussians behind their masks, most first; fills the bounds."""
+    coverage = {}
+    for i, camera in enumerate(task.views):
+        mask_of = _gaussians_of_view(task, camera)[1]
+        coverage[camera.name] = int((mask_of > 0).sum())
+        yield Progress(STAGE, i + 1, len(task.views), f"coverage of {camera.name}")
+    return sorted(task.views, key=lambda camera: (-coverage[camera.name], camera.name))
+
+
+def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
+    """The memory bank after all views, taken in this order."""
+    bank = MemoryBank.empty(len(task.gaussians))
+    for i, camera in enumerate(order):
+        masks, mask_of = _gaussians_of_view(task, camera)
+        bank, _ = add_view(bank, camera.name, masks.ids, mask_of, task.config.threshold)
+        snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
+        message = f"{camera.name}: {bank.n_groups} groups"
+        yield Progress(STAGE, i + 1, len(order), message, snapshot)
+    return bank
+
+
+def _gaussians_of_view(task: _Task, camera: Camera) -> tuple[ViewMasks, IntArray]:
+    """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none."""
+    labels, resized = load_labels(task.masks, camera)
+    if resized:
+        task.resized.add(camera.name)
+    masks = ViewMasks.of(labels)
+    if camera.name not in task.bounds:
+        task.bounds[camera.name] = _bounds(task, camera, masks)
+    bounds = task.bounds[camera.name]
+    return masks, gaussians_of_masks(task.gaussians.means, camera, masks, bounds)
+
+
+def _bounds(task: _Task, camera: Camera, masks: ViewMasks) -> DoubleArray:
+    """Accepted depths (M + 1, 2) of each mask, from the splatted depth map of the view."""
+    config = task.config
+    if config.depth == "none" or len(masks) == 0:
+        return open_bounds(masks)
+    # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
+    channels = np.zeros((len(task.gaussians), 1), np.float32)
+    frame = task.rasterizer.render(task.gaussians, camera, channels=channels)
+    depth = frame.median_depth if config.depth == "median" else frame.expected_depth
+    return depth_bounds(masks, depth, frame.alpha, config.gate)
+
+
+def _vote(task: _Task, bank: MemoryBank) -> Stage[Votes]:
+    """Labels per Gaussian by vote of the associated masks."""
+    groups = groups_of_masks(bank, [camera.name for camera in task.views])
+
+    def label_map(camera: Camera) -> IntArray:
+        return associated_labels(load_labels(task.masks, camera)[0], groups[camera.name])
+
+    return vote_labels(
+        task.gaussians,
+        task.views,
+        label_map,
+        bank.n_groups,
+        task.rasterizer,
+        histogram_bytes=task.config.histogram_bytes,
+    )
+
+
+def _part(stage: Stage[T], index: int, n_parts: int) -> Stage[T]:
+    """Pass the progress of one part on as that of the whole association."""
+    while True:
+        try:
+            step = next(stage)
+        except StopIteration as end:
+            value: T = end.value
+            return value
+        done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
+        yield replace(step, stage=STAGE, done=done, total=n_parts * _STEPS)
+
+
+def _notes(task: _Task, n_cameras: int) -> tuple[str, ...]:
+    n_views, notes = len(task.views), []
+    if n_views < n_cameras:
+        notes.append(f"{n_cameras - n_views} of {n_cameras} views have no masks and took no part.")
+    if task.resized:
+        notes.append(
+            f"The masks of {len(task.resized)} of {n_views} views had another size than the view; "
+            "they were resized."
+        )
+    return tuple(notes)

@@ -1,0 +1,44 @@
+"""The memory bank on disk: owners and the decision log, one .npz."""
+
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.io.files import atomic_write
+
+_COLUMNS = tuple(field.name for field in fields(Decision))
+
+
+def bank_arrays(bank: MemoryBank) -> dict[str, AnyArray]:
+    """The bank as named arrays: what `save_bank` writes. No pickles."""
+    arrays: dict[str, AnyArray] = {"group": bank.group, "n_groups": np.array(bank.n_groups)}
+    for name in _COLUMNS:
+        arrays[f"log_{name}"] = np.array([getattr(d, name) for d in bank.log])
+    return arrays
+
+
+def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
+    """The bank of `bank_arrays`; ``KeyError`` or ``ValueError`` when something is missing."""
+    columns = [arrays[f"log_{name}"].tolist() for name in _COLUMNS]
+    log = tuple(Decision(*row) for row in zip(*columns, strict=True))
+    return MemoryBank(np.ascontiguousarray(arrays["group"], np.int32), int(arrays["n_groups"]), log)
+
+
+def save_bank(path: Path, bank: MemoryBank) -> None:
+    """Write a bank; ``GagaError`` when the place cannot be written."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **bank_arrays(bank))  # type: ignore[arg-type]
+
+
+def load_bank(path: Path) -> MemoryBank:
+    """Read a bank; ``GagaError`` when the file is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return bank_of(dict(arrays))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise GagaError(f"{path} is damaged. Run Associate again.") from error

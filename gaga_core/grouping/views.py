@@ -1,0 +1,34 @@
+"""The views that take part in an association, and their label maps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaga_core.arrays import IntArray, check_shape
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.masks import MaskSet, resize_labels
+
+
+def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:
+    """The cameras that have masks, in the order of their names. ``GagaError`` if there are none."""
+    where = f" in {masks.source}" if masks.source else ""
+    if len(masks) == 0:
+        raise GagaError(f"There are no masks{where}. Make masks, or choose another mask folder.")
+    views = sorted((c for c in cameras if c.name in masks), key=lambda camera: camera.name)
+    if not views:
+        raise GagaError(
+            f"None of the {len(cameras)} views has masks{where}. "
+            "Name each mask file like its photo, or choose another mask folder."
+        )
+    return tuple(views)
+
+
+def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:
+    """Label map of a view at the camera's size, and whether it had to be resized (nearest)."""
+    labels = masks.loaders[camera.name]()
+    check_shape(f"mask {camera.name}", labels, ("H", "W"), np.int32)
+    if labels.size == 0:
+        raise GagaError(f"The mask of {camera.name} is empty. Make the masks again.")
+    fitting = resize_labels(labels, camera.width, camera.height)
+    return fitting, labels.shape != fitting.shape

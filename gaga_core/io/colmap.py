@@ -1,0 +1,155 @@
+"""COLMAP models: posed views and sparse points, text or binary, through pycolmap."""
+
+import logging
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.geometry import matrices_to_quats
+from gaga_core.io.files import atomic_write
+
+_PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
+_SECONDS = 300
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapModel:
+    """Views by name and the sparse points of a reconstruction, in its own world frame."""
+
+    cameras: tuple[Camera, ...]  # sorted by name; names are file names under images/
+    points: DoubleArray  # (P, 3) world
+    point_colors: UInt8Array  # (P, 3)
+
+
+def has_colmap(folder: Path) -> bool:
+    """Whether ``folder`` holds the files of a COLMAP model."""
+    return any((folder / f"images.{kind}").is_file() for kind in ("bin", "txt"))
+
+
+class ColmapReading:
+    """A model that is being read in a process of its own; `result` waits for it.
+
+    Start one, do other work, then take the result: the reader costs a third of a second.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = Path(folder)
+        if not has_colmap(self._folder):
+            raise GagaError(
+                f"{folder} holds no COLMAP model (images.bin or images.txt). "
+                "Choose a folder that COLMAP wrote."
+            )
+        self._out = tempfile.TemporaryDirectory(prefix="gaga-colmap-")
+        self._file = Path(self._out.name) / "model.npz"
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "gaga_core.io.colmap_worker",
+                str(self._folder),
+                str(self._file),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def result(self) -> ColmapModel:
+        """The model; ``GagaError`` when it is damaged."""
+        try:
+            said, _ = self._process.communicate(timeout=_SECONDS)
+            if self._process.returncode != 0 or not self._file.is_file():
+                why = said.strip() or f"the reader stopped with {self._process.returncode}"
+                raise GagaError(
+                    f"The COLMAP model in {self._folder} cannot be read ({why}). "
+                    "Copy or reconstruct it again."
+                )
+            with np.load(self._file, allow_pickle=False) as arrays:
+                return _model_of(self._folder, dict(arrays))
+        except subprocess.TimeoutExpired as error:
+            raise GagaError(
+                f"The COLMAP model in {self._folder} takes too long to read."
+            ) from error
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End the reader and remove what it wrote."""
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._out.cleanup()
+
+
+def read_colmap(folder: Path) -> ColmapModel:
+    """Read ``folder`` (cameras, images, points3D as .bin or .txt).
+
+    Distorted cameras are used by their pinhole part, with a logged warning: undistort the photos
+    for exact overlays. Raises ``GagaError`` when files are missing or damaged.
+    """
+    return ColmapReading(folder).result()
+
+
+def write_colmap(
+    folder: Path, cameras: Sequence[Camera], points: DoubleArray, colors: UInt8Array
+) -> None:
+    """Write a text model: one PINHOLE camera a view, points (P, 3) world without tracks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = []
+    for i, c in enumerate(cameras, start=1):
+        numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
+        lines.append(f"{i} PINHOLE {c.width} {c.height} {_exact(numbers)}")
+    _write_text(folder / "cameras.txt", lines)
+    lines = []
+    for i, camera in enumerate(cameras, start=1):
+        quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
+        numbers = (*quat, *camera.cam_from_world[:3, 3])
+        lines += [f"{i} {_exact(numbers)} {i} {camera.name}", ""]
+    _write_text(folder / "images.txt", lines)
+    lines = [
+        f"{i} {x:.6f} {y:.6f} {z:.6f} {r} {g} {b} 0"
+        for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
+    ]
+    _write_text(folder / "points3D.txt", lines)
+
+
+def _exact(numbers: Iterable[float]) -> str:
+    """Decimal text that reads back as the same doubles."""
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _write_text(path: Path, lines: list[str]) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
+    models = arrays["models"]
+    distorted = sorted({str(m) for m in models if str(m) not in _PINHOLE})
+    if distorted:
+        _log.warning(
+            "%s has distorted cameras (%s); their pinhole part is used. Undistort the photos for "
+            "exact overlays.",
+            folder,
+            ", ".join(distorted),
+        )
+    cameras = []
+    for i, name in enumerate(arrays["names"]):
+        pose = np.eye(4)
+        pose[:3] = arrays["poses"][i]
+        width, height = (int(v) for v in arrays["sizes"][i])
+        cameras.append(Camera(arrays["K"][i], pose, width, height, str(name)))
+    if not cameras:
+        raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
+    return ColmapModel(tuple(cameras), arrays["points"], arrays["colors"])

@@ -1,0 +1,42 @@
+"""Writing files so that a failure loses nothing."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from gaga_core.errors import GagaError
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` to write to; it replaces ``path`` when the block ends well.
+
+    On any error (also a cancel) the temporary file is removed and ``path`` is as it was. A full
+    disk or missing permission is raised as ``GagaError``.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)  # noqa: PTH105  atomic on every system
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def explain_os_error(error: OSError, path: Path) -> str:
+    """One sentence about why ``path`` could not be written or read."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"The disk is full: {path} was not written. Free some space, or choose another disk."
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return f"There is no permission to use {path}. Choose another place."
+    if error.errno == errno.EISDIR:
+        return f"{path} is a folder. Choose a file name."
+    if error.errno in (errno.ENOENT, errno.ENOTDIR):
+        return f"{path} does not exist. Check the path."
+    return f"{path} cannot be used: {error.strerror or error}."

@@ -1,0 +1,148 @@
+"""A scene folder: photos, COLMAP model, splats, masks, and what we write (the project's layout).
+
+SCENE/images/                     photos
+SCENE/sparse/0/                   COLMAP model, .bin or .txt
+SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
+SCENE/masks/<provider>/<stem>.png label map per view
+SCENE/split.json                  optional {"train": [names], "test": [names]}
+SCENE/gaga/                       all that we write
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.io.colmap import ColmapReading, has_colmap
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.images import IMAGE_SUFFIXES
+
+_TEST_EVERY = 8  # without a split.json every 8th view by name is a test view (LLFF's rule)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFolder:
+    """What lies in a scene folder. Pictures, masks and splats are not read yet."""
+
+    root: Path
+    model_path: Path | None  # the splats, None if there are none yet
+    cameras: tuple[Camera, ...]  # by name
+    image_paths: Mapping[str, Path]  # by view name; only photos that are on disk
+    mask_folders: Mapping[str, Path] = field(default_factory=dict)  # by provider
+    train: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
+
+    @property
+    def work(self) -> Path:
+        """The folder of everything that we write."""
+        return self.root / "gaga"
+
+    def require_image(self, name: str) -> Path:
+        """Path of a view's photo; ``GagaError`` when it is gone."""
+        if name in self.image_paths:
+            return self.image_paths[name]
+        missing = sum(1 for camera in self.cameras if camera.name not in self.image_paths)
+        raise GagaError(
+            f"{missing} of {len(self.cameras)} photos are not in {self.root / 'images'} "
+            f"(first: {name}). Put the photos back where the COLMAP model expects them."
+        )
+
+
+def is_scene_folder(path: Path) -> bool:
+    """Whether ``path`` looks like a scene folder."""
+    if not path.is_dir():
+        return False
+    return (path / "images").is_dir() or _sparse_of(path) is not None or _model_of(path) is not None
+
+
+def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
+    """Look at a scene folder. ``model`` overrides the splats.
+
+    A folder needs splats or a COLMAP model; photos may be missing (viewing does without). Raises
+    ``GagaError`` with one sentence otherwise.
+    """
+    root = Path(root)
+    if not root.exists():
+        raise GagaError(f"{root} does not exist. Check the path.")
+    if not is_scene_folder(root):
+        raise GagaError(
+            f"{root} is no scene folder: it has no point_cloud.ply, images/ or sparse/. "
+            "Choose the folder that holds them."
+        )
+    if model is not None and not model.is_file():
+        raise GagaError(f"{model} does not exist. Choose the .ply file of the splats.")
+    sparse = _sparse_of(root)
+    reading = ColmapReading(sparse) if sparse is not None else None
+    try:
+        model_path = model or _model_of(root)
+        masks = _mask_folders(root)
+        cameras = reading.result().cameras if reading is not None else ()
+    finally:
+        if reading is not None:
+            reading.close()
+    train, test = _split_of(root, tuple(camera.name for camera in cameras))
+    images = _image_paths(root / "images", cameras)
+    return SceneFolder(root, model_path, cameras, images, masks, train, test)
+
+
+def _sparse_of(root: Path) -> Path | None:
+    folders = (root / "sparse" / "0", root / "sparse", root / "colmap" / "sparse" / "0")
+    return next((folder for folder in folders if has_colmap(folder)), None)
+
+
+def _model_of(root: Path) -> Path | None:
+    direct = root / "point_cloud.ply"
+    if direct.is_file():
+        return direct
+
+    def iteration(path: Path) -> int:
+        digits = path.parent.name.removeprefix("iteration_")
+        return int(digits) if digits.isdigit() else -1
+
+    trained = sorted(root.glob("point_cloud/iteration_*/point_cloud.ply"), key=iteration)
+    return trained[-1] if trained else None
+
+
+def _mask_folders(root: Path) -> dict[str, Path]:
+    folder = root / "masks"
+    if not folder.is_dir():
+        return {}
+    found = {p.name: p for p in sorted(folder.iterdir()) if p.is_dir() and p.name[0] != "."}
+    return {name: path for name, path in found.items() if any(path.glob("*.png"))}
+
+
+def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
+    """Photos of the views; a photo of the same stem with another suffix will do."""
+    if not folder.is_dir():
+        return {}
+    files = [p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES]
+    by_name = {p.relative_to(folder).as_posix(): p for p in files}
+    by_stem = {Path(name).with_suffix("").as_posix(): p for name, p in by_name.items()}
+    paths = {}
+    for camera in cameras:
+        stem = Path(camera.name).with_suffix("").as_posix()
+        path = by_name.get(camera.name) or by_stem.get(stem)
+        if path is not None:
+            paths[camera.name] = path
+    return paths
+
+
+def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    path = root / "split.json"
+    if not path.is_file():
+        test = names[::_TEST_EVERY] if len(names) > 1 else ()
+        return tuple(n for n in names if n not in set(test)), test
+    try:
+        split = json.loads(path.read_text(encoding="utf-8"))
+        train, test = (tuple(str(name) for name in split[part]) for part in ("train", "test"))
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(
+            f'{path} is damaged: it must be {{"train": [names], "test": [names]}}. '
+            "Mend or remove it."
+        ) from error
+    known = set(names)
+    return tuple(n for n in train if n in known), tuple(n for n in test if n in known)

@@ -1,0 +1,159 @@
+"""From Gaussians and a camera to depth-sorted splats and the list of each tile."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.kernels import n_threads, run_chunks
+from gaga_core.raster.base import BLUR, NEAR
+from gaga_core.raster.cpu import project_kernels as kernels
+
+_CHUNK = 16384  # Gaussians of one piece of work
+TILES_AT_ONCE = 16  # tiles of one piece of work
+
+
+@dataclass(frozen=True, eq=False)
+class TiledView:
+    """What a camera sees, ready to be blended: n splats, front to back."""
+
+    splats: FloatArray  # (n, 8), see project_kernels
+    depths: FloatArray  # (n,) camera depth
+    order: IntArray  # (n,) index of the Gaussian
+    offsets: LongArray  # (n_tiles + 1,) where each tile's list begins, tiles row by row
+    ids: IntArray  # (M,) rows of `splats`, rising inside a tile
+
+    @property
+    def n_tiles(self) -> int:
+        """Number of tiles of the picture."""
+        return len(self.offsets) - 1
+
+
+class _Memory:
+    """Writable face of a read-only array, for kernels that only read.
+
+    Numba compiles a kernel anew for read-only arrays: seconds, for nothing.
+    """
+
+    def __init__(self, array: AnyArray) -> None:
+        self.array = array  # keeps the memory alive
+        self.__array_interface__ = array.__array_interface__ | {
+            "data": (array.__array_interface__["data"][0], False)
+        }
+
+
+def for_kernel(array: AnyArray, dtype: type[np.generic]) -> AnyArray:
+    """``array`` as kernels take it: C-contiguous, aligned, of ``dtype``, typed as writable.
+
+    No copy when only the write flag is in the way; the kernel must not write then.
+    """
+    ready = np.require(array, dtype, ["C", "A"])
+    if ready.flags.writeable or ready.size == 0:
+        return ready if ready.flags.writeable else ready.copy()
+    return np.asarray(_Memory(ready))
+
+
+def prepare(gaussians: Gaussians, camera: Camera) -> TiledView:
+    """Project, sort by depth (ties by index) and list the splats of each tile."""
+    splats, depths, index, packed = _project(gaussians, camera)
+    rows = kernels.sort_by_depth(depths[packed].view(np.uint32), packed)
+    n = len(rows)
+    sorted_splats = np.empty((n, 8), np.float32)
+    sorted_depths, order = np.empty(n, np.float32), np.empty(n, np.int32)
+    n_spans = np.empty(n, np.int64)
+
+    def arrange(start: int, stop: int) -> None:
+        kernels.arrange(
+            rows,
+            splats,
+            depths,
+            index,
+            sorted_splats,
+            sorted_depths,
+            order,
+            n_spans,
+            start,
+            stop,
+        )
+
+    run_chunks(arrange, n, _CHUNK)
+    offsets, ids = _bin(sorted_splats, n_spans, camera)
+    return TiledView(sorted_splats, sorted_depths, order, offsets, ids)
+
+
+def pose_and_lens(camera: Camera) -> tuple[DoubleArray, DoubleArray]:
+    """The camera as `project` takes it: (3, 4) pose, and fx, fy, cx, cy, size, near, blur."""
+    K = camera.K
+    lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], camera.width, camera.height, NEAR, BLUR]
+    return np.array(camera.cam_from_world[:3], np.float64, order="C"), np.array(lens, np.float64)
+
+
+def _project(
+    gaussians: Gaussians, camera: Camera
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Projected columns with gaps, and the rows that are filled, in the order of the Gaussians."""
+    n = len(gaussians)
+    means = for_kernel(gaussians.means, np.float32)
+    quats = for_kernel(gaussians.quats, np.float32)
+    log_scales = for_kernel(gaussians.log_scales, np.float32)
+    logits = for_kernel(gaussians.logit_opacities, np.float32)
+    pose, lens = pose_and_lens(camera)
+    splats = np.empty((n, 8), np.float32)
+    depths, index = np.empty(n, np.float32), np.empty(n, np.int32)
+    counts = np.zeros((n + _CHUNK - 1) // _CHUNK, np.int64)
+
+    def project(start: int, stop: int) -> None:
+        kernels.project(
+            means,
+            quats,
+            log_scales,
+            logits,
+            pose,
+            lens,
+            splats,
+            depths,
+            index,
+            counts,
+            _CHUNK,
+            start,
+            stop,
+        )
+
+    run_chunks(project, n, _CHUNK)
+    pieces = [np.arange(c * _CHUNK, c * _CHUNK + k, dtype=np.int32) for c, k in enumerate(counts)]
+    return splats, depths, index, np.concatenate([np.zeros(0, np.int32), *pieces])
+
+
+def _bin(splats: FloatArray, n_spans: LongArray, camera: Camera) -> tuple[LongArray, IntArray]:
+    """Tile lists by a stable counting sort: each piece of splats writes behind the one before."""
+    n = len(splats)
+    n_tiles_x = -(-camera.width // kernels.TILE)
+    n_tiles = n_tiles_x * -(-camera.height // kernels.TILE)
+    first_span = np.zeros(n + 1, np.int64)
+    np.cumsum(n_spans, out=first_span[1:])
+    spans = np.empty((first_span[-1], 2), np.int32)
+    chunk = max(_CHUNK, -(-n // (2 * n_threads())))
+    histogram = np.zeros((-(-n // chunk), n_tiles), np.int64)
+
+    def count(start: int, stop: int) -> None:
+        kernels.tile_spans(
+            splats, first_span, camera.width, n_tiles_x, spans, histogram, chunk, start, stop
+        )
+
+    run_chunks(count, n, chunk)
+    ends = np.cumsum(histogram.T.ravel())  # tile by tile, in it piece by piece
+    cursor = np.ascontiguousarray(
+        (ends - histogram.T.ravel()).reshape(n_tiles, len(histogram)).T, dtype=np.int64
+    )
+    offsets = np.zeros(n_tiles + 1, np.int64)
+    if n > 0:
+        offsets[1:] = ends.reshape(n_tiles, -1)[:, -1]
+    ids = np.empty(offsets[-1], np.int32)
+
+    def fill(start: int, stop: int) -> None:
+        kernels.fill_tiles(first_span, spans, cursor, ids, chunk, start, stop)
+
+    run_chunks(fill, n, chunk)
+    return offsets, ids

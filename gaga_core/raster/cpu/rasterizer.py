@@ -1,0 +1,175 @@
+"""The numba backend of `raster.base.Rasterizer`."""
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.kernels import run_chunks
+from gaga_core.raster.base import Frame, LabelFrame, PixelWeights
+from gaga_core.raster.cpu import blend_kernels as kernels
+from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, prepare
+from gaga_core.raster.cpu.project_kernels import sh_colors
+from gaga_core.raster.cpu.sample import sampled_weights
+from gaga_core.raster.cpu.vote import add_votes
+
+
+class CpuRasterizer:
+    """Tile rasterizer on all CPU threads (16 x 16 tiles, one depth sort a view).
+
+    The pictures do not depend on the number of threads, and several threads may render at once.
+    See `raster.base` for the operators and the image model.
+    """
+
+    name = "cpu"
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        *,
+        channels: FloatArray | None = None,
+        background: DoubleArray | FloatArray | None = None,
+    ) -> Frame:
+        """Blend SH color, or ``channels`` (N, C), and depth over ``background`` (C,)."""
+        n_channels = 3
+        if channels is not None:
+            check_shape("channels", channels, (len(gaussians), "C"), np.float32)
+            n_channels = channels.shape[1]
+        if background is not None:
+            check_shape("background", background, (n_channels,))
+        view = prepare(gaussians, camera)
+        behind = np.zeros(max(3, n_channels), np.float32)
+        behind[:n_channels] = 0 if background is None else background
+        if channels is None:
+            return _blend(view, camera, _colors(gaussians, camera, view), behind, 3)
+        colors = _gather(channels[:, :3], view.order, 3)
+        frame = _blend(view, camera, colors, behind, n_channels)
+        for c in range(3, n_channels, kernels.WIDE):
+            features = _gather(channels[:, c : c + kernels.WIDE], view.order, kernels.WIDE)
+            _blend_wide(view, features, behind, frame.image, c)
+        return frame
+
+    def weights(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        pixels: LongArray,
+        *,
+        w_min: float = 0.0,
+    ) -> PixelWeights:
+        """Blending weights above ``w_min`` of ``pixels`` (P,), flat indices v * width + u."""
+        check_shape("pixels", pixels, ("P",))
+        n_pixels = camera.width * camera.height
+        if len(pixels) and not (0 <= pixels.min() and pixels.max() < n_pixels):
+            raise ValueError(f"pixels: flat indices must be in 0..{n_pixels - 1}")
+        return sampled_weights(prepare(gaussians, camera), camera.width, pixels, w_min)
+
+    def vote(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,
+        histogram: FloatArray,
+    ) -> None:
+        """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored."""
+        check_shape("labels", labels, (camera.height, camera.width), np.int32)
+        check_shape("histogram", histogram, (len(gaussians), "K"), np.float32)
+        if int(labels.max()) >= histogram.shape[1]:
+            raise ValueError(f"labels: {labels.max()} has no column of {histogram.shape[1]}")
+        if not (histogram.flags.c_contiguous and histogram.flags.writeable):
+            raise ValueError("histogram: expected a writable C-contiguous array")
+        add_votes(prepare(gaussians, camera), for_kernel(labels, np.int32), histogram)
+
+    def label_splat(self, gaussians: Gaussians, camera: Camera, labels: IntArray) -> LabelFrame:
+        """Exact argmax over ``labels`` (N,) of summed weights; the smaller label when equal."""
+        check_shape("labels", labels, (len(gaussians),), np.int32)
+        if labels.min(initial=0) < 0:
+            raise ValueError("labels: must not be negative (0 = none)")
+        view = prepare(gaussians, camera)
+        values, dense = _dense(labels[view.order])
+        out = np.zeros((camera.height, camera.width), np.int32)
+        confidence = np.zeros((camera.height, camera.width), np.float32)
+
+        def work(start: int, stop: int) -> None:
+            kernels.label_tiles(
+                view.splats,
+                dense,
+                view.offsets,
+                view.ids,
+                len(values),
+                out,
+                confidence,
+                start,
+                stop,
+            )
+
+        run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+        return LabelFrame(values[out], confidence)
+
+
+def _dense(labels: IntArray) -> tuple[IntArray, IntArray]:
+    """Labels as positions in a rising table that begins with 0: huge ids cost no memory."""
+    if labels.max(initial=0) < 65536:
+        return np.arange(labels.max(initial=0) + 1, dtype=np.int32), labels
+    values = np.unique(np.append(labels, np.int32(0)))
+    return values, np.searchsorted(values, labels).astype(np.int32)
+
+
+def _colors(gaussians: Gaussians, camera: Camera, view: TiledView) -> FloatArray:
+    """SH color (n, 3) of the splats in view, seen from the camera's position."""
+    sh = for_kernel(gaussians.sh, np.float32)
+    means = for_kernel(gaussians.means, np.float32)
+    eye = np.array(camera.position, np.float64)
+    colors = np.empty((len(view.order), 3), np.float32)
+
+    def work(start: int, stop: int) -> None:
+        sh_colors(sh, means, view.order, eye, colors, start, stop)
+
+    run_chunks(work, len(colors), 16384)
+    return colors
+
+
+def _gather(channels: FloatArray, order: IntArray, n_columns: int) -> FloatArray:
+    """Rows of the splats in view, padded with zeros to ``n_columns``."""
+    result = np.zeros((len(order), n_columns), np.float32)
+    result[:, : channels.shape[1]] = channels[order]
+    return result
+
+
+def _blend(
+    view: TiledView, camera: Camera, colors: FloatArray, background: FloatArray, n_channels: int
+) -> Frame:
+    shape = (camera.height, camera.width)
+    image = np.zeros((*shape, n_channels), np.float32)
+    alpha, expected, median = (np.empty(shape, np.float32) for _ in range(3))
+
+    def work(start: int, stop: int) -> None:
+        kernels.blend(
+            view.splats,
+            view.depths,
+            colors,
+            view.offsets,
+            view.ids,
+            background,
+            image,
+            alpha,
+            expected,
+            median,
+            start,
+            stop,
+        )
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    return Frame(image, alpha, expected, median)
+
+
+def _blend_wide(
+    view: TiledView, features: FloatArray, background: FloatArray, image: FloatArray, first: int
+) -> None:
+    def work(start: int, stop: int) -> None:
+        kernels.blend_wide(
+            view.splats, features, view.offsets, view.ids, background, image, first, start, stop
+        )
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)

@@ -1,0 +1,173 @@
+"""Placements turned into plain splat parameters: what other tools read."""
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.color import SH_C0
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene.index_set import sorted_indices
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.sh_rotation import sh_rotation
+
+_CHUNK = 1 << 17  # splats worked on at once: bounds the float64 temporaries to some 100 MB
+_RIGID = 1e-6  # how far from rotation times scale a matrix may be, relative
+_OPACITY = 1e-6  # baked opacities stay this far from 0 and 1, where the logit ends
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A placement's linear part taken apart: ``linear == turn * scale`` when ``is_similar``."""
+
+    linear: DoubleArray  # (3, 3)
+    offset: DoubleArray  # (3,)
+    turn: DoubleArray  # (3, 3) nearest orthogonal matrix; a mirror has determinant -1
+    scale: float  # uniform scale
+    is_similar: bool  # a rotation times a uniform scale, no mirror
+
+    @staticmethod
+    def of(matrix: DoubleArray) -> "Motion":
+        """Polar decomposition of ``matrix`` (3, 4)."""
+        linear = matrix[:, :3]
+        u, s, vt = np.linalg.svd(linear)
+        turn = u @ vt
+        is_similar = bool(s[0] - s[2] <= _RIGID * s[0] and np.linalg.det(turn) > 0)
+        return Motion(linear, matrix[:, 3], turn, float(s.mean()), is_similar)
+
+    @property
+    def turns(self) -> bool:
+        """Whether directions change at all."""
+        return not np.array_equal(self.turn, np.eye(3))
+
+
+def bake(scene: Scene, *, indices: AnyArray | None = None) -> Gaussians:
+    """The chosen splats (K,) with placements applied; see `bake_stage`."""
+    return run_stage(bake_stage(scene, indices=indices))
+
+
+def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussians]:
+    """Splats of ``indices`` (K,) (default: the visible ones) as they are seen, in row order.
+
+    Positions, rotations, scales, opacities and all SH bands follow the placement; a map that
+    stretches or mirrors changes each covariance to ``A S A^T``, taken apart again. The turn of SH
+    is the rotation nearest to the map. Splats whose placement changes nothing, and parameters that
+    it leaves alone, keep their exact bits. Of the extra columns the normals turn along (as
+    directions; zeros stay zeros); all others pass through.
+    """
+    frozen = replace(scene)  # columns are never written in place: a snapshot
+    chosen = frozen.visible if indices is None else indices
+    return _bake(frozen, sorted_indices(chosen, len(frozen)))
+
+
+def _bake(scene: Scene, splats: LongArray) -> Stage[Gaussians]:
+    yield Progress("Apply edits", 0, len(splats))
+    if len(splats) == len(scene) and not scene.placement.any():
+        return scene.gaussians
+    out = scene.gaussians.take(splats)
+    index = scene.placement[splats]
+    order = np.argsort(index, kind="stable")
+    rows, starts = np.unique(index[order], return_index=True)
+    pieces = np.split(order, starts[1:]) if len(rows) else []
+    done = 0
+    for row, piece in zip(rows, pieces, strict=True):
+        for chunk in _chunks(piece):
+            if row != 0:
+                _bake_row(scene, int(row), out, chunk)
+            done += len(chunk)
+            yield Progress("Apply edits", done, len(splats))
+    return out
+
+
+def _chunks(piece: LongArray) -> Generator[LongArray, None, None]:
+    for start in range(0, len(piece), _CHUNK):
+        yield piece[start : start + _CHUNK]
+
+
+def _bake_row(scene: Scene, row: int, out: Gaussians, at: LongArray) -> None:
+    """Apply placement ``row`` to the rows ``at`` of ``out``, which is ours to write."""
+    table = scene.placements
+    if not np.array_equal(table.matrix[row], np.eye(3, 4)):
+        _move(Motion.of(table.matrix[row]), out, at)
+    if not np.array_equal(table.color[row], np.eye(3, 4)):
+        out.sh[at] = baked_color(out.sh[at], table.color[row])
+    if table.opacity[row] != 1.0:
+        out.logit_opacities[at] = _baked_opacity(out.logit_opacities[at], table.opacity[row])
+
+
+def _move(motion: Motion, out: Gaussians, at: LongArray) -> None:
+    out.means[at] = out.means[at] @ motion.linear.T + motion.offset
+    if np.array_equal(motion.linear, np.eye(3)):
+        return
+    if motion.is_similar:
+        if motion.turns:
+            q = matrices_to_quats(motion.turn[None])[0]
+            out.quats[at] = multiply_quats(q, out.quats[at].astype(np.float64))
+        if motion.scale != 1.0:
+            out.log_scales[at] += np.float32(np.log(motion.scale))
+    else:
+        out.quats[at], out.log_scales[at] = stretched(
+            motion.linear, out.quats[at], out.log_scales[at]
+        )
+    if motion.turns:
+        if out.sh_degree > 0:
+            out.sh[at] = sh_rotation(motion.turn, out.sh_degree).astype(np.float32) @ out.sh[at]
+        _turn_normals(motion.turn, out.extra, at)
+
+
+def stretched(
+    linear: DoubleArray, quats: FloatArray, log_scales: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Quaternions (N, 4) and log scales (N, 3) of covariances ``A S A^T``, A any linear map (3, 3).
+
+    With S = (R D)(R D)^T the singular values of A R D are the new deviations and its left vectors
+    the new axes: no squares, so thin splats stay thin.
+    """
+    size = log_scales.max(axis=1, keepdims=True).astype(np.float64)
+    relative = np.exp(log_scales - size)  # scales of 1e-30 and 1e30 do not leave the range
+    u, s, _ = np.linalg.svd(linear @ (quats_to_matrices(quats) * relative[:, None, :]))
+    u[:, :, 2] *= np.sign(np.linalg.det(u))[:, None]
+    tiny = np.finfo(np.float64).tiny
+    new_scales = np.log(np.maximum(s, tiny)) + size
+    return matrices_to_quats(u).astype(np.float32), new_scales.astype(np.float32)
+
+
+def baked_color(sh: FloatArray, affine: DoubleArray) -> FloatArray:
+    """SH (N, S, 3) of the color ``affine`` (3, 4) @ (c, 1): DC gets scale and offset, rest scale.
+
+    c = 0.5 + C0 dc + rest, hence dc' = A dc + (A 0.5 + b - 0.5) / C0 and rest' = A rest.
+    """
+    scale, offset = affine[:, :3], affine[:, 3]
+    result = sh @ scale.T
+    result[:, 0] += (scale @ np.full(3, 0.5) + offset - 0.5) / SH_C0
+    colors: FloatArray = result.astype(np.float32)
+    return colors
+
+
+def _baked_opacity(logits: FloatArray, factor: float) -> FloatArray:
+    opacity = factor / (1 + np.exp(-np.clip(logits.astype(np.float64), -700, 700)))
+    opacity = np.clip(opacity, _OPACITY, 1 - _OPACITY)
+    result: FloatArray = np.log(opacity / (1 - opacity)).astype(np.float32)
+    return result
+
+
+def _turn_normals(turn: DoubleArray, extra: Mapping[str, AnyArray], at: LongArray) -> None:
+    names = ("nx", "ny", "nz")
+    columns = [extra[name] for name in names if name in extra]
+    if len(columns) != len(names) or any(c.dtype.kind != "f" for c in columns):
+        return
+    normals = np.stack([column[at] for column in columns], axis=1)
+    if not normals.any():
+        return
+    for column, values in zip(columns, (normals @ turn.T).T, strict=True):
+        column[at] = values
+
+
+def with_groups(gaussians: Gaussians, labels: IntArray) -> Gaussians:
+    """``gaussians`` with a column ``group`` (N,) int32, in place of one of that name."""
+    kept = {k: v for k, v in gaussians.extra.items() if k != "group"}
+    return replace(gaussians, extra=MappingProxyType({**kept, "group": labels.astype(np.int32)}))

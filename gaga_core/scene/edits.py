@@ -1,0 +1,48 @@
+"""Builders of edits: each reads the scene and returns the edit, or None if nothing would change.
+
+Nothing here changes a scene; `gaga_core.scene.history.History.do` does. ``indices`` are rows (K,)
+in any order, or a mask (N,) bool. The work is in ``build_*.py``, the edits are in ``edit_*.py``.
+"""
+
+from gaga_core.scene.build_copies import duplicate, free_group
+from gaga_core.scene.build_groups import merge_groups, rename, set_grouping, set_labels
+from gaga_core.scene.build_placement import recolor, transform
+from gaga_core.scene.build_state import (
+    How,
+    delete,
+    hide,
+    isolate,
+    lock,
+    restore,
+    select,
+    set_state,
+    show,
+    show_all,
+    unlock,
+)
+from gaga_core.scene.edit_values import Edit, Edits, together
+
+__all__ = [
+    "Edit",
+    "Edits",
+    "How",
+    "delete",
+    "duplicate",
+    "free_group",
+    "hide",
+    "isolate",
+    "lock",
+    "merge_groups",
+    "recolor",
+    "rename",
+    "restore",
+    "select",
+    "set_grouping",
+    "set_labels",
+    "set_state",
+    "show",
+    "show_all",
+    "together",
+    "transform",
+    "unlock",
+]

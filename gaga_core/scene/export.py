@@ -1,0 +1,170 @@
+"""Export: what is written is what is visible, with edits applied."""
+
+import json
+import re
+import unicodedata
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.ply import write_ply_stage
+from gaga_core.io.staging import publish, staging_folder
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.bake import bake_stage, with_groups
+from gaga_core.scene.objects import group_colors, group_name
+from gaga_core.scene.scene import Scene, State
+
+T = TypeVar("T")
+What = Literal["visible", "selected"]
+MANIFEST = "groups.json"
+MANIFEST_VERSION = 1
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+
+
+def export_scene_stage(
+    scene: Scene, path: Path, *, what: What = "visible", groups: bool = False
+) -> Stage[int]:
+    """Write the visible (or selected and visible) splats to one .ply; returns their number.
+
+    Hidden and deleted splats are never written. Splats without an edit keep their exact bytes, and
+    unknown columns survive. ``groups`` adds a column ``group`` (int32, 0 = none). A cancel, a full
+    disk or a folder without permission leaves nothing behind. Works on the scene as it is at the
+    call, whatever is edited meanwhile. Raises ``GagaError`` when nothing is visible.
+    """
+    return _export_scene(replace(scene), path, what, groups)
+
+
+def _export_scene(scene: Scene, path: Path, what: What, groups: bool) -> Stage[int]:
+    splats = exported_indices(scene, what)
+    if len(splats) == 0:
+        state = "selected" if what == "selected" else "visible"
+        raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
+    gaussians = yield from bake_stage(scene, indices=splats)
+    if groups:
+        gaussians = with_groups(gaussians, scene.labels[splats])
+    yield from write_ply_stage(path, gaussians)
+    return len(splats)
+
+
+def exported_indices(scene: Scene, what: What = "visible") -> IntArray:
+    """Splats (K,) that an export of ``what`` writes."""
+    if what not in ("visible", "selected"):
+        raise ValueError(f"what: expected visible or selected, got {what!r}")
+    shown = scene.visible
+    if what == "selected":
+        shown &= scene.has(State.SELECTED)
+    return np.flatnonzero(shown).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Object:
+    group: int
+    name: str
+    color: list[float]
+    file: str
+    splats: AnyArray  # (K,)
+
+
+def export_objects_stage(
+    scene: Scene,
+    folder: Path,
+    groups: Sequence[int] | None = None,
+    *,
+    source: str = "",
+) -> Stage[Path]:
+    """Write one .ply per group into ``folder``, and ``groups.json``; returns the manifest's path.
+
+    ``groups`` are all that are visible by default; a group without a visible splat gets no file.
+    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file}]}``, colors
+    0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files appear all
+    together at the end; a cancel or a full disk leaves nothing. Raises ``GagaError`` when none of
+    the groups is visible.
+    """
+    return _export_objects(replace(scene), folder, groups, source)
+
+
+def _export_objects(
+    scene: Scene, folder: Path, groups: Sequence[int] | None, source: str
+) -> Stage[Path]:
+    objects = _objects(scene, groups)
+    if not objects:
+        raise GagaError("None of these objects is visible, so there is nothing to export.")
+    manifest = []
+    with staging_folder(folder) as staging:
+        for i, item in enumerate(objects):
+            step = Progress("Export objects", i, len(objects), item.name)
+            gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
+            yield from _as_step(step, write_ply_stage(staging / item.file, gaussians))
+            manifest.append(_described(item, gaussians))
+        content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
+        text = json.dumps(content, indent=1, ensure_ascii=False)
+        (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
+        for name in (*(item.file for item in objects), MANIFEST):
+            publish(staging, name, folder)
+    return folder / MANIFEST
+
+
+def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
+    """Run ``stage`` as a part of ``step``: it can be cancelled, and the bar moves by objects."""
+    with closing(stage):
+        while True:
+            yield step
+            try:
+                next(stage)
+            except StopIteration as end:
+                value: T = end.value
+                return value
+
+
+def _objects(scene: Scene, groups: Sequence[int] | None) -> list[_Object]:
+    """The groups to write, by id, each with a file name of its own."""
+    shown = exported_indices(scene)
+    order = np.argsort(scene.labels[shown], kind="stable")
+    ids, starts = np.unique(scene.labels[shown][order], return_index=True)
+    wanted = set(ids[ids > 0].tolist()) if groups is None else {int(g) for g in groups}
+    used: set[str] = set()
+    objects = []
+    for group, splats in zip(ids, np.split(shown[order], starts[1:]), strict=len(ids) > 0):
+        if int(group) not in wanted:
+            continue
+        name = group_name(scene, int(group))
+        color = [round(float(c), 4) for c in group_colors(np.array([group], np.int32))[0]]
+        file = _unique(slug(name) or f"group-{group}", used) + ".ply"
+        objects.append(_Object(int(group), name, color, file, splats))
+    return objects
+
+
+def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
+    means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
+    box = [means.min(axis=0), means.max(axis=0)] if len(means) else []
+    return {
+        "id": item.group,
+        "name": item.name,
+        "color": item.color,
+        "count": len(gaussians),
+        "bbox": [[float(x) for x in corner] for corner in box],
+        "file": item.file,
+    }
+
+
+def slug(name: str) -> str:
+    """A file name of ``name`` for every system: lower-case a-z, 0-9 and hyphens; may be empty."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    short = re.sub(r"[^a-z0-9]+", "-", plain)[:60].strip("-")
+    return f"{short}-object" if short in _RESERVED else short
+
+
+def _unique(stem: str, used: set[str]) -> str:
+    free, i = stem, 1
+    while free in used:
+        i += 1
+        free = f"{stem}-{i}"
+    used.add(free)
+    return free

@@ -1,0 +1,110 @@
+"""What is under a pixel: the exact alpha-weighted vote of the splats that it shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.kernels import run_chunks
+from gaga_core.raster.base import T_MIN
+from gaga_core.raster.cpu.pick_kernels import pick_pixel
+from gaga_core.raster.cpu.prepare import for_kernel, pose_and_lens
+from gaga_core.scene.scene import Scene, State
+
+_CHUNK = 65536
+
+
+@dataclass(frozen=True, eq=False)
+class Pick:
+    """The splats that contribute to one pixel, and what they are."""
+
+    group: int  # label of greatest summed weight; 0 if splats of no group win
+    weight: float  # that sum, 0..1
+    indices: IntArray  # (K,) front to back
+    weights: FloatArray  # (K,) blending weights
+    depth: float  # camera depth at which half of the light is gone
+    point: DoubleArray  # (3,) world, at that depth
+    splat: int  # of greatest weight
+
+
+def pick(scene: Scene, camera: Camera, u: float, v: float) -> Pick | None:
+    """Blend the one pixel whose centre is (u, v), as the rasterizer would; ``None`` if it is empty.
+
+    Hidden and deleted splats do not count; placements do (position, shape, opacity). For the pixel
+    in column x and row y pass x + 0.5 and y + 0.5.
+    """
+    index, alphas, depths = _hits(scene, camera, u, v)
+    if len(index) == 0:
+        return None
+    # Order of the rasterizer: depth as float32, ties by index.
+    order = np.argsort(depths.astype(np.float32), kind="stable")
+    after = np.cumprod(1.0 - alphas[order])
+    done = np.flatnonzero(after < T_MIN)
+    n = int(done[0]) if len(done) else len(order)
+    order, after = order[:n], after[:n]
+    weights = alphas[order] * np.append(1.0, after[:-1])
+    index = index[order]
+    found, member = np.unique(scene.labels[index], return_inverse=True)
+    sums = np.bincount(member, weights=weights)
+    best = int(sums.argmax())
+    # A pixel that stays half open has no median depth: take the middle of what it shows.
+    covered = np.cumsum(weights)
+    middle = int(np.searchsorted(covered, min(0.5, covered[-1] / 2)))
+    depth = float(depths[order[min(middle, n - 1)]])
+    return Pick(
+        group=int(found[best]),
+        weight=float(sums[best]),
+        indices=index,
+        weights=weights.astype(np.float32),
+        depth=depth,
+        point=camera.unproject(u, v, depth),
+        splat=int(index[weights.argmax()]),
+    )
+
+
+def _hits(
+    scene: Scene, camera: Camera, u: float, v: float
+) -> tuple[IntArray, DoubleArray, DoubleArray]:
+    """Index, alpha and depth of the splats that the pixel shows, in the order of the scene."""
+    g, placements = scene.gaussians, scene.placements
+    n = len(scene)
+    pose, lens = pose_and_lens(camera)
+    poses = np.einsum("ij,pjk->pik", pose[:, :3], placements.matrix)
+    poses[:, :, 3] += pose[:, 3]
+    growth = np.linalg.norm(placements.matrix[:, :, :3], ord=2, axis=(1, 2)) ** 2
+    columns = [for_kernel(c, np.float32) for c in (g.means, g.quats, g.log_scales)]
+    logits = for_kernel(g.logit_opacities, np.float32)
+    state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
+    opacities = np.array(placements.opacity, np.float64)
+    index = np.empty(n, np.int32)
+    alphas, depths = np.empty(n), np.empty(n)
+    counts = np.zeros(-(-n // _CHUNK), np.int64)
+    pixel = np.array([u, v], np.float64)
+    unseen = int(State.HIDDEN | State.DELETED)
+
+    def work(start: int, stop: int) -> None:
+        pick_pixel(
+            *columns,
+            logits,
+            state,
+            unseen,
+            placement,
+            poses,
+            growth,
+            opacities,
+            lens,
+            pixel,
+            index,
+            alphas,
+            depths,
+            counts,
+            _CHUNK,
+            start,
+            stop,
+        )
+
+    run_chunks(work, n, _CHUNK)
+    pieces = [np.arange(c * _CHUNK, c * _CHUNK + k) for c, k in enumerate(counts)]
+    packed = np.concatenate([np.zeros(0, np.int64), *pieces])
+    return index[packed], alphas[packed], depths[packed]

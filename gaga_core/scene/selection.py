@@ -1,0 +1,161 @@
+"""Which splats: by group, by a region of the picture, and the algebra of selections.
+
+Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
+selection.
+"""
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, check_shape
+from gaga_core.camera import Camera
+from gaga_core.raster.base import NEAR
+from gaga_core.scene.build_state import How
+from gaga_core.scene.objects import group_indices, selected_indices
+from gaga_core.scene.scene import Scene, State
+
+__all__ = [
+    "combine",
+    "everything",
+    "group_indices",
+    "groups_inside",
+    "in_mask",
+    "in_rectangle",
+    "inverted",
+    "nothing",
+    "selectable",
+    "selected_indices",
+    "world_means",
+]
+
+# A splat counts as visible surface up to this far behind the median depth, relative to depth:
+# centres of a surface's splats lie a little on both sides of it.
+SURFACE_SLACK = 0.02
+
+
+def selectable(scene: Scene) -> BoolArray:
+    """Splats (N,) that a gesture may select: drawn and not locked."""
+    return ~scene.has(State.HIDDEN | State.DELETED | State.LOCKED)
+
+
+def everything(scene: Scene) -> IntArray:
+    """All splats that can be selected."""
+    return _rows(selectable(scene))
+
+
+def nothing() -> IntArray:
+    """No splats."""
+    return np.zeros(0, np.int32)
+
+
+def inverted(scene: Scene) -> IntArray:
+    """Those that can be selected and are not."""
+    return _rows(selectable(scene) & ~scene.has(State.SELECTED))
+
+
+def combine(current: IntArray, chosen: IntArray, how: How) -> IntArray:
+    """``chosen`` (K,) set, added to, removed from, or intersected with ``current`` (L,)."""
+    if how == "set":
+        return np.unique(chosen).astype(np.int32)
+    if how == "add":
+        return np.union1d(current, chosen).astype(np.int32)
+    if how == "remove":
+        return np.setdiff1d(current, chosen).astype(np.int32)
+    return np.intersect1d(current, chosen).astype(np.int32)
+
+
+def in_rectangle(
+    scene: Scene,
+    camera: Camera,
+    corners: tuple[float, float, float, float],
+    surface_depth: FloatArray | None = None,
+) -> IntArray:
+    """Splats whose centre is drawn inside the rectangle (u0, v0, u1, v1), pixels, any corner order.
+
+    With ``surface_depth`` (H, W), a picture's median depth at the camera's size, only the visible
+    surface; without it, through everything.
+    """
+    u0, v0, u1, v1 = corners
+    u0, u1, v0, v1 = min(u0, u1), max(u0, u1), min(v0, v1), max(v0, v1)
+    splats, pixels, depth = _projected(scene, camera)
+    u, v = pixels[:, 0], pixels[:, 1]
+    inside = (u >= u0) & (u <= u1) & (v >= v0) & (v <= v1)
+    return splats[_on_surface(camera, pixels, depth, inside, surface_depth)]
+
+
+def in_mask(
+    scene: Scene,
+    camera: Camera,
+    mask: BoolArray,
+    surface_depth: FloatArray | None = None,
+) -> IntArray:
+    """Splats whose centre is drawn on a set pixel of ``mask`` (H, W): any lasso, polygon, brush.
+
+    ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
+    """
+    check_shape("mask", mask, (camera.height, camera.width), np.bool_)
+    splats, pixels, depth = _projected(scene, camera)
+    inside = _inside_picture(camera, pixels)
+    columns, rows = pixels[inside].astype(np.int64).T
+    inside[inside] = mask[rows, columns]
+    return splats[_on_surface(camera, pixels, depth, inside, surface_depth)]
+
+
+def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:
+    """Groups (K,), ascending and without 0, of which at least ``share`` of the splats that can be
+    selected are among ``splats``: what a rectangle around objects means."""
+    n_labels = int(scene.labels.max(initial=0)) + 1
+    total = np.bincount(scene.labels[selectable(scene)], minlength=n_labels)
+    inside = np.bincount(scene.labels[splats], minlength=n_labels)
+    groups = _rows((inside > 0) & (inside >= share * total))
+    return groups[groups > 0]
+
+
+def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
+    """Positions (K, 3) with placements applied, world; of all splats by default."""
+    rows = slice(None) if splats is None else splats
+    means = scene.gaussians.means[rows]
+    index = scene.placement[rows]
+    moved = np.flatnonzero(index)
+    if len(moved) == 0:
+        return means
+    matrix = scene.placements.matrix[index[moved]]
+    result = means.copy()
+    result[moved] = np.einsum("nij,nj->ni", matrix[:, :, :3], means[moved]) + matrix[:, :, 3]
+    return result
+
+
+def _projected(scene: Scene, camera: Camera) -> tuple[IntArray, DoubleArray, DoubleArray]:
+    """Splats (K,) that can be selected and lie before the camera, their pixels and depths."""
+    splats = everything(scene)
+    pixels, depth = camera.project(world_means(scene, splats).astype(np.float64))
+    before = depth > NEAR
+    return splats[before], pixels[before], depth[before]
+
+
+def _inside_picture(camera: Camera, pixels: DoubleArray) -> BoolArray:
+    u, v = pixels[:, 0], pixels[:, 1]
+    inside: BoolArray = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    return inside
+
+
+def _on_surface(
+    camera: Camera,
+    pixels: DoubleArray,
+    depth: DoubleArray,
+    inside: BoolArray,
+    surface_depth: FloatArray | None,
+) -> BoolArray:
+    if surface_depth is None:
+        return inside
+    check_shape("surface_depth", surface_depth, (camera.height, camera.width))
+    inside = inside & _inside_picture(camera, pixels)
+    columns, rows = pixels[inside].astype(np.int64).T
+    surface = surface_depth[rows, columns]
+    # Median depth 0: the pixel never became half opaque, so nothing there hides anything.
+    seen = (surface == 0) | (depth[inside] <= surface * (1 + SURFACE_SLACK))
+    inside[inside] = seen
+    return inside
+
+
+def _rows(mask: BoolArray) -> IntArray:
+    return np.flatnonzero(mask).astype(np.int32)

@@ -1,0 +1,56 @@
+"""Affine colors that recolor an object and keep its shading."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, check_shape
+from gaga_core.color import rgb_from_dc
+from gaga_core.scene.index_set import sorted_indices
+from gaga_core.scene.scene import Scene
+
+_LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 weights
+_DARK = 0.15  # an object darker than this is not brightened by more than target / 0.15
+_BLACK = 0.02  # shading left in an object painted black, so that the next recolor still has some
+
+
+def tint_affine(
+    mean_rgb: AnyArray | Sequence[float],
+    target_rgb: AnyArray | Sequence[float],
+    strength: float = 1.0,
+) -> DoubleArray:
+    """Affine color (3, 4) that sends ``mean_rgb`` (3,) to ``target_rgb`` (3,), 0..1.
+
+    A color c becomes ``t + t' (y(c) - y(m)) / max(y(m), 0.15)`` with m the mean, t the target,
+    y the luminance and t' the target, at least 0.02 in each channel: the object takes the target's
+    hue everywhere, its light and dark stay in proportion, and the mean lands on the target exactly.
+    ``strength`` 0..1 blends from no change to all of it.
+    """
+    mean, target = np.asarray(mean_rgb, np.float64), np.asarray(target_rgb, np.float64)
+    check_shape("mean_rgb", mean, (3,))
+    check_shape("target_rgb", target, (3,))
+    if not 0 <= strength <= 1:
+        raise ValueError(f"strength: expected 0..1, got {strength}")
+    gain = np.maximum(target, _BLACK) / max(float(_LUMA @ mean), _DARK)
+    linear = np.outer(gain, _LUMA)
+    full = np.column_stack([linear, target - linear @ mean])
+    return (1 - strength) * np.eye(3, 4) + strength * full
+
+
+def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
+    """Mean color (3,) of splats, weighted by opacity, as they are colored now (degree 0 of SH).
+
+    Mid grey when there are none.
+    """
+    splats = sorted_indices(indices, len(scene))
+    if len(splats) == 0:
+        return np.full(3, 0.5)
+    rgb = rgb_from_dc(scene.gaussians.sh[splats, 0]).astype(np.float64)
+    index = scene.placement[splats]
+    for row in np.unique(index[index != 0]):
+        affine, at = scene.placements.color[row], index == row
+        rgb[at] = rgb[at] @ affine[:, :3].T + affine[:, 3]
+    logits = scene.gaussians.logit_opacities[splats].astype(np.float64)
+    weights = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+    mean: DoubleArray = np.average(np.clip(rgb, 0, 1), axis=0, weights=weights)
+    return mean

@@ -1,0 +1,134 @@
+"""A random walk over every kind of edit, for tests of undo and of the project file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.scene import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.scene import Scene, State
+from tests.scenes import random_gaussians
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Bytes of everything in a scene but its revision."""
+
+    columns: dict[str, tuple[str, bytes]]
+    names: dict[int, str]
+    bank: MemoryBank | None
+
+
+def snapshot(scene: Scene) -> Snapshot:
+    """A deep copy, comparable with ``==``."""
+    return Snapshot(
+        {name: (str(a.dtype), a.tobytes()) for name, a in columns(scene).items()},
+        dict(scene.names),
+        scene.bank,
+    )
+
+
+def columns(scene: Scene) -> dict[str, AnyArray]:
+    g, table = scene.gaussians, scene.placements
+    extra = {f"extra {name}": column for name, column in g.extra.items()}
+    return extra | {
+        "means": g.means,
+        "quats": g.quats,
+        "log_scales": g.log_scales,
+        "logit_opacities": g.logit_opacities,
+        "sh": g.sh,
+        "labels": scene.labels,
+        "state": scene.state,
+        "placement": scene.placement,
+        "source": scene.source,
+        "matrix": table.matrix,
+        "color": table.color,
+        "opacity": table.opacity,
+    }
+
+
+def walk_scene(n: int = 400, *, seed: int = 0, sh_degree: int = 1) -> Scene:
+    """Random splats in 7 groups, with extra columns, a bank and a name."""
+    rng = np.random.default_rng(seed)
+    plain = random_gaussians(n, seed=seed, sh_degree=sh_degree)
+    extra = {"nx": rng.normal(size=n).astype(np.float32), "tag": rng.integers(0, 255, n, np.uint8)}
+    gaussians = Gaussians(
+        plain.means, plain.quats, plain.log_scales, plain.logit_opacities, plain.sh, extra
+    )
+    scene = Scene.of(gaussians, np.sort(rng.integers(0, 7, n)).astype(np.int32))
+    scene.bank = some_bank(rng, scene)
+    scene.names = {2: "mug"}
+    return scene
+
+
+def some_bank(rng: np.random.Generator, scene: Scene) -> MemoryBank:
+    log = tuple(
+        Decision(f"{v}.png", m, int(rng.integers(1, 7)), v == 0, 0.5, 0, 0.0, 10)
+        for v in range(3)
+        for m in range(4)
+    )
+    return MemoryBank(scene.labels.copy(), 7, log)
+
+
+def random_affine(rng: np.random.Generator) -> DoubleArray:
+    return np.eye(3, 4) + rng.normal(0, 0.3, (3, 4))
+
+
+def random_splats(rng: np.random.Generator, scene: Scene) -> AnyArray:
+    """A group, a range, a scatter, all, none, or a mask: every form of an index set."""
+    n = len(scene)
+    kind = rng.integers(6)
+    if kind == 0:
+        return np.flatnonzero(scene.labels == rng.integers(0, 8))
+    if kind == 1:
+        start = int(rng.integers(n))
+        return np.arange(start, min(n, start + int(rng.integers(1, n))))
+    if kind == 2:
+        return rng.choice(n, rng.integers(1, 12), replace=False)
+    if kind == 3:
+        return np.arange(n) if rng.random() < 0.3 else np.zeros(0, np.int32)
+    if kind == 4:
+        return scene.has(State.SELECTED)
+    chosen: AnyArray = rng.random(n) < rng.random()
+    return chosen
+
+
+def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]:
+    """Every builder of `gaga_core.scene.edits`, with random arguments."""
+    s = random_splats
+    hows: list[edits.How] = ["set", "add", "remove", "intersect"]
+
+    def relabel(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        rows = np.flatnonzero(rng.random(len(scene)) < 0.3)
+        return edits.set_labels(scene, rows, rng.integers(0, 400, len(rows)).astype(np.int32))
+
+    def regroup(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        labels: IntArray = rng.integers(0, 9, len(scene)).astype(np.int32)
+        return edits.set_grouping(scene, labels, some_bank(rng, scene), {3: "bowl"})
+
+    return {
+        "select": lambda r, c: edits.select(c, s(r, c), hows[r.integers(4)]),
+        "hide": lambda r, c: edits.hide(c, s(r, c)),
+        "show": lambda r, c: edits.show(c, s(r, c)),
+        "show_all": lambda r, c: edits.show_all(c),
+        "isolate": lambda r, c: edits.isolate(c, s(r, c)),
+        "lock": lambda r, c: edits.lock(c, s(r, c)),
+        "unlock": lambda r, c: edits.unlock(c, s(r, c)),
+        "delete": lambda r, c: edits.delete(c, s(r, c)),
+        "restore": lambda r, c: edits.restore(c),
+        "transform": lambda r, c: edits.transform(c, s(r, c), random_affine(r)),
+        "recolor": lambda r, c: edits.recolor(c, s(r, c), random_affine(r), r.uniform(0.5, 1)),
+        "duplicate": lambda r, c: (
+            edits.duplicate(c, s(r, c), random_affine(r) if r.random() < 0.5 else None)
+            if len(c) < 3000
+            else None
+        ),
+        "set_labels": relabel,
+        "set_grouping": regroup,
+        "rename": lambda r, c: edits.rename(c, int(r.integers(1, 9)), f"name {r.integers(3)}"),
+        "merge_groups": lambda r, c: edits.merge_groups(c, r.integers(1, 9, 3).tolist()),
+    }
