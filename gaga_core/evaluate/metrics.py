@@ -119,7 +119,7 @@ def _joint_histogram(
 
 
 def _score(joint: LongArray, true_area: LongArray | None = None) -> Score:
-    """Algorithm 1 on joint histograms (V, T, P); ``true_area`` (V, T) when columns were left out."""
+    """Algorithm 1 on joint histograms (V, T, P); ``true_area`` (V, T) if columns were left out."""
     if true_area is None:
         true_area = joint.sum(axis=2)
     predicted_area = joint.sum(axis=1)  # (V, P)

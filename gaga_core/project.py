@@ -1,0 +1,264 @@
+"""One document: a scene that was opened, its edits, and where they are saved.
+
+A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` beside a lone NAME.ply) with
+
+    project.json      which model (with a fingerprint), names of groups, which scene file
+    scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
+
+The model itself is never copied. A save writes a new scene file first and then replaces
+project.json in one step, so a failure at any moment leaves the former save whole.
+"""
+
+import hashlib
+import json
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from uuid import uuid4
+
+import numpy as np
+
+from gaga_core import __version__
+from gaga_core.arrays import AnyArray, IntArray, check_shape
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.ply import read_ply_stage
+from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.scene import Placements, Scene
+
+_FORMAT = 1
+_FILE = "project.json"
+_BLOCKS, _BLOCK = 64, 1 << 16  # the fingerprint samples this many blocks of this many bytes
+
+
+@dataclass(eq=False)
+class Project:
+    """What a window or command has open."""
+
+    scene: Scene
+    model_path: Path
+    folder: SceneFolder | None = None  # None: a lone .ply
+    path: Path | None = None  # folder of the saved project; None: never saved
+
+    @property
+    def default_path(self) -> Path:
+        """Where a first save goes."""
+        if self.folder is not None:
+            return self.folder.work
+        return self.model_path.with_suffix(".gaga")
+
+
+def open_path_stage(path: Path) -> Stage[Project]:
+    """Open whatever a person chose: a scene folder, a .ply, or a saved project.
+
+    A scene folder that has a saved project is opened with its edits; else with the groups of the
+    last association, if any. Raises ``GagaError`` with one sentence.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise GagaError(f"{path} does not exist. Check the path.")
+    saved = _saved_project(path)
+    if saved is not None:
+        return (yield from _open_saved(saved))
+    if path.is_dir():
+        yield Progress("Look at the folder", 0, 1, path.name)
+        return (yield from _open_folder(open_scene_folder(path)))
+    if path.suffix.lower() == ".json":
+        raise GagaError(f"{path.name} is no saved project. Choose a project.json of gaga-studio.")
+    gaussians = yield from read_ply_stage(path)
+    return Project(Scene.of(gaussians, _labels_of_columns(gaussians)), path)
+
+
+def save_project(project: Project, path: Path | None = None) -> Path:
+    """Save all edits to ``path`` (default: where it was, else `Project.default_path`).
+
+    Returns the folder and remembers it in ``project``. Raises ``GagaError`` when it cannot be
+    written; the former save stays whole.
+    """
+    target = Path(path or project.path or project.default_path)
+    scene = project.scene
+    arrays: dict[str, AnyArray] = {
+        "labels": scene.labels,
+        "state": scene.state,
+        "placement": scene.placement,
+        "source": scene.source,
+        "matrix": scene.placements.matrix,
+        "color": scene.placements.color,
+        "opacity": scene.placements.opacity,
+    }
+    if scene.bank is not None:
+        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
+    name = f"scene-{uuid4().hex[:12]}.npz"
+    document = {
+        "format": _FORMAT,
+        "gaga_studio": __version__,
+        "model": _model_entry(project, target),
+        "scene": name,
+        "names": {str(group): text for group, text in sorted(scene.names.items())},
+    }
+    with atomic_write(target / name) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    try:
+        with atomic_write(target / _FILE) as temporary:
+            temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
+    except GagaError:
+        (target / name).unlink(missing_ok=True)
+        raise
+    for stale in target.glob("scene-*.npz"):
+        if stale.name != name:
+            stale.unlink(missing_ok=True)
+    project.path = target
+    return target
+
+
+def _saved_project(path: Path) -> Path | None:
+    """The project.json that ``path`` means, if any."""
+    candidates = (path, path / _FILE, path / "gaga" / _FILE)
+    for file in candidates:
+        if file.name == _FILE and file.is_file():
+            return file
+    return None
+
+
+def _open_folder(folder: SceneFolder) -> Stage[Project]:
+    if folder.model_path is None:
+        raise GagaError(
+            f"{folder.root} has photos but no splats (point_cloud.ply). Train a 3D Gaussian "
+            "Splatting model of it first, or open its .ply file."
+        )
+    gaussians = yield from read_ply_stage(folder.model_path)
+    scene = Scene.of(gaussians, _labels_of_columns(gaussians))
+    labels = folder.work / "labels.npz"
+    if labels.is_file():
+        scene.labels = _read_labels_npz(labels, len(gaussians))
+        bank = folder.work / "bank.npz"
+        scene.bank = load_bank(bank) if bank.is_file() else None
+    return Project(scene, folder.model_path, folder)
+
+
+def _open_saved(file: Path) -> Stage[Project]:
+    document = _read_document(file)
+    entry = document["model"]
+    model_path = _resolve(file.parent, str(entry["path"]))
+    if not model_path.is_file():
+        raise GagaError(
+            f"The splats of this project are gone: {model_path}. Put the file back, or open "
+            "another one."
+        )
+    if fingerprint(model_path) != entry["fingerprint"]:
+        raise GagaError(
+            f"{model_path} changed since this project was saved, so its edits do not fit. "
+            f"Put the former file back, or move {file} away to open the model without edits."
+        )
+    root = file.parent.parent
+    folder = None
+    if file.parent.name == "gaga" and is_scene_folder(root):
+        yield Progress("Look at the folder", 0, 1, root.name)
+        folder = replace(open_scene_folder(root), model_path=model_path)
+    gaussians = yield from read_ply_stage(model_path)
+    scene = _read_scene(file.parent / str(document["scene"]), gaussians)
+    scene.names = {int(group): str(text) for group, text in document["names"].items()}
+    return Project(scene, model_path, folder, file.parent)
+
+
+def _read_document(file: Path) -> dict[str, dict[str, object]]:
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        complete = {"format", "model", "scene", "names"} <= set(document)
+        complete = complete and {"path", "fingerprint"} <= set(document["model"])
+    except OSError as error:
+        raise GagaError(explain_os_error(error, file)) from error
+    except (ValueError, TypeError) as error:
+        raise GagaError(f"{file} is damaged. Move it away to open the scene anew.") from error
+    if not complete:
+        raise GagaError(f"{file} is no project of gaga-studio.")
+    if document["format"] != _FORMAT:
+        raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
+    result: dict[str, dict[str, object]] = document
+    return result
+
+
+def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = dict(stored)
+        source = arrays["source"].astype(np.int64)
+        n = len(source)
+        for name in ("labels", "state", "placement"):
+            check_shape(name, arrays[name], (n,))
+        rows = len(arrays["opacity"])
+        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
+        check_shape("color", arrays["color"], (rows, 3, 4))
+        if source.min() < 0 or source.max() >= len(gaussians):
+            raise ValueError("source row outside the model")
+        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
+            raise ValueError("placement row outside the table")
+        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
+        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
+        return Scene(
+            gaussians=gaussians if untouched else gaussians.take(source),
+            labels=arrays["labels"].astype(np.int32),
+            state=arrays["state"].astype(np.uint8),
+            placement=arrays["placement"].astype(np.int32),
+            source=source,
+            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
+            bank=bank_of(bank) if bank else None,
+        )
+    except OSError as error:
+        raise GagaError(explain_os_error(error, file)) from error
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise GagaError(f"{file} is damaged. Move project.json away to open anew.") from error
+
+
+def _read_labels_npz(path: Path, n_gaussians: int) -> IntArray:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            labels = np.ascontiguousarray(arrays["labels"], np.int32)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise GagaError(f"{path} is damaged. Run Associate again, or remove it.") from error
+    if labels.shape != (n_gaussians,):
+        raise GagaError(
+            f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
+            "Run Associate again, or remove it."
+        )
+    return labels
+
+
+def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
+    """Group ids that the file itself carries in a column ``group``."""
+    column = gaussians.extra.get("group")
+    if column is None or column.dtype.kind not in "iu":
+        return None
+    return np.maximum(column.astype(np.int64), 0).astype(np.int32)
+
+
+def fingerprint(path: Path) -> str:
+    """Digest of a file's size and of blocks all over it: quick also for gigabytes."""
+    size = path.stat().st_size
+    digest = hashlib.sha256(str(size).encode())
+    with path.open("rb") as file:
+        for start in np.linspace(0, max(size - _BLOCK, 0), _BLOCKS).astype(np.int64):
+            file.seek(int(start))
+            digest.update(file.read(_BLOCK))
+    return digest.hexdigest()
+
+
+def _model_entry(project: Project, target: Path) -> dict[str, object]:
+    model = project.model_path.resolve()
+    base = target.resolve()
+    # A path within the scene survives moving the whole folder; one far away is kept absolute.
+    near = model.is_relative_to(base.parent)
+    shown = Path("..") / model.relative_to(base.parent) if near else model
+    return {
+        "path": shown.as_posix(),
+        "fingerprint": fingerprint(model),
+        "gaussians": int(project.scene.source.max(initial=-1)) + 1,
+    }
+
+
+def _resolve(base: Path, shown: str) -> Path:
+    path = Path(shown)
+    return path if path.is_absolute() else (base / path).resolve()
