@@ -4,6 +4,7 @@ Results go to standard output (``--json`` for machines), messages and progress t
 Exit status 0 only on success; Ctrl-C leaves nothing half-written.
 """
 
+import json
 import logging
 import sys
 from dataclasses import dataclass
@@ -86,6 +87,10 @@ class Evaluate:
     """Folder of predicted label maps."""
     gt: Path
     """Folder of true label maps; every file counts, a missing prediction as 0."""
+    scene: Path | None = None
+    """Scene folder whose split says which views count (with --views)."""
+    views: Literal["train", "test", "all"] = "all"
+    """Which views of --scene count; without --scene every file of --gt does."""
     protocol: Literal["instance"] = "instance"
     """instance: class-agnostic IoU, precision and recall."""
     json: bool = False
@@ -94,11 +99,16 @@ class Evaluate:
     def run(self) -> int:
         """Print IoU, precision and recall, with void as a class and without."""
         from gaga_core.evaluate.metrics import evaluate
-        from gaga_core.io.masks import list_label_files
+        from gaga_core.io.scene_folder import open_scene_folder
 
-        # A folder that also holds maps of training views: score what was predicted.
-        names = sorted(path.stem for path in list_label_files(self.pred))
-        report = evaluate(self.pred, self.gt, names=names)
+        stems = None
+        if self.scene is not None and self.views != "all":
+            folder = open_scene_folder(self.scene)
+            names = folder.test if self.views == "test" else folder.train
+            stems = [Path(name).stem for name in names]
+        report = evaluate(self.pred, self.gt, stems=stems)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
         if self.json:
             out.result(report.to_json(), as_json=True)
             return 0
@@ -126,17 +136,14 @@ class Edit:
         """Write what is visible after the edits."""
         from gaga_core.project import open_path_stage
         from gaga_core.scene.export import export_scene_stage
-        from gaga_core.scene.script import read_script, run_script
+        from gaga_core.scene.script import parse_script, run_script
 
-        operations = read_script(self.script)
+        script = _read_json(self.script)
+        parse_script(script)  # a mistake is told before a large model is read
         scene = out.follow(open_path_stage(self.input)).scene
-        run_script(scene, operations)
-        out.follow(export_scene_stage(scene, self.output, groups=self.groups))
-        values = {
-            "file": str(self.output),
-            "edits": len(operations),
-            "gaussians": int(scene.visible.sum()),
-        }
+        titles = run_script(scene, script)
+        written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
+        values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
         out.result(values, as_json=self.json)
         return 0
 
@@ -162,17 +169,16 @@ class Export:
         """Write plain 3DGS files that other tools open."""
         from gaga_core.project import open_path_stage
         from gaga_core.scene.export import export_objects_stage, export_scene_stage
-        from gaga_core.scene.objects import object_table
 
         scene = out.follow(open_path_stage(self.scene)).scene
         if self.what == "scene":
-            out.follow(export_scene_stage(scene, self.out, groups=self.groups))
-            written = 1
-        else:
-            table = object_table(scene)
-            chosen = self.only or tuple(int(g) for g in table.ids if g > 0)
-            written = len(out.follow(export_objects_stage(scene, self.out, chosen)))
-        out.result({"written": str(self.out), "files": written}, as_json=self.json)
+            written = out.follow(export_scene_stage(scene, self.out, groups=self.groups))
+            out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
+            return 0
+        stage = export_objects_stage(scene, self.out, self.only or None, source=str(self.scene))
+        manifest = out.follow(stage)
+        count = len(list(self.out.glob("*.ply")))
+        out.result({"manifest": str(manifest), "files": count}, as_json=self.json)
         return 0
 
 
@@ -267,6 +273,16 @@ Command = (
     | Annotated[Doctor, subcommand("doctor")]
     | Annotated[Demo, subcommand("demo")]
 )
+
+
+def _read_json(path: Path) -> object:
+    try:
+        content: object = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GagaError(f"{path} cannot be read: {error.strerror}. Check the path.") from error
+    except ValueError as error:
+        raise GagaError(f"{path} is no JSON ({error}). Mend it and run again.") from error
+    return content
 
 
 @dataclass(frozen=True)

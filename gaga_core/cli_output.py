@@ -35,7 +35,8 @@ def follow(stage: Stage[T]) -> T:
         TimeRemainingColumn(),
         TextColumn("{task.fields[message]}", style="dim"),
     )
-    with Progress(*columns, console=_messages, transient=True) as bar:
+    quiet = not _messages.is_terminal
+    with Progress(*columns, console=_messages, transient=True, disable=quiet) as bar:
         tasks: dict[str, TaskID] = {}
 
         def show(step: Step) -> None:

@@ -19,9 +19,9 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.grouping.bank_file import save_bank
 from gaga_core.grouping.views import load_labels
 from gaga_core.identity.votes import associated_labels
-from gaga_core.grouping.bank_file import save_bank
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import mask_folder, write_labels
 from gaga_core.io.ply import read_ply_stage
@@ -240,7 +240,8 @@ def splat_groups(
 def _depth_thousandths(rasterizer: Rasterizer, gaussians: Gaussians, camera: Camera) -> IntArray:
     channels = np.zeros((len(gaussians), 1), np.float32)
     depth = rasterizer.render(gaussians, camera, channels=channels).expected_depth
-    return np.minimum(np.rint(depth * 1000.0), 65535).astype(np.int32)
+    result: IntArray = np.minimum(np.rint(depth * 1000.0), 65535).astype(np.int32)
+    return result
 
 
 def _write_pseudo_labels(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.demo.patches import ellipsoid, pose, revolve, rounded_box, tube
+from gaga_core.demo.patches import Patch, ellipsoid, pose, revolve, rounded_box, tube
 from gaga_core.demo.sampling import Discs
 from gaga_core.demo.surface import Finish, Paint, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, noise, plain, rgb, step
@@ -22,22 +22,19 @@ def book(size: tuple[float, float, float], cloth: Color, accent: Color, seed: in
     board = 0.0035
     cover = Finish(_cloth(cloth, accent, size, seed), 0.10, 10.0)
     found: Parts = []
-    for name, z, faces in (("top", h - board / 2, "+z"), ("bottom", board / 2, "-z")):
-        del name
-        slab = rounded_box((w, d, board), 0.0012)
-        rims = [slab[k] for k in ("+x", "-y", "+y")]
-        inner = slab["-z" if faces == "+z" else "+z"]
+    slab = rounded_box((w, d, board), 0.0012)
+    rims = [slab[k] for k in ("+x", "-y", "+y")]
+    for z, outside, inside in ((h - board / 2, "+z", "-z"), (board / 2, "-z", "+z")):
         place = pose((0, 0, z))
-        found += moved(parts([slab[faces]], cover, 0.0095), place)
-        found += moved(parts([inner], cover, 0.02), place)
+        found += moved(parts([slab[outside]], cover, 0.0095), place)
+        found += moved(parts([slab[inside]], cover, 0.02), place)
         found += moved(parts(rims, cover, (0.0045, 0.0095)), place)
     found += _spine(size, cloth, accent)
     pages = rounded_box((w - 0.009, d - 0.014, h - 2 * board), 0.0006)
     leaves = Finish(_leaves())
     place = pose((0, 0, h / 2))
-    for face, along in (("+x", (0.0095, 0.0038)), ("-y", (0.0038, 0.0095)), ("+y", (0.0038, 0.0095))):
-        found += moved(parts([pages[face]], leaves, along), place)
-    return found
+    found += moved(parts([pages["+x"]], leaves, (0.0095, 0.0038)), place)
+    return found + moved(parts([pages["-y"], pages["+y"]], leaves, (0.0038, 0.0095)), place)
 
 
 def _cloth(cloth: Color, accent: Color, size: tuple[float, float, float], seed: int) -> Paint:
@@ -75,8 +72,6 @@ def _spine(size: tuple[float, float, float], cloth: Color, accent: Color) -> Par
         x = -w / 2 - bulge * (1 - s * s) + 0.0015
         return np.stack([x, (v - 0.5) * d, half + s * half], axis=1)
 
-    from gaga_core.demo.patches import Patch
-
     return parts([Patch(position)], Finish(paint, 0.12, 10.0), (0.0065, 0.0075))
 
 
@@ -100,10 +95,14 @@ def die(color: Color, pip: Color, edge: float = 0.036) -> Parts:
 
 
 def _pips(count: int, color: Color, pip: Color) -> Paint:
-    spots = {1: [(0, 0)], 2: [(-1, -1), (1, 1)], 3: [(-1, -1), (0, 0), (1, 1)],
-             4: [(-1, -1), (-1, 1), (1, -1), (1, 1)],
-             5: [(-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)],
-             6: [(-1, -1), (-1, 0), (-1, 1), (1, -1), (1, 0), (1, 1)]}[count]  # fmt: skip
+    spots = {
+        1: [(0, 0)],
+        2: [(-1, -1), (1, 1)],
+        3: [(-1, -1), (0, 0), (1, 1)],
+        4: [(-1, -1), (-1, 1), (1, -1), (1, 1)],
+        5: [(-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)],
+        6: [(-1, -1), (-1, 0), (-1, 1), (1, -1), (1, 0), (1, 1)],
+    }[count]
 
     def paint(p: Discs) -> DoubleArray:
         at = 2 * p.uv - 1
@@ -139,10 +138,8 @@ def globe() -> Parts:
         ground = mix(rgb("7f9a4f"), rgb("d3b878"), step(dry, 0.42, 0.6))
         color = mix(rgb("3c7f9c"), ground, step(land, 0.505, 0.53))
         color = mix(color, rgb("f5f2e8"), step(np.abs(q[:, 2]) + 0.15 * dry, 0.93, 0.98))
-        lines = np.minimum(
-            np.abs((np.arctan2(q[:, 1], q[:, 0]) / (np.pi / 6)) % 1 - 0.5) * np.hypot(q[:, 0], q[:, 1]),
-            np.abs((q[:, 2] * 3) % 1 - 0.5),
-        )
+        ring, turn = np.hypot(q[:, 0], q[:, 1]), np.arctan2(q[:, 1], q[:, 0]) / (np.pi / 6)
+        lines = np.minimum(np.abs(turn % 1 - 0.5) * ring, np.abs((q[:, 2] * 3) % 1 - 0.5))
         return mix(color, rgb("2f5c70"), 0.35 * (1 - step(lines, 0.015, 0.05)))
 
     ball = parts([ellipsoid((radius,) * 3)], Finish(paint, 0.55, 30.0), 0.0064)
@@ -151,8 +148,16 @@ def globe() -> Parts:
     arc = [
         (0.098 * np.sin(a), 0.0, height - 0.098 * np.cos(a)) for a in np.linspace(-0.05, 3.0, 12)
     ]
-    foot = [(0.0, 0.0), (0.062, 0.0), (0.066, 0.005), (0.060, 0.014), (0.022, 0.022),
-            (0.010, 0.034), (0.009, 0.058), (0.0, 0.06)]
+    foot = [
+        (0.0, 0.0),
+        (0.062, 0.0),
+        (0.066, 0.005),
+        (0.060, 0.014),
+        (0.022, 0.022),
+        (0.010, 0.034),
+        (0.009, 0.058),
+        (0.0, 0.06),
+    ]
     return [
         *moved(ball, pose((0, 0, height), tilt=23)),
         *moved(parts([tube(arc, [0.0042] * 12)], brass, 0.0046), pose(yaw=35)),

@@ -29,9 +29,7 @@ class Model:
     steps: int  # progress steps that building took
 
 
-def build_stage(
-    n_splats: int, seed: int, steps_after: int
-) -> Generator[Progress, None, Model]:
+def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progress, None, Model]:
     """Build about ``n_splats`` splats; ``steps_after`` belong to the whole task's progress."""
     rng = np.random.default_rng((seed, 0))
     coarseness = (_N_AT_ONE / n_splats) ** (1 / _FINE_EDGES)

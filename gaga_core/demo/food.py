@@ -36,8 +36,17 @@ def apple(red: Color, yellow: Color, seed: int) -> Parts:
         spots = 0.35 * step(noise(d.points / 0.0035, seed + 1), 0.82, 0.92)
         return mix(mix(yellow, red, step(blush * top, 0.05, 0.6)), yellow, spots)
 
-    profile = [(0.0, 0.006), (0.010, 0.001), (0.022, 0.003), (0.034, 0.022), (0.0385, 0.043),
-               (0.032, 0.064), (0.018, 0.071), (0.008, 0.067), (0.0, 0.058)]
+    profile = [
+        (0.0, 0.006),
+        (0.010, 0.001),
+        (0.022, 0.003),
+        (0.034, 0.022),
+        (0.0385, 0.043),
+        (0.032, 0.064),
+        (0.018, 0.071),
+        (0.008, 0.067),
+        (0.0, 0.058),
+    ]
     stem = tube([(0, 0, 0.058), (0.002, 0, 0.070), (0.006, 0.002, 0.080)], [0.0016, 0.0014, 0.0020])
     return [
         *parts([_bumpy(revolve(profile), 0.004, 0.04, seed)], Finish(paint, 0.55, 28.0), 0.0048),
@@ -52,12 +61,19 @@ def orange(seed: int) -> Parts:
         pits = fractal(d.points / 0.0035, 2, seed)
         cloud = fractal(d.points / 0.03, 2, seed + 1)
         navel = step(np.hypot(d.points[:, 0], d.points[:, 1]), 0.002, 0.0045)
-        skin = mix(rgb("f08a1c"), rgb("f7a531"), cloud) * (0.90 + 0.18 * pits)[:, None]
+        skin = mix(rgb("e06c08"), rgb("ec8414"), cloud) * (0.90 + 0.18 * pits)[:, None]
         low = mix(rgb("6f7a34"), skin, navel)
         return np.where(d.points[:, 2:] > 0.03, low, skin)
 
-    profile = [(0.0, 0.0), (0.016, 0.002), (0.031, 0.014), (0.038, 0.036), (0.032, 0.059),
-               (0.016, 0.071), (0.0, 0.0725)]
+    profile = [
+        (0.0, 0.0),
+        (0.016, 0.002),
+        (0.031, 0.014),
+        (0.038, 0.036),
+        (0.032, 0.059),
+        (0.016, 0.071),
+        (0.0, 0.0725),
+    ]
     skin = _bumpy(revolve(profile), 0.002, 0.03, seed)
     return parts([skin], Finish(paint, 0.35, 12.0), 0.0048)
 
@@ -70,8 +86,17 @@ def lemon(seed: int) -> Parts:
         color = mix(rgb("f3d03e"), rgb("e6bd2a"), fractal(d.points / 0.02, 2, seed + 1))
         return color * (0.92 + 0.14 * pits)[:, None]
 
-    profile = [(0.0, -0.046), (0.006, -0.043), (0.012, -0.035), (0.026, -0.018), (0.029, 0.0),
-               (0.026, 0.018), (0.012, 0.035), (0.007, 0.042), (0.0, 0.045)]
+    profile = [
+        (0.0, -0.046),
+        (0.006, -0.043),
+        (0.012, -0.035),
+        (0.026, -0.018),
+        (0.029, 0.0),
+        (0.026, 0.018),
+        (0.012, 0.035),
+        (0.007, 0.042),
+        (0.0, 0.045),
+    ]
     lying = pose((0, 0, 0.028), tilt=90)
     return moved(parts([revolve(profile)], Finish(paint, 0.4, 16.0), 0.0046), lying)
 
@@ -90,8 +115,14 @@ def bananas() -> Parts:
     found: Parts = []
     for k, yaw in enumerate((-26, 0, 24)):
         lift = 0.004 * (k == 1)
-        path = [(0.0, 0.0, 0.030), (0.022, 0.0, 0.022), (0.065, 0.0, 0.018 + lift),
-                (0.115, 0.0, 0.026 + lift), (0.155, 0.0, 0.052 + lift), (0.172, 0, 0.072 + lift)]
+        path = [
+            (0.0, 0.0, 0.030),
+            (0.022, 0.0, 0.022),
+            (0.065, 0.0, 0.018 + lift),
+            (0.115, 0.0, 0.026 + lift),
+            (0.155, 0.0, 0.052 + lift),
+            (0.172, 0, 0.072 + lift),
+        ]
         peel = tube(path, [0.006, 0.009, 0.0172, 0.0178, 0.0125, 0.0045])
         found += moved(parts([peel], Finish(paint, 0.2, 10.0), 0.0050), pose(yaw=yaw))
     return found
@@ -135,11 +166,16 @@ def _sprinkles(big: float, small: float, seed: int) -> Parts:
         turn, angle, yaw = rng.uniform(0, 360), rng.uniform(-0.9, 1.0), rng.uniform(0, 180)
         radius = big + 1.07 * small * np.sin(angle)
         height = small * (1 + 0.99 * np.cos(angle)) + 0.001
-        body = tube([(-0.0045, 0, 0), (-0.004, 0, 0), (0.004, 0, 0), (0.0045, 0, 0)],
-                    [0.0006, 0.0017, 0.0017, 0.0006])
+        body = tube(
+            [(-0.0045, 0, 0), (-0.004, 0, 0), (0.004, 0, 0), (0.0045, 0, 0)],
+            [0.0006, 0.0017, 0.0017, 0.0006],
+        )
         tilt = float(np.degrees(angle))
-        place = pose((radius * np.cos(np.radians(turn)), radius * np.sin(np.radians(turn)), height),
-                     yaw=turn, tilt=tilt)
+        place = pose(
+            (radius * np.cos(np.radians(turn)), radius * np.sin(np.radians(turn)), height),
+            yaw=turn,
+            tilt=tilt,
+        )
         finish = Finish(plain(colors[k % 4]), 0.3, 20.0)
         found += moved(moved(parts([body], finish, (0.0055, 0.0036)), pose(yaw=yaw)), place)
     return found

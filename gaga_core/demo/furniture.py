@@ -3,7 +3,16 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.demo.patches import ellipsoid, pose, rectangle, revolve, rod, rounded_box, tube
+from gaga_core.demo.patches import (
+    Patch,
+    ellipsoid,
+    pose,
+    rectangle,
+    revolve,
+    rod,
+    rounded_box,
+    tube,
+)
 from gaga_core.demo.sampling import Discs
 from gaga_core.demo.surface import Finish, Paint, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, plain, rgb, step, weave, wood
@@ -49,15 +58,15 @@ def chair(seat_color: Color) -> Parts:
         front = [(x, 0.19, 0.0), (x, 0.185, 0.2), (x, 0.18, 0.435)]
         back = [(1.04 * x, -0.24, 0.0), (x, -0.19, 0.42), (x, -0.20, 0.65), (x, -0.25, 0.93)]
         found += parts([tube(front, [0.015, 0.018, 0.020])], frame, (0.015, 0.026))
-        found += parts([rod(back, [0.015, 0.020, 0.018, 0.014])],
-                       frame, (0.015, 0.026))  # fmt: skip
+        found += parts([rod(back, [0.015, 0.020, 0.018, 0.014])], frame, (0.015, 0.026))
         rung = [(x, 0.185, 0.20), (x, -0.21, 0.22)]
         found += parts([tube(rung, [0.011, 0.011])], frame, (0.015, 0.026))
     for z, y in ((0.60, -0.197), (0.73, -0.214), (0.86, -0.237)):
         slat = [(-0.185, y, z), (-0.1, y - 0.022, z), (0.1, y - 0.022, z), (0.185, y, z)]
         found += parts([tube(slat, [0.026] * 4, flat=0.3)], frame, (0.015, 0.026))
-    found += parts([tube([(-0.185, 0.185, 0.27), (0.185, 0.185, 0.27)], [0.011, 0.011])],
-                   frame, (0.015, 0.026))  # fmt: skip
+    found += parts(
+        [tube([(-0.185, 0.185, 0.27), (0.185, 0.185, 0.27)], [0.011, 0.011])], frame, (0.015, 0.026)
+    )
     cloth = weave(plain(seat_color, mottle=0.04), thread=0.022, depth=0.22)
     seat = rounded_box((0.42, 0.41, 0.045), 0.02)
     at = pose((0, -0.005, 0.445))
@@ -77,9 +86,9 @@ def rug(length: float = 2.3, depth: float = 1.6) -> Parts:
         cell = np.abs((x / 0.32 + 0.5) % 1 - 0.5) + np.abs((y / 0.28 + 0.5) % 1 - 0.5)
         color = mix(ground, line, step(-np.abs(cell - 0.42), -0.075, -0.045))
         color = mix(color, accent, 1 - step(cell, 0.15, 0.2))
-        color = mix(color, line, (inset < 0.16) * 1.0)
-        color = mix(color, ground, ((inset < 0.125) & (inset > 0.10)) * 1.0)
-        return mix(color, accent, (inset < 0.05) * 1.0)
+        color = mix(color, line, inset < 0.16)
+        color = mix(color, ground, (inset < 0.125) & (inset > 0.10))
+        return mix(color, accent, inset < 0.05)
 
     def knotted(d: Discs) -> DoubleArray:
         return weave(paint, thread=0.03, depth=0.16)(d)
@@ -92,8 +101,12 @@ def rug(length: float = 2.3, depth: float = 1.6) -> Parts:
 
 def runner(length: float, depth: float, top: float) -> Parts:
     """A linen runner across the table that hangs over both long edges."""
-    bands = [(rgb("ece3d0"), 0.030), (rgb("3f6b7a"), 0.012), (rgb("ece3d0"), 0.012),
-             (rgb("3f6b7a"), 0.006)]  # fmt: skip
+    bands = [
+        (rgb("ece3d0"), 0.030),
+        (rgb("3f6b7a"), 0.012),
+        (rgb("ece3d0"), 0.012),
+        (rgb("3f6b7a"), 0.006),
+    ]
 
     def paint(d: Discs) -> DoubleArray:
         edge = length / 2 - np.abs(d.uv[:, 0] - 0.5) * length
@@ -121,15 +134,24 @@ def runner(length: float, depth: float, top: float) -> Parts:
         x = (u - 0.5) * length * (1 + 0.01 * fall / hang)
         return np.stack([x, y + side * sway, z], axis=1)
 
-    from gaga_core.demo.patches import Patch
-
     return parts([Patch(position)], Finish(paint, soft=0.2), (0.0068, 0.0115))
 
 
 def lamp(foot: Color, shade: Color) -> Parts:
     """A table lamp with a linen shade that glows."""
-    base = [(0.0, 0.0), (0.06, 0.0), (0.066, 0.006), (0.06, 0.02), (0.05, 0.06), (0.062, 0.11),
-            (0.058, 0.16), (0.03, 0.20), (0.013, 0.215), (0.012, 0.25), (0.0, 0.252)]
+    base = [
+        (0.0, 0.0),
+        (0.06, 0.0),
+        (0.066, 0.006),
+        (0.06, 0.02),
+        (0.05, 0.06),
+        (0.062, 0.11),
+        (0.058, 0.16),
+        (0.03, 0.20),
+        (0.013, 0.215),
+        (0.012, 0.25),
+        (0.0, 0.252),
+    ]
     brass = Finish(plain(rgb("b98b3e")), 0.9, 25.0)
     rod = tube([(0, 0, 0.24), (0, 0, 0.33)], [0.007, 0.007])
     low, high, z0, z1 = 0.140, 0.095, 0.27, 0.46
@@ -159,8 +181,10 @@ def shelf(length: float = 0.95) -> Parts:
     found = moved(parts(plank, Finish(OAK, 0.15, 12.0), 0.015), pose((0, -0.10, -0.013)))
     iron = Finish(plain(rgb("3b3a3a")), 0.3, 15.0)
     for x in (-0.36, 0.36):
-        arm = tube([(x, -0.01, -0.15), (x, -0.02, -0.14), (x, -0.15, -0.04), (x, -0.155, -0.026)],
-                   [0.007] * 4)  # fmt: skip
+        arm = tube(
+            [(x, -0.01, -0.15), (x, -0.02, -0.14), (x, -0.15, -0.04), (x, -0.155, -0.026)],
+            [0.007] * 4,
+        )
         found += parts([arm], iron, 0.011)
     return found
 
@@ -172,12 +196,16 @@ def picture(width: float, height: float, art: Paint, frame: Color) -> Parts:
     bars: Parts = []
     for z in (-1, 1):
         bar = rounded_box((width + 2 * rim, 0.028, rim), 0.006)
-        bars += moved(parts([bar[k] for k in ("-y", "-z", "+z", "-x", "+x")], moulding, 0.0135),
-                      pose((0, 0, z * (height + rim) / 2)))  # fmt: skip
+        bars += moved(
+            parts([bar[k] for k in ("-y", "-z", "+z", "-x", "+x")], moulding, 0.0135),
+            pose((0, 0, z * (height + rim) / 2)),
+        )
     for x in (-1, 1):
         bar = rounded_box((rim, 0.028, height), 0.006)
-        bars += moved(parts([bar[k] for k in ("-y", "-x", "+x")], moulding, 0.0135),
-                      pose((x * (width + rim) / 2, 0, 0)))  # fmt: skip
+        bars += moved(
+            parts([bar[k] for k in ("-y", "-x", "+x")], moulding, 0.0135),
+            pose((x * (width + rim) / 2, 0, 0)),
+        )
     canvas = rectangle((-width / 2, -0.004, -height / 2), (width, 0, 0), (0, 0, height))
     return bars + parts([canvas], Finish(art, 0.06, 10.0), 0.0105)
 
@@ -188,16 +216,21 @@ def clock(radius: float = 0.145) -> Parts:
     def paint(d: Discs) -> DoubleArray:
         x, y = d.points[:, 0] / radius, d.points[:, 1] / radius
         r, hour = np.hypot(x, y), np.arctan2(x, y) / (2 * np.pi) * 12
-        tick = (np.abs((hour + 0.5) % 1 - 0.5) < 0.07 / np.maximum(r, 0.3)) & (r > 0.74) & (r < 0.88)
-        ink = tick * 1.0
+        tick = np.abs((hour + 0.5) % 1 - 0.5) < 0.07 / np.maximum(r, 0.3)
+        ink = (tick & (r > 0.74) & (r < 0.88)).astype(np.float64)
         for turn, length, half in ((10.17 / 12, 0.48, 0.045), (10 / 60, 0.70, 0.032)):
             a = 2 * np.pi * turn
             along, side = x * np.sin(a) + y * np.cos(a), x * np.cos(a) - y * np.sin(a)
             ink = np.maximum(ink, (np.abs(side) < half) & (along > -0.1) & (along < length))
         return mix(rgb("f6f0e2"), rgb("2e2a26"), np.maximum(ink, r < 0.07))
 
-    rim = [(radius - 0.004, 0.010), (radius - 0.002, 0.024), (radius + 0.008, 0.028),
-           (radius + 0.017, 0.018), (radius + 0.016, 0.0)]  # fmt: skip
+    rim = [
+        (radius - 0.004, 0.010),
+        (radius - 0.002, 0.024),
+        (radius + 0.008, 0.028),
+        (radius + 0.017, 0.018),
+        (radius + 0.016, 0.0),
+    ]
     face = revolve([(radius, 0.012), (0.0, 0.012)], smooth=False)
     brass = Finish(plain(rgb("c0913f"), mottle=0.04), 0.9, 22.0)
     outer = revolve(rim[::-1])
@@ -207,6 +240,7 @@ def clock(radius: float = 0.145) -> Parts:
 
 def landscape(low: Color, high: Color, seed: int) -> Paint:
     """A painted evening: a sun over three ranges of hills."""
+
     def paint(d: Discs) -> DoubleArray:
         x, y = d.uv.T
         color = mix(low, high, step(y, 0.35, 1.0))

@@ -32,12 +32,19 @@ def _furniture() -> list[Item]:
     return [
         _item("table", furniture.table(), (0, 0, 0)),
         _item("rug", furniture.rug(), (0.05, -0.15, 0.001)),
-        _item("chair", furniture.chair(TEAL), (1.02, -0.02, 0.014), 76),
+        _item("chair", furniture.chair(TEAL), (1.13, 0.10, 0.014), 116),
         _item("chair", furniture.chair(TEAL), (-1.03, 0.08, 0.014), -97),
-        _item("picture of hills at dusk", furniture.picture(0.62, 0.46, dusk, walnut),
-              (0.78, BACK - 0.016, 1.50)),
-        _item("picture of hills at dawn", furniture.picture(0.40, 0.52, dawn, walnut),
-              (LEFT + 0.016, -0.15, 1.42), 90),
+        _item(
+            "picture of hills at dusk",
+            furniture.picture(0.62, 0.46, dusk, walnut),
+            (0.78, BACK - 0.016, 1.50),
+        ),
+        _item(
+            "picture of hills at dawn",
+            furniture.picture(0.40, 0.52, dawn, walnut),
+            (LEFT + 0.016, -0.15, 1.42),
+            90,
+        ),
         _item("wall clock", furniture.clock(), (1.46, BACK - 0.002, 1.62)),
         _item("plant pot", plants.pot(rgb("c07a55")), (1.42, 0.82, 0.001)),
         _item("rubber plant", plants.rubber_plant(), (1.42, 0.82, 0.26)),
@@ -88,10 +95,15 @@ def _left_end() -> list[Item]:
     return [
         _on_table("table lamp", tableware_lamp(), -0.54, 0.22),
         _item("book", books.book((0.17, 0.24, 0.036), PLUM, books.GOLD, 1), (x, y, z), 78),
-        _item("book", books.book((0.155, 0.22, 0.028), SAGE, rgb("efe3c8"), 2),
-              (x + 0.01, y, z + 0.036), 98),
-        _item("book", books.book((0.13, 0.19, 0.024), MUSTARD, NAVY, 3),
-              (x, y + 0.005, z + 0.064), 70),
+        _item(
+            "book",
+            books.book((0.155, 0.22, 0.028), SAGE, rgb("efe3c8"), 2),
+            (x + 0.01, y, z + 0.036),
+            98,
+        ),
+        _item(
+            "book", books.book((0.13, 0.19, 0.024), MUSTARD, NAVY, 3), (x, y + 0.005, z + 0.064), 70
+        ),
         _on_table("die", die, -0.30, -0.345, 25),
         _item("die", moved(die, pose((0, 0, 0.036), roll=90)), (-0.225, -0.34, z - 0.018), 60),
     ]
@@ -106,9 +118,11 @@ def _shelf() -> list[Item]:
     x, y, z = _SHELF
     found = [_item("wall shelf", furniture.shelf(), _SHELF)]
     row = [
-        ((0.15, 0.215, 0.034), NAVY, books.GOLD), ((0.14, 0.23, 0.026), RUST, rgb("efe3c8")),
-        ((0.15, 0.205, 0.040), TEAL, rgb("efe3c8")), ((0.13, 0.19, 0.024), MUSTARD, NAVY),
-    ]  # fmt: skip
+        ((0.15, 0.215, 0.034), NAVY, books.GOLD),
+        ((0.14, 0.23, 0.026), RUST, rgb("efe3c8")),
+        ((0.15, 0.205, 0.040), TEAL, rgb("efe3c8")),
+        ((0.13, 0.19, 0.024), MUSTARD, NAVY),
+    ]
     at = x - 0.42
     for k, (size, cloth, accent) in enumerate(row):
         upright = books.book(size, cloth, accent, 10 + k)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray
+from gaga_core.arrays import DoubleArray, FloatArray, LongArray
 from gaga_core.color import SH_C0
 from gaga_core.demo import room
 from gaga_core.demo.shadow import cone, lit_share, occluders, sphere
 from gaga_core.demo.surface import Surface
-from gaga_core.progress import Stage, Progress
+from gaga_core.progress import Progress, Stage
 
 
 def _unit(x: float, y: float, z: float) -> DoubleArray:
@@ -106,20 +106,16 @@ def _fit(surface: Surface, diffuse: DoubleArray, sun: DoubleArray, lights: Light
     views = sphere(40)
     views = views[views[:, 2] > -0.5]  # nobody looks from under the floor
     basis = sh_basis(-views)  # SH is a function of the direction from the eye to the splat
-    inverse = np.linalg.solve(basis.T @ basis + 0.35 * np.diag([0.0] + [1.0] * 8), basis.T)
+    inverse = np.linalg.solve(basis.T @ basis + 0.2 * np.diag([0.0] + [1.0] * 8), basis.T)
     for part in np.array_split(glazed, max(1, len(glazed) // 8000)):
-        colors = np.stack(
-            [
-                film(diffuse[part] + _gloss(surface, part, sun, view, lights), lights.exposure)
-                for view in views
-            ]
-        )  # (V, n, 3)
+        light = [diffuse[part] + _gloss(surface, part, sun, view, lights) for view in views]
+        colors = film(np.stack(light), lights.exposure)  # (V, n, 3)
         sh[part] = np.einsum("kv,vnc->nkc", inverse, colors - 0.5)
     return sh
 
 
 def _gloss(
-    surface: Surface, part: DoubleArray, sun: DoubleArray, view: DoubleArray, lights: Lights
+    surface: Surface, part: LongArray, sun: DoubleArray, view: DoubleArray, lights: Lights
 ) -> DoubleArray:
     """Reflected light (n, 3) towards a viewer in direction ``view``: key light, window, sky."""
     n = surface.normals[part]
@@ -131,7 +127,7 @@ def _gloss(
     half = lights.key + _anchor(view)
     half /= np.linalg.norm(half)
     spot = np.maximum(n @ half, 0)[:, None] ** (4 * shine)
-    key = spot * (0.35 + 0.65 * sun[part, None]) * np.array(lights.key_color) * 0.55
+    key = spot * (0.35 + 0.65 * sun[part, None]) * np.array(lights.key_color) * 1.0
     result: DoubleArray = gloss * (fresnel * sky * 1.6 + key)
     return result
 

@@ -42,7 +42,9 @@ class DemoConfig:
             raise ValueError(f"demo: too little to make a scene of: {self}")
 
 
-def make_demo_stage(folder: Path, seed: int = 0, *, config: DemoConfig | None = None) -> Stage[Path]:
+def make_demo_stage(
+    folder: Path, seed: int = 0, *, config: DemoConfig | None = None
+) -> Stage[Path]:
     """Write the demo's scene folder (DESIGN section 7) and return it.
 
     It is made beside ``folder`` and renamed at the end: a cancelled demo leaves nothing. An older
@@ -58,7 +60,7 @@ def make_demo_stage(folder: Path, seed: int = 0, *, config: DemoConfig | None = 
         model = yield from build_stage(wanted.n_splats, wanted.seed, wanted.n_views + 1)
         cameras = yield from _photographed(made, wanted, model, model.steps)
         _write_model(made, wanted, model, cameras)
-        _keep_others(folder, made)
+        pass
         publish(staging, folder.name, folder.parent)
     return folder
 

@@ -56,8 +56,10 @@ def segmenter_masks(
 def _segments(things: IntArray) -> list[Segment]:
     found = []
     for k, (rows, columns) in _windows(things):
-        window = (slice(max(rows.start - 3, 0), rows.stop + 3),
-                  slice(max(columns.start - 3, 0), columns.stop + 3))  # fmt: skip
+        window = (
+            slice(max(rows.start - 3, 0), rows.stop + 3),
+            slice(max(columns.start - 3, 0), columns.stop + 3),
+        )
         found.append(Segment(window, things[window] == k))
     return found
 
@@ -65,30 +67,30 @@ def _segments(things: IntArray) -> list[Segment]:
 def _windows(labels: IntArray) -> list[tuple[int, tuple[slice, slice]]]:
     """Each label with the smallest window around it."""
     found = enumerate(ndimage.find_objects(labels), start=1)
-    return [(k, window) for k, window in found if window is not None]
+    return [(k, (window[0], window[1])) for k, window in found if window is not None]
 
 
 def room_parts(camera: Camera) -> IntArray:
     """Which part of the empty room each pixel (H, W) sees: 1 floor, 2 back wall, 3 left wall,
     0 outside."""
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
-    pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1)
-    rays = pixels @ np.linalg.inv(camera.K).T @ camera.cam_from_world[:3, :3]
-    eye = camera.position
-    nearest = np.full(len(rays), np.inf)
-    parts = np.zeros(len(rays), np.int32)
-    low = np.array([room.LEFT, room.FRONT, 0.0])
-    high = np.array([room.RIGHT, room.BACK, room.TOP])
+    u = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
+    v = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
+    x, y, z = camera.cam_from_world[:3, :3].astype(np.float32)  # the camera's axes in the world
+    rays = [u[None, :] * x[k] + v[:, None] * y[k] + z[k] for k in range(3)]
+    low, high = (room.LEFT, room.FRONT, 0.0), (room.RIGHT, room.BACK, room.TOP)
+    nearest = np.full(rays[0].shape, np.inf)
+    parts = np.zeros(rays[0].shape, np.int32)
     for part, axis, level in ((1, 2, 0.0), (2, 1, room.BACK), (3, 0, room.LEFT)):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (level - eye[axis]) / rays[:, axis]
-            at = eye + distance[:, None] * rays
-        others = [k for k in range(3) if k != axis]
-        inside = ((at >= low) & (at <= high))[:, others].all(axis=1)
-        hit = inside & (distance > 0) & (distance < nearest)
+        with np.errstate(divide="ignore"):
+            distance = (level - camera.position[axis]) / rays[axis]
+        hit = (distance > 0) & (distance < nearest)
+        for k in range(3):
+            if k != axis:
+                at = camera.position[k] + distance * rays[k]
+                hit &= (at >= low[k]) & (at <= high[k])
         nearest[hit] = distance[hit]
         parts[hit] = part
-    return parts.reshape(camera.height, camera.width)
+    return parts
 
 
 def _merged(things: IntArray, n_objects: int, f: Faults, rng: np.random.Generator) -> IntArray:
@@ -141,7 +143,9 @@ def _painted(
 def _raggedness(shape: tuple[int, ...], rng: np.random.Generator) -> IntArray:
     """By how much edges move outwards, pixel by pixel: -1 to 2, in patches of a few pixels."""
     rough: DoubleArray = ndimage.gaussian_filter(rng.normal(size=shape), 2.5)
-    return np.digitize(rough / rough.std(), [-0.6, 0.5, 1.2]).astype(np.int32) - 1
+    level = np.digitize(rough / rough.std(), [-0.6, 0.5, 1.2])
+    result: IntArray = (level - 1).astype(np.int32)
+    return result
 
 
 def _ragged(mask: BoolArray, outwards: IntArray) -> BoolArray:

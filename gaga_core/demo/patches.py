@@ -100,7 +100,8 @@ def rod(path: Sequence[Point], radii: Sequence[float], *, flat: float = 1.0) -> 
     tail = [p[-1] + a * r[-1] * last for a, _ in bulge]
     ends = [b for _, b in bulge]
     return tube(
-        [*head, *p, *tail], [*(r[0] * b for b in ends[::-1]), *r, *(r[-1] * b for b in ends)],
+        [*head, *p, *tail],
+        [*(r[0] * b for b in ends[::-1]), *r, *(r[-1] * b for b in ends)],
         flat=flat,
     )
 
@@ -147,7 +148,11 @@ def placed(patch: Patch, matrix: DoubleArray) -> Patch:
 
 
 def pose(
-    offset: Point = (0, 0, 0), *, yaw: float = 0.0, tilt: float = 0.0, roll: float = 0.0,
+    offset: Point = (0, 0, 0),
+    *,
+    yaw: float = 0.0,
+    tilt: float = 0.0,
+    roll: float = 0.0,
     scale: float = 1.0,
 ) -> DoubleArray:
     """Placement (3, 4): roll about x, then tilt about y, then yaw about z (degrees), then move."""

@@ -61,9 +61,11 @@ def bouquet(seed: int = 4) -> Parts:
     """Blossoms and leaves on stems that come out of the vase's neck at z = 0."""
     rng = np.random.default_rng(seed)
     kinds = [
-        (rgb("e2603f"), rgb("5a2a20"), 0.046, 6), (rgb("f6efe0"), rgb("e0a92e"), 0.042, 9),
-        (rgb("eda73c"), rgb("7a4a1e"), 0.044, 8), (rgb("e99a94"), rgb("c24d4d"), 0.045, 7),
-    ]  # fmt: skip
+        (rgb("e2603f"), rgb("5a2a20"), 0.046, 6),
+        (rgb("f6efe0"), rgb("e0a92e"), 0.042, 9),
+        (rgb("eda73c"), rgb("7a4a1e"), 0.044, 8),
+        (rgb("e99a94"), rgb("c24d4d"), 0.045, 7),
+    ]
     green = Finish(plain(rgb("5f7f3c"), mottle=0.1, scale=0.01), soft=0.3)
     leaf = Finish(_leaf_paint(rgb("8fae5a"), rgb("4d7035"), 2), 0.1, 10.0, 0.0, 0.7)
     found: Parts = []
@@ -98,7 +100,8 @@ def rubber_plant(seed: int = 8) -> Parts:
         length = 0.34 - 0.13 * (k / 16) + rng.uniform(-0.02, 0.02)
         yaw = 137.5 * k + rng.uniform(-10, 10)
         stalk = tube([(0, 0, 0), (0.04, 0, 0.004), (0.085, 0, 0.0)], [0.005, 0.004, 0.003])
-        one = moved(parts([blade(length, 0.42 * length, bend=0.9)], leaf, 0.0155), pose((0.08, 0, 0)))
+        surface = parts([blade(length, 0.42 * length, bend=0.9)], leaf, 0.0155)
+        one = moved(surface, pose((0.08, 0, 0)))
         one += parts([stalk], bark, (0.012, 0.02))
         found += moved(moved(one, pose(tilt=lift)), pose((0.012, 0.01, height), yaw=yaw))
     return found
@@ -108,8 +111,18 @@ def pot(color: Color, size: float = 1.0) -> Parts:
     """A terracotta pot with earth in it; 30 cm high at size 1."""
     clay = Finish(plain(color, mottle=0.08, scale=0.05), 0.05, 8.0)
     earth = Finish(plain(rgb("4a3626"), mottle=0.35, scale=0.012))
-    wall = [(0.0, 0.0), (0.11, 0.0), (0.118, 0.006), (0.15, 0.25), (0.165, 0.252), (0.168, 0.258),
-            (0.170, 0.30), (0.164, 0.305), (0.155, 0.300), (0.150, 0.26)]
+    wall = [
+        (0.0, 0.0),
+        (0.11, 0.0),
+        (0.118, 0.006),
+        (0.15, 0.25),
+        (0.165, 0.252),
+        (0.168, 0.258),
+        (0.170, 0.30),
+        (0.164, 0.305),
+        (0.155, 0.300),
+        (0.150, 0.26),
+    ]
     points = [(size * r, size * z) for r, z in wall]
     soil = [(size * 0.152, size * 0.272), (size * 0.08, size * 0.278), (0.0, size * 0.276)]
     fine = 0.0145 * size**0.7
@@ -130,7 +143,7 @@ def cactus() -> Parts:
     def paint(d: Discs) -> DoubleArray:
         ridge = np.abs(np.cos(12 * np.pi * d.uv[:, 0]))
         dots = ((d.uv[:, 1] * 14) % 1 > 0.55) & (ridge > 0.9)
-        return mix(mix(rgb("3f6b41"), rgb("7fa25c"), ridge), rgb("f3ecd2"), dots * 0.9)
+        return mix(mix(rgb("3f6b41"), rgb("7fa25c"), ridge), rgb("f3ecd2"), dots)
 
     finish = Finish(paint, 0.05, 8.0, 0.0, 0.2)
     bloom = _blossom(rgb("e86a8a"), rgb("f4d35e"), 0.024, 7, 3)

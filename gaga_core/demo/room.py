@@ -31,18 +31,23 @@ def shell(coarseness: float, rng: np.random.Generator) -> Surface:
     back = Part(rectangle((LEFT, BACK, 0.09), (w, 0, 0), (0, 0, TOP - 0.09)), _PAINT, (0.05, 0.05))
     left = Part(rectangle((LEFT, FRONT, 0.09), (0, d, 0), (0, 0, TOP - 0.09)), _PAINT, (0.05, 0.05))
     found = []
-    for part, axes, holes in ((floor, (0, 1), (_RUG,)), (back, (0, 2), _ON_BACK),
-                              (left, (1, 2), _ON_LEFT)):  # fmt: skip
+    for part, axes, holes in (
+        (floor, (0, 1), (_RUG,)),
+        (back, (0, 2), _ON_BACK),
+        (left, (1, 2), _ON_LEFT),
+    ):
         plane = cover(Item("room", (part,), pose()), 0, coarseness, rng)
-        covered = [_inside(plane.points[:, axes], centre, half) for centre, half in holes]
-        found.append(_kept(plane, ~np.any(covered, axis=0)))
+        keep = np.ones(len(plane), np.bool_)
+        for centre, half in holes:
+            keep[_inside(plane.points[:, axes], centre, half)] = False
+        found.append(_kept(plane, keep))
     found.append(cover(Item("room", (*_behind(), *_skirting()), pose()), 0, coarseness, rng))
     return joined(found)
 
 
 def _inside(at: DoubleArray, centre: tuple[float, float], half: tuple[float, float]) -> BoolArray:
-    result: BoolArray = (np.abs(at - centre) < np.asarray(half) + _GAP).all(axis=1)
-    return result
+    near = np.abs(at - centre) < np.asarray(half) + _GAP
+    return near[:, 0] & near[:, 1]
 
 
 def _kept(surface: Surface, keep: BoolArray) -> Surface:
@@ -51,17 +56,17 @@ def _kept(surface: Surface, keep: BoolArray) -> Surface:
 
 def _behind() -> list[Part]:
     """What of floor and walls lies behind rug, pictures and clock, a little deeper."""
+    m, deep = _MARGIN, _DEPTH
     (x, y), (a, b) = _RUG
-    a, b = a + _MARGIN, b + _MARGIN
-    rug = rectangle((x - a, y - b, -_DEPTH), (2 * a, 0, 0), (0, 2 * b, 0))
+    rug = rectangle((x - a - m, y - b - m, -deep), (2 * (a + m), 0, 0), (0, 2 * (b + m), 0))
     found = [Part(rug, _OAK, (0.05, 0.04))]
     for (x, z), (a, b) in _ON_BACK:
-        a, b = a + _MARGIN, b + _MARGIN
-        patch = rectangle((x - a, BACK + _DEPTH, z - b), (2 * a, 0, 0), (0, 0, 2 * b))
+        corner = (x - a - m, BACK + deep, z - b - m)
+        patch = rectangle(corner, (2 * (a + m), 0, 0), (0, 0, 2 * (b + m)))
         found.append(Part(patch, _PAINT, (0.04, 0.04)))
     for (y, z), (a, b) in _ON_LEFT:
-        a, b = a + _MARGIN, b + _MARGIN
-        patch = rectangle((LEFT - _DEPTH, y - a, z - b), (0, 2 * a, 0), (0, 0, 2 * b))
+        corner = (LEFT - deep, y - a - m, z - b - m)
+        patch = rectangle(corner, (0, 2 * (a + m), 0), (0, 0, 2 * (b + m)))
         found.append(Part(patch, _PAINT, (0.04, 0.04)))
     return found
 

@@ -17,10 +17,10 @@ def gaussians_of(surface: Surface, sh: FloatArray, rng: np.random.Generator) -> 
     n = len(surface)
     across = np.cross(surface.normals, surface.tangents)
     axes = np.stack([surface.tangents, across, surface.normals], axis=2)
-    in_plane = np.clip(surface.sizes, 0.0012, None) 
+    in_plane = np.clip(surface.sizes, 0.0012, None)
     in_plane *= np.where(surface.labels == 0, _ROOM_SPREAD, SPREAD)[:, None]
     # No splat is much longer than wide by accident of a patch's corner.
-    in_plane = np.minimum(in_plane, 6 * in_plane.min(axis=1, keepdims=True))
+    in_plane = np.minimum(in_plane, 3.5 * in_plane.min(axis=1, keepdims=True))
     thick = np.maximum(_THICKNESS * in_plane.min(axis=1), 2e-4)
     opacity = rng.uniform(0.970, 0.992, n)
     return Gaussians(

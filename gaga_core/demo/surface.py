@@ -57,7 +57,9 @@ class Surface:
         return len(self.points)
 
 
-def parts(patches: Sequence[Patch], finish: Finish, step: float | tuple[float, float]) -> list[Part]:
+def parts(
+    patches: Sequence[Patch], finish: Finish, step: float | tuple[float, float]
+) -> list[Part]:
     """Several patches of one finish."""
     both = (step, step) if isinstance(step, float) else step
     return [Part(patch, finish, both) for patch in patches]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.demo.sampling import Discs
 from gaga_core.demo.surface import Paint
 
@@ -29,7 +29,8 @@ def _hash(cell: LongArray, seed: int) -> DoubleArray:
         )
         h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
         h = (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
-    return (h >> np.uint64(40)).astype(np.float64) / float(1 << 24)
+    result: DoubleArray = (h >> np.uint64(40)).astype(np.float64) / float(1 << 24)
+    return result
 
 
 def noise(points: DoubleArray, seed: int = 0) -> DoubleArray:
@@ -56,9 +57,9 @@ def fractal(points: DoubleArray, octaves: int = 3, seed: int = 0) -> DoubleArray
     return result
 
 
-def mix(a: Color | DoubleArray, b: Color | DoubleArray, t: DoubleArray) -> DoubleArray:
+def mix(a: Color | DoubleArray, b: Color | DoubleArray, t: DoubleArray | BoolArray) -> DoubleArray:
     """Blend (N, 3) from ``a`` where t (N,) is 0 to ``b`` where it is 1."""
-    w = np.clip(t, 0, 1)[:, None]
+    w = np.clip(np.asarray(t, np.float64), 0, 1)[:, None]
     result: DoubleArray = np.asarray(a) * (1 - w) + np.asarray(b) * w
     return result
 
@@ -130,6 +131,7 @@ def weave(base: Paint, *, thread: float = 0.01, depth: float = 0.12) -> Paint:
         a = np.sin(np.pi * d.points[:, 0] / thread)
         b = np.sin(np.pi * d.points[:, 1] / thread)
         fuzz = fractal(d.points / (0.6 * thread), 2, 3) - 0.5
-        return base(d) * (1 + depth * (0.5 * np.sign(a * b) + fuzz))[:, None]
+        result: DoubleArray = base(d) * (1 + depth * (0.5 * np.sign(a * b) + fuzz))[:, None]
+        return result
 
     return paint

@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks
@@ -29,6 +31,8 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
 _NEIGHBOURS = 8
+_MIN_PIXELS = 30  # a group that shows on fewer pixels of a view has no say there
+_MIN_TOGETHER = 2  # views
 
 
 def reassign_masks(
@@ -43,10 +47,13 @@ def reassign_masks(
     """Give each mask the group that most of its pixels show when ``labels`` are rendered.
 
     Pixels that show no group do not vote; a mask of which less than the share ``threshold`` shows
-    one group gets none. The new decisions carry these shares as their overlaps.
+    one group gets none. The new decisions carry these shares as their overlaps. Groups that most
+    views hold to be one thing (`same_thing`) become one.
     """
     before = {(d.view, d.mask): d for d in bank.log}
     log = []
+    together = np.zeros((bank.n_groups + 1, bank.n_groups + 1), np.int32)
+    apart = np.zeros_like(together)
     for i, camera in enumerate(views):
         yield Progress("Reassign masks", i, len(views), camera.name)
         view_masks = ViewMasks.of(load_labels(masks, camera)[0])
@@ -57,6 +64,7 @@ def reassign_masks(
         table = counts.reshape(-1, width)
         sizes = np.maximum(table.sum(axis=1), 1)
         best, second = two_best(table)
+        _compare_groups(table, together, apart)
         for m in range(1, len(view_masks) + 1):
             old = before[camera.name, int(view_masks.ids[m])]
             share = float(table[m, best[m]] / sizes[m]) if best[m] else 0.0
@@ -71,7 +79,36 @@ def reassign_masks(
                     runner_up_overlap=float(table[m, second[m]] / sizes[m]) if second[m] else 0.0,
                 )
             )
-    return tuple(log)
+    merged = same_thing(together, apart)
+    return tuple(_renumbered(decision, merged) for decision in log)
+
+
+def same_thing(together: IntArray, apart: IntArray) -> IntArray:
+    """The group (G + 1,) that each group becomes when those that are one thing are merged.
+
+    ``together[a, b]`` counts the views in which a and b show mainly inside one mask, ``apart`` those
+    in which they show inside two. Two groups are one thing when at least `_MIN_TOGETHER` views say
+    so and more than say the opposite. A merged group keeps its lowest id.
+    """
+    one = (together >= _MIN_TOGETHER) & (together > apart)
+    n, component = connected_components(csr_matrix(one), directed=False)
+    lowest = np.full(n, len(one), np.int64)
+    np.minimum.at(lowest, component, np.arange(len(one)))
+    return lowest[component].astype(np.int32)
+
+
+def _compare_groups(
+    table: LongArray,  # (M + 1, G + 1) pixels of mask m that show group g
+    together: IntArray,  # (G + 1, G + 1) views, added to in place; both are symmetric
+    apart: IntArray,
+) -> None:
+    """Add one view's opinion on every pair of groups that it shows under masks."""
+    main_mask = table.argmax(axis=0)
+    shown = np.flatnonzero((table.sum(axis=0) >= _MIN_PIXELS) & (main_mask > 0))
+    shown = shown[shown > 0]
+    same = main_mask[shown][:, None] == main_mask[shown][None, :]
+    together[np.ix_(shown, shown)] += same
+    apart[np.ix_(shown, shown)] += ~same
 
 
 def prune_groups(bank: MemoryBank, min_views: int) -> MemoryBank:

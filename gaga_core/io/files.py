@@ -21,6 +21,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    try:
         yield temporary
         os.replace(temporary, path)  # noqa: PTH105  atomic on every system
     except OSError as error:

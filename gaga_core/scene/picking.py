@@ -48,9 +48,9 @@ def pick(scene: Scene, camera: Camera, u: float, v: float) -> Pick | None:
     found, member = np.unique(scene.labels[index], return_inverse=True)
     sums = np.bincount(member, weights=weights)
     best = int(sums.argmax())
-    # A pixel that stays half open has no median depth: take the middle of what it shows.
+    # A pixel that stays more than half open has no median depth: take the middle of what it shows.
     covered = np.cumsum(weights)
-    middle = int(np.searchsorted(covered, min(0.5, covered[-1] / 2)))
+    middle = int(np.searchsorted(covered, 0.5 if covered[-1] >= 0.5 else covered[-1] / 2))
     depth = float(depths[order[min(middle, n - 1)]])
     return Pick(
         group=int(found[best]),
@@ -73,7 +73,8 @@ def _hits(
     poses = np.einsum("ij,pjk->pik", pose[:, :3], placements.matrix)
     poses[:, :, 3] += pose[:, 3]
     growth = np.linalg.norm(placements.matrix[:, :, :3], ord=2, axis=(1, 2)) ** 2
-    columns = [for_kernel(c, np.float32) for c in (g.means, g.quats, g.log_scales)]
+    means, quats = for_kernel(g.means, np.float32), for_kernel(g.quats, np.float32)
+    log_scales = for_kernel(g.log_scales, np.float32)
     logits = for_kernel(g.logit_opacities, np.float32)
     state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
     opacities = np.array(placements.opacity, np.float64)
@@ -85,7 +86,9 @@ def _hits(
 
     def work(start: int, stop: int) -> None:
         pick_pixel(
-            *columns,
+            means,
+            quats,
+            log_scales,
             logits,
             state,
             unseen,

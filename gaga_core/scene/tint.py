@@ -45,12 +45,14 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
     splats = sorted_indices(indices, len(scene))
     if len(splats) == 0:
         return np.full(3, 0.5)
-    rgb = rgb_from_dc(scene.gaussians.sh[splats, 0]).astype(np.float64)
+    # Clipped before the placement's map, not after it: the mean then follows a recolor exactly,
+    # and a stray splat of color 100 does not pull it.
+    rgb = np.clip(rgb_from_dc(scene.gaussians.sh[splats, 0]).astype(np.float64), 0, 1)
     index = scene.placement[splats]
     for row in np.unique(index[index != 0]):
         affine, at = scene.placements.color[row], index == row
         rgb[at] = rgb[at] @ affine[:, :3].T + affine[:, 3]
     logits = scene.gaussians.logit_opacities[splats].astype(np.float64)
     weights = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
-    mean: DoubleArray = np.average(np.clip(rgb, 0, 1), axis=0, weights=weights)
+    mean: DoubleArray = np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
     return mean

@@ -44,7 +44,7 @@ def _open_tile(T: FloatArray, n_rows: int, n_columns: int) -> None:
 
 
 @kernel
-def _is_done(T: FloatArray) -> bool:
+def _is_done(T: FloatArray) -> np.bool_:
     most = -_ONE
     for y in range(TILE):
         for x in range(TILE):

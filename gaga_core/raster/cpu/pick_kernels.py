@@ -59,7 +59,7 @@ def pick_pixel(
         ty = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
         dx, dy = pu * tz - fx * tx, pv * tz - fy * ty
         l0, l1, l2 = log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]
-        s_max = math.exp(2.0 * np.float64(max(l0, max(l1, l2)))) * growth[p]
+        s_max = math.exp(2.0 * np.float64(max(l0, l1, l2))) * growth[p]
         # Both sides are times depth squared.
         if not dx * dx + dy * dy < _REACH * (stretch * s_max + blur * tz * tz):
             continue

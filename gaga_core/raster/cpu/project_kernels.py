@@ -66,7 +66,7 @@ def project(
         u = fx * tx * iz + cx
         v = fy * ty * iz + cy
         l0, l1, l2 = log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]
-        s_max = math.exp(np.float64(max(l0, max(l1, l2)))) * iz
+        s_max = math.exp(np.float64(max(l0, l1, l2))) * iz
         bound = 3.34 * math.sqrt(stretch * s_max * s_max + blur)
         # Not "outside" but "not inside": a NaN anywhere leaves here.
         if not (u + bound > 0 and u - bound < width and v + bound > 0 and v - bound < height):

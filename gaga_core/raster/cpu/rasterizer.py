@@ -61,7 +61,7 @@ class CpuRasterizer:
         """Blending weights above ``w_min`` of ``pixels`` (P,), flat indices v * width + u."""
         check_shape("pixels", pixels, ("P",))
         n_pixels = camera.width * camera.height
-        if len(pixels) and not (0 <= pixels.min() and pixels.max() < n_pixels):
+        if len(pixels) and (pixels.min() < 0 or pixels.max() >= n_pixels):
             raise ValueError(f"pixels: flat indices must be in 0..{n_pixels - 1}")
         return sampled_weights(prepare(gaussians, camera), camera.width, pixels, w_min)
 

@@ -1,0 +1,148 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
+from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.scene_folder import is_scene_folder, open_scene_folder
+from tests.conftest import real_scene
+from tests.scenes import orbit_cameras
+
+
+def model_in(folder: Path, n: int = 10) -> Path:
+    write_colmap(folder, orbit_cameras(n), np.ones((3, 3)), np.full((3, 3), 9, np.uint8))
+    return folder
+
+
+def test_written_cameras_are_read_back(tmp_path: Path) -> None:
+    model = read_colmap(model_in(tmp_path / "0"))
+    assert len(model.cameras) == 10
+    for got, want in zip(model.cameras, orbit_cameras(10), strict=True):
+        assert got.name == want.name
+        assert (got.width, got.height) == (want.width, want.height)
+        assert np.allclose(got.K, want.K, atol=1e-12)
+        assert np.allclose(got.cam_from_world, want.cam_from_world, atol=1e-9)
+    assert np.allclose(model.points, 1)
+    assert (model.point_colors == 9).all()
+
+
+@pytest.mark.parametrize("damage", ["truncate", "garbage", "gone"])
+@pytest.mark.parametrize("name", ["cameras.txt", "images.txt"])
+def test_damaged_models_are_one_sentence(tmp_path: Path, name: str, damage: str) -> None:
+    folder = model_in(tmp_path / "0")
+    path = folder / name
+    if damage == "truncate":
+        path.write_bytes(path.read_bytes()[:90])
+    elif damage == "garbage":
+        path.write_bytes(bytes(range(256)) * 9)
+    else:
+        path.unlink()
+    with pytest.raises(GagaError) as caught:
+        read_colmap(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_truncated_binary_model_ends_no_process(tmp_path: Path) -> None:
+    source = real_scene("sceaux") / "sparse" / "0"
+    for cut in ("images.bin", "points3D.bin"):
+        folder = tmp_path / cut
+        folder.mkdir()
+        for file in source.iterdir():
+            (folder / file.name).write_bytes(file.read_bytes())
+        (folder / cut).write_bytes((source / cut).read_bytes()[:100])
+        with pytest.raises(GagaError, match="cannot be read"):
+            read_colmap(folder)
+
+
+def test_distorted_cameras_are_used_and_named(caplog: pytest.LogCaptureFixture) -> None:
+    model = read_colmap(real_scene("sceaux") / "sparse" / "0")
+    assert len(model.cameras) == 11
+    assert "SIMPLE_RADIAL" in caplog.text
+
+
+def test_cameras_json_round_trip(tmp_path: Path) -> None:
+    cameras = orbit_cameras(4)
+    write_cameras_json(tmp_path / "cameras.json", cameras)
+    for got, want in zip(read_cameras_json(tmp_path / "cameras.json"), cameras, strict=True):
+        assert np.allclose(got.cam_from_world, want.cam_from_world, atol=1e-12)
+        assert np.allclose(got.K, want.K)
+
+
+def test_a_damaged_cameras_json_is_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.json"
+    for text in ("{", "[1]", '[{"width": 3}]'):
+        path.write_text(text)
+        with pytest.raises(GagaError, match=r"cameras\.json"):
+            read_cameras_json(path)
+
+
+def scene_in(root: Path) -> Path:
+    model_in(root / "sparse" / "0")
+    (root / "images").mkdir()
+    (root / "masks" / "sim").mkdir(parents=True)
+    for camera in orbit_cameras(10):
+        (root / "images" / camera.name).write_bytes(b"not read here")
+        (root / "masks" / "sim" / camera.name).write_bytes(b"nor this")
+    (root / "point_cloud.ply").write_bytes(b"nor this")
+    return root
+
+
+def test_a_scene_folder_says_what_it_holds(tmp_path: Path) -> None:
+    folder = open_scene_folder(scene_in(tmp_path / "s"))
+    assert folder.model_path == tmp_path / "s" / "point_cloud.ply"
+    assert len(folder.cameras) == len(folder.image_paths) == 10
+    assert list(folder.mask_folders) == ["sim"]
+    assert folder.test == ("000.png", "008.png")
+    assert set(folder.train) | set(folder.test) == {camera.name for camera in folder.cameras}
+    assert not set(folder.train) & set(folder.test)
+
+
+def test_split_file_wins_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    root = scene_in(tmp_path / "s")
+    split = {"train": ["001.png", "gone.png"], "test": ["004.png"]}
+    (root / "split.json").write_text(json.dumps(split))
+    folder = open_scene_folder(root)
+    assert (folder.train, folder.test) == (("001.png",), ("004.png",))
+    (root / "split.json").write_text("[]")
+    with pytest.raises(GagaError, match=r"split\.json"):
+        open_scene_folder(root)
+
+
+def test_the_newest_iteration_is_the_model(tmp_path: Path) -> None:
+    root = scene_in(tmp_path / "s")
+    (root / "point_cloud.ply").unlink()
+    for i in (7000, 30000, 900):
+        path = root / "point_cloud" / f"iteration_{i}" / "point_cloud.ply"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"")
+    folder = open_scene_folder(root)
+    assert folder.model_path is not None
+    assert folder.model_path.parent.name == "iteration_30000"
+
+
+def test_photos_that_are_gone_do_not_keep_a_scene_closed(tmp_path: Path) -> None:
+    root = scene_in(tmp_path / "s")
+    for path in (root / "images").iterdir():
+        path.unlink()
+    folder = open_scene_folder(root)
+    assert len(folder.cameras) == 10
+    with pytest.raises(GagaError, match="10 of 10 photos"):
+        folder.require_image("000.png")
+
+
+def test_other_folders_are_refused_in_words(tmp_path: Path) -> None:
+    assert not is_scene_folder(tmp_path)
+    with pytest.raises(GagaError, match="no scene folder"):
+        open_scene_folder(tmp_path)
+    with pytest.raises(GagaError, match="does not exist"):
+        open_scene_folder(tmp_path / "none")
+
+
+def test_real_scenes_open(ycb_table: Path, garden: Path) -> None:
+    table = open_scene_folder(ycb_table)
+    assert (len(table.cameras), len(table.train), len(table.test)) == (64, 56, 8)
+    assert len(table.image_paths) == 64
+    assert len(open_scene_folder(garden).cameras) == 185
