@@ -72,23 +72,21 @@ def _windows(labels: IntArray) -> list[tuple[int, tuple[slice, slice]]]:
 
 def room_parts(camera: Camera) -> IntArray:
     """Which part of the empty room each pixel (H, W) sees: 1 floor, 2 back wall, 3 left wall,
-    0 outside."""
+    0 outside. From the open side none hides another."""
     u = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
     v = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
     x, y, z = camera.cam_from_world[:3, :3].astype(np.float32)  # the camera's axes in the world
     rays = [u[None, :] * x[k] + v[:, None] * y[k] + z[k] for k in range(3)]
     low, high = (room.LEFT, room.FRONT, 0.0), (room.RIGHT, room.BACK, room.TOP)
-    nearest = np.full(rays[0].shape, np.inf)
     parts = np.zeros(rays[0].shape, np.int32)
     for part, axis, level in ((1, 2, 0.0), (2, 1, room.BACK), (3, 0, room.LEFT)):
         with np.errstate(divide="ignore"):
             distance = (level - camera.position[axis]) / rays[axis]
-        hit = (distance > 0) & (distance < nearest)
+        hit = distance > 0
         for k in range(3):
             if k != axis:
                 at = camera.position[k] + distance * rays[k]
                 hit &= (at >= low[k]) & (at <= high[k])
-        nearest[hit] = distance[hit]
         parts[hit] = part
     return parts
 
