@@ -175,8 +175,11 @@ def test_frames_of_a_drag_touch_the_table_only_and_end_as_one_entry() -> None:
     assert history.entries() == ()
     assert history.commit_preview()
     assert [entry.title for entry in history.entries()] == ["Move"]
+    end = snapshot(scene)
     history.undo()
     assert snapshot(scene) == start
+    history.redo()
+    assert snapshot(scene) == end
 
 
 def _moved(base: Scene, splats: IntArray | LongArray, x: float) -> Edit | None:
@@ -202,19 +205,21 @@ def test_the_budget_drops_the_oldest_and_keeps_the_newest() -> None:
     scene = walk_scene(4000)
     history = History(scene, budget_bytes=5000)
     rng = np.random.default_rng(0)
-    snapshots = [snapshot(scene)]
+    snapshots, ids = [snapshot(scene)], [history.state_id]
     for _ in range(30):
         flip = edits.select(scene, rng.random(len(scene)) < 0.5)
         assert flip is not None
         assert flip.nbytes <= 500
         history.do(flip)
         snapshots.append(snapshot(scene))
+        ids.append(history.state_id)
     kept = len(history.entries())
     assert 10 <= kept < 30
     assert history.nbytes <= 5000
     while history.undo():
         pass
     assert snapshot(scene) == snapshots[30 - kept]
+    assert history.state_id == ids[30 - kept]
     small = History(scene, budget_bytes=1)
     small.do(edits.delete(scene, rng.random(len(scene)) < 0.5))
     assert small.can_undo
