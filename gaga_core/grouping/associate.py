@@ -70,6 +70,7 @@ class AssociateConfig:
         if preset == "robust":
             return AssociateConfig(
                 preset="robust",
+                threshold=0.3,  # rather one group too many: the passes join what is one thing
                 depth="median",
                 order="coverage",
                 gate=GateConfig(iqr_floor=0.02, guard_near=True),

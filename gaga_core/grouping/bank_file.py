@@ -1,6 +1,5 @@
 """The memory bank on disk: owners and the decision log, one .npz."""
 
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
 
 _COLUMNS = tuple(field.name for field in fields(Decision))
@@ -37,8 +37,8 @@ def save_bank(path: Path, bank: MemoryBank) -> None:
 
 def load_bank(path: Path) -> MemoryBank:
     """Read a bank; ``GagaError`` when the file is damaged."""
+    arrays = read_arrays(path, "Run Associate again.")
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return bank_of(dict(arrays))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        return bank_of(arrays)
+    except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{path} is damaged. Run Associate again.") from error

@@ -33,6 +33,7 @@ from gaga_core.raster.base import Rasterizer
 _NEIGHBOURS = 8
 _MIN_PIXELS = 30  # a group that shows on fewer pixels of a view has no say there
 _MIN_TOGETHER = 2  # views
+_MAJORITY = 2  # views for, per view against
 
 
 def reassign_masks(
@@ -86,12 +87,13 @@ def reassign_masks(
 def same_thing(together: IntArray, apart: IntArray) -> IntArray:
     """The group (G + 1,) that each group becomes when those that are one thing are merged.
 
-    ``together[a, b]`` counts the views in which a and b show mainly inside one mask, ``apart`` those
-    in which they show inside two. Two groups are one thing when at least `_MIN_TOGETHER` views say
-    so and more than say the opposite. A merged group keeps its lowest id.
+    ``together[a, b]`` counts the views in which a and b show mainly inside one mask, ``apart``
+    those in which they show inside two. Two groups are one thing when at least `_MIN_TOGETHER`
+    views say so, and more than `_MAJORITY` times as many as say the opposite: a segmenter cuts one
+    thing in two, or takes two for one, in a minority of views. A merged group keeps its lowest id.
     """
-    one = (together >= _MIN_TOGETHER) & (together > apart)
-    n, component = connected_components(csr_matrix(one), directed=False)
+    one = (together >= _MIN_TOGETHER) & (together > _MAJORITY * apart)
+    n, component = connected_components(csr_matrix(one.astype(np.int8)), directed=False)
     lowest = np.full(n, len(one), np.int64)
     np.minimum.at(lowest, component, np.arange(len(one)))
     return lowest[component].astype(np.int32)

@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks, open_bounds
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks
-from gaga_core.grouping.refine import fill_unseen, prune_groups
+from gaga_core.grouping.refine import fill_unseen, prune_groups, reassign_masks, same_thing
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -142,3 +142,28 @@ def test_the_gates_vote_goes_before_the_neighbours() -> None:
     bounds = {"a.png": open_bounds(ViewMasks.of(picture))}
     filled = run_stage(fill_unseen(gaussians, [camera], masks, bounds, bank, labels))
     assert filled.tolist() == [1] * 10 + [2, 1]
+
+
+def test_groups_become_one_by_a_clear_majority_of_views() -> None:
+    together, apart = np.zeros((6, 6), np.int32), np.zeros((6, 6), np.int32)
+    for a, b, n_together, n_apart in [(5, 2, 5, 2), (1, 3, 4, 2), (3, 4, 1, 0)]:
+        together[[a, b], [b, a]] = n_together
+        apart[[a, b], [b, a]] = n_apart
+    assert same_thing(together, apart).tolist() == [0, 1, 2, 3, 4, 2]
+
+
+def test_one_thing_in_two_groups_becomes_one(scene: Synthetic) -> None:
+    """A ball is labelled as two groups; the masks of all views hold it to be one."""
+    masks = masks_of(scene, scene.cameras)
+    good = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose()))
+    labels = good.labels.copy()
+    left = (scene.labels == 1) & (scene.gaussians.means[:, 1] < 0)
+    labels[left] = 7
+    bank = MemoryBank(labels, 7, good.bank.log)
+    stage = reassign_masks(
+        scene.gaussians, scene.cameras, masks, bank, labels, choose(), threshold=0.1
+    )
+    log = run_stage(stage)
+    assert {decision.group for decision in log} == set(range(1, 7))
+    before = [decision.group for decision in good.bank.log]
+    assert [decision.group for decision in log] == before
