@@ -29,8 +29,8 @@ class Associate:
     """Folder of label maps; default: the only one in SCENE/masks."""
     model: Path | None = None
     """The 3D Gaussians; default: the newest model of the scene folder."""
-    preset: Literal["robust", "paper"] = "paper"
-    """paper: the method to the letter. robust: guarded, several passes."""
+    preset: Literal["robust", "paper"] = "robust"
+    """robust: guarded, several passes. paper: the published method to the letter."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -46,6 +46,10 @@ class Associate:
         report = out.follow(stage)
         for note in report.notes:
             out.say(note)
+        if (folder.work / "project.json").is_file():
+            out.say(
+                "The saved project of this scene keeps its own groups until you associate there."
+            )
         out.result(report.to_json(), as_json=self.json)
         return 0
 
@@ -188,7 +192,7 @@ class Run:
 
     scene: Positional[Path]
     """Scene folder."""
-    preset: Literal["robust", "paper"] = "paper"
+    preset: Literal["robust", "paper"] = "robust"
     """Preset of the association."""
     json: bool = False
     """Print the result as JSON."""
@@ -255,8 +259,6 @@ class Demo:
         """Write a whole scene folder."""
         from gaga_core.demo import make_demo_stage
 
-        if self.folder.exists() and any(self.folder.iterdir()):
-            raise GagaError(f"{self.folder} is not empty. Choose a new folder for the demo.")
         made = out.follow(make_demo_stage(self.folder, seed=self.seed))
         out.result({"scene": str(made)}, as_json=self.json)
         return 0

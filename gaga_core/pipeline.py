@@ -6,7 +6,6 @@ there at the end, so a stage that is cancelled or fails leaves the scene folder 
 
 import json
 import time
-import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -22,6 +21,7 @@ from gaga_core.grouping.associate import AssociateConfig, Association, associate
 from gaga_core.grouping.bank_file import save_bank
 from gaga_core.grouping.views import load_labels
 from gaga_core.identity.votes import associated_labels
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import mask_folder, write_labels
 from gaga_core.io.ply import read_ply_stage
@@ -211,12 +211,11 @@ def read_groups(folder: SceneFolder, n_gaussians: int) -> tuple[IntArray, FloatA
     path = folder.work / "labels.npz"
     if not path.is_file():
         raise GagaError(f"There are no groups in {folder.work} yet. Associate the masks first.")
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            labels = data["labels"].astype(np.int32)
-            confidence = data["confidence"].astype(np.float32)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise GagaError(f"{path} is damaged. Associate the masks again.") from error
+    arrays = read_arrays(path, "Associate the masks again.")
+    if not {"labels", "confidence"} <= set(arrays):
+        raise GagaError(f"{path} is damaged. Associate the masks again.")
+    labels = arrays["labels"].astype(np.int32)
+    confidence = arrays["confidence"].astype(np.float32)
     if labels.shape != (n_gaussians,) or confidence.shape != (n_gaussians,):
         raise GagaError(
             f"{path} is for {len(labels)} Gaussians, the model has {n_gaussians}. "

@@ -11,7 +11,9 @@ project.json in one step, so a failure at any moment leaves the former save whol
 
 import hashlib
 import json
-import zipfile
+import logging
+import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import uuid4
@@ -23,6 +25,7 @@ from gaga_core.arrays import AnyArray, IntArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.ply import read_ply_stage
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
@@ -31,7 +34,11 @@ from gaga_core.scene.scene import Placements, Scene
 
 _FORMAT = 1
 _FILE = "project.json"
+_CURE = "Move project.json away to open the scene anew."
+_SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
 _BLOCKS, _BLOCK = 64, 1 << 16  # the fingerprint samples this many blocks of this many bytes
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -42,13 +49,18 @@ class Project:
     model_path: Path
     folder: SceneFolder | None = None  # None: a lone .ply
     path: Path | None = None  # folder of the saved project; None: never saved
+    model_fingerprint: str = ""  # of the model as it was opened
 
     @property
     def default_path(self) -> Path:
         """Where a first save goes."""
         if self.folder is not None:
             return self.folder.work
-        return self.model_path.with_suffix(".gaga")
+        path, n = self.model_path.with_suffix(".gaga"), 1
+        while (path / _FILE).exists():  # a lone .ply opens without edits: keep a former save
+            n += 1
+            path = self.model_path.with_suffix(f".{n}.gaga")
+        return path
 
 
 def open_path_stage(path: Path) -> Stage[Project]:
@@ -68,8 +80,10 @@ def open_path_stage(path: Path) -> Stage[Project]:
         return (yield from _open_folder(open_scene_folder(path)))
     if path.suffix.lower() == ".json":
         raise GagaError(f"{path.name} is no saved project. Choose a project.json of gaga-studio.")
+    digest = fingerprint(path)
     gaussians = yield from read_ply_stage(path)
-    return Project(Scene.of(gaussians, _labels_of_columns(gaussians)), path)
+    scene = Scene.of(gaussians, _labels_of_columns(gaussians))
+    return Project(scene, path, model_fingerprint=digest)
 
 
 def save_project(project: Project, path: Path | None = None) -> Path:
@@ -79,6 +93,7 @@ def save_project(project: Project, path: Path | None = None) -> Path:
     written; the former save stays whole.
     """
     target = Path(path or project.path or project.default_path)
+    target = target.parent if target.name == _FILE else target
     scene = project.scene
     arrays: dict[str, AnyArray] = {
         "labels": scene.labels,
@@ -96,6 +111,7 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         "format": _FORMAT,
         "gaga_studio": __version__,
         "model": _model_entry(project, target),
+        "folder": _shown(project.folder.root, target) if project.folder else None,
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
     }
@@ -108,8 +124,9 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         (target / name).unlink(missing_ok=True)
         raise
     for stale in target.glob("scene-*.npz"):
-        if stale.name != name:
-            stale.unlink(missing_ok=True)
+        if _SCENE_FILE.fullmatch(stale.name) and stale.name != name:
+            with suppress(OSError):  # in use elsewhere: the next save removes it
+                stale.unlink()
     project.path = target
     return target
 
@@ -129,6 +146,7 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
             f"{folder.root} has photos but no splats (point_cloud.ply). Train a 3D Gaussian "
             "Splatting model of it first, or open its .ply file."
         )
+    digest = fingerprint(folder.model_path)
     gaussians = yield from read_ply_stage(folder.model_path)
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
     labels = folder.work / "labels.npz"
@@ -136,7 +154,7 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
         scene.labels = _read_labels_npz(labels, len(gaussians))
         bank = folder.work / "bank.npz"
         scene.bank = load_bank(bank) if bank.is_file() else None
-    return Project(scene, folder.model_path, folder)
+    return Project(scene, folder.model_path, folder, model_fingerprint=digest)
 
 
 def _open_saved(file: Path) -> Stage[Project]:
@@ -153,15 +171,16 @@ def _open_saved(file: Path) -> Stage[Project]:
             f"{model_path} changed since this project was saved, so its edits do not fit. "
             f"Put the former file back, or move {file} away to open the model without edits."
         )
-    root = file.parent.parent
+    shown = document.get("folder", "..")
+    root = _resolve(file.parent, str(shown)) if shown else None
     folder = None
-    if file.parent.name == "gaga" and is_scene_folder(root):
+    if root is not None and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
     gaussians = yield from read_ply_stage(model_path)
     scene = _read_scene(file.parent / str(document["scene"]), gaussians)
     scene.names = {int(group): str(text) for group, text in document["names"].items()}
-    return Project(scene, model_path, folder, file.parent)
+    return Project(scene, model_path, folder, file.parent, str(entry["fingerprint"]))
 
 
 def _read_document(file: Path) -> dict[str, dict[str, object]]:
@@ -169,6 +188,8 @@ def _read_document(file: Path) -> dict[str, dict[str, object]]:
         document = json.loads(file.read_text(encoding="utf-8"))
         complete = {"format", "model", "scene", "names"} <= set(document)
         complete = complete and {"path", "fingerprint"} <= set(document["model"])
+        names = document["names"] if complete else None
+        complete = isinstance(names, dict) and all(group.isdigit() for group in names)
     except OSError as error:
         raise GagaError(explain_os_error(error, file)) from error
     except (ValueError, TypeError) as error:
@@ -182,9 +203,8 @@ def _read_document(file: Path) -> dict[str, dict[str, object]]:
 
 
 def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
+    arrays = read_arrays(file, _CURE)
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = dict(stored)
         source = arrays["source"].astype(np.int64)
         n = len(source)
         for name in ("labels", "state", "placement"):
@@ -207,24 +227,21 @@ def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
             placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
             bank=bank_of(bank) if bank else None,
         )
-    except OSError as error:
-        raise GagaError(explain_os_error(error, file)) from error
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise GagaError(f"{file} is damaged. Move project.json away to open anew.") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{file} is damaged. {_CURE}") from error
 
 
 def _read_labels_npz(path: Path, n_gaussians: int) -> IntArray:
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            labels = np.ascontiguousarray(arrays["labels"], np.int32)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise GagaError(f"{path} is damaged. Run Associate again, or remove it.") from error
-    if labels.shape != (n_gaussians,):
+    cure = "Run Associate again, or remove it."
+    labels = read_arrays(path, cure).get("labels", np.zeros(0, np.float32))
+    if labels.ndim != 1 or labels.dtype.kind not in "iu":
+        raise GagaError(f"{path} is damaged. {cure}")
+    if len(labels) != n_gaussians:
         raise GagaError(
             f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
             "Run Associate again, or remove it."
         )
-    return labels
+    return np.ascontiguousarray(labels, np.int32)
 
 
 def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
@@ -236,27 +253,46 @@ def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
 
 
 def fingerprint(path: Path) -> str:
-    """Digest of a file's size and of blocks all over it: quick also for gigabytes."""
-    size = path.stat().st_size
-    digest = hashlib.sha256(str(size).encode())
-    with path.open("rb") as file:
-        for start in np.linspace(0, max(size - _BLOCK, 0), _BLOCKS).astype(np.int64):
-            file.seek(int(start))
-            digest.update(file.read(_BLOCK))
+    """Digest of a file's size and of blocks all over it: quick also for gigabytes.
+
+    Raises ``GagaError`` when the file cannot be read.
+    """
+    try:
+        size = path.stat().st_size
+        digest = hashlib.sha256(str(size).encode())
+        with path.open("rb") as file:
+            for start in np.linspace(0, max(size - _BLOCK, 0), _BLOCKS).astype(np.int64):
+                file.seek(int(start))
+                digest.update(file.read(_BLOCK))
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
     return digest.hexdigest()
 
 
 def _model_entry(project: Project, target: Path) -> dict[str, object]:
-    model = project.model_path.resolve()
-    base = target.resolve()
-    # A path within the scene survives moving the whole folder; one far away is kept absolute.
-    near = model.is_relative_to(base.parent)
-    shown = Path("..") / model.relative_to(base.parent) if near else model
+    if not project.model_fingerprint:
+        project.model_fingerprint = fingerprint(project.model_path)
+    elif not project.model_path.is_file() or (
+        fingerprint(project.model_path) != project.model_fingerprint
+    ):
+        _log.warning(
+            "%s went or changed since it was opened: keep a copy of the former file, the saved "
+            "project needs it",
+            project.model_path,
+        )
     return {
-        "path": shown.as_posix(),
-        "fingerprint": fingerprint(model),
+        "path": _shown(project.model_path, target),
+        "fingerprint": project.model_fingerprint,
         "gaussians": int(project.scene.source.max(initial=-1)) + 1,
     }
+
+
+def _shown(path: Path, target: Path) -> str:
+    """``path`` as the project writes it: relative within the scene, so that it survives moving the
+    whole folder; absolute when it is far away."""
+    path, base = path.resolve(), target.resolve()
+    near = path.is_relative_to(base.parent)
+    return (Path("..") / path.relative_to(base.parent) if near else path).as_posix()
 
 
 def _resolve(base: Path, shown: str) -> Path:

@@ -20,6 +20,8 @@ from gaga_core.io.masks import list_label_files, read_labels
 from gaga_core.masks import resize_labels
 
 HIT = 0.5  # IoU above which a paired label counts as found
+UNANSWERED = -1  # predicted "label" of a whole missing map: pairs with nothing, not even void
+_LARGEST_TABLE = 1 << 22  # ids up to here are counted by table
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,8 @@ class Report:
 def evaluate(pred: Path, gt: Path, *, stems: Iterable[str] | None = None) -> Report:
     """Score the label maps of ``pred`` against those of ``gt`` (matched by stem).
 
-    Every true map counts (or only those of ``stems``); a missing prediction is all 0, and named.
+    Every true map counts (or only those of ``stems``); a missing prediction is IoU 0 for all that
+    the image shows (void too), and named.
     A prediction of another size is resized (nearest). Raises ``GagaError`` without true maps.
     """
     true_files = {path.stem: path for path in list_label_files(gt)}
@@ -74,79 +77,112 @@ def evaluate(pred: Path, gt: Path, *, stems: Iterable[str] | None = None) -> Rep
         raise GagaError(f"{gt} holds no label maps to compare with. Choose another folder.")
     predicted_files = {path.stem: path for path in list_label_files(pred)}
     missing = tuple(stem for stem in true_files if stem not in predicted_files)
-    pairs = []
-    for stem, path in true_files.items():
-        true = read_labels(path)
-        predicted = np.zeros_like(true)
-        if stem in predicted_files:
-            predicted = read_labels(predicted_files[stem])
-        pairs.append((true, resize_labels(predicted, true.shape[1], true.shape[0])))
+    pairs = (_read_pair(path, predicted_files.get(stem)) for stem, path in true_files.items())
     with_void, without_void = score_pairs(pairs)
     return Report(with_void, without_void, tuple(true_files), missing)
 
 
-def score_pairs(pairs: Sequence[tuple[IntArray, IntArray]]) -> tuple[Score, Score]:
-    """Scores (with void, void left out) of (true, predicted) label maps of equal shape."""
-    true_ids = _ids(true for true, _ in pairs)
-    predicted_ids = _ids(predicted for _, predicted in pairs)
-    joint = np.stack(
-        [_joint_histogram(true, pred, true_ids, predicted_ids) for true, pred in pairs]
-    )  # (V, T, P) pixels
-    with_void = _score(joint)
-    named = true_ids != 0
-    # Void left out: no pixel of true label 0 counts, and predicted 0 is "no answer", not a label.
-    answers = predicted_ids != 0
-    areas = joint[:, named]
-    without_void = _score(areas[:, :, answers], true_area=areas.sum(axis=2))
-    return with_void, without_void
+def score_pairs(pairs: Iterable[tuple[IntArray, IntArray]]) -> tuple[Score, Score]:
+    """Scores (with void, void left out) of (true, predicted) label maps of equal shape.
+
+    A predicted `UNANSWERED` is no label in either counting. The maps are read once, one pair at a
+    time.
+    """
+    counts = [_count(true, predicted) for true, predicted in pairs]
+    return _score(counts), _score([_without_void(image) for image in counts])
 
 
-def _ids(maps: Iterable[IntArray]) -> LongArray:
-    found = [np.unique(labels) for labels in maps]
-    return np.unique(np.concatenate(found)).astype(np.int64)
+@dataclass(frozen=True, eq=False)
+class _Counts:
+    """One image: how many pixels have each pair of labels."""
+
+    true_ids: LongArray  # (T,) labels in this image, increasing
+    predicted_ids: LongArray  # (P,)
+    joint: LongArray  # (T, P) pixels
+    true_area: LongArray  # (T,) pixels, those without an answer included
 
 
-def _joint_histogram(
-    true: IntArray, predicted: IntArray, true_ids: LongArray, predicted_ids: LongArray
-) -> LongArray:
-    """Pixels (T, P) by pair of labels."""
-    rows = np.searchsorted(true_ids, true.ravel())
-    columns = np.searchsorted(predicted_ids, predicted.ravel())
-    counts = np.bincount(
-        rows * len(predicted_ids) + columns, minlength=len(true_ids) * len(predicted_ids)
+def _read_pair(true_file: Path, predicted_file: Path | None) -> tuple[IntArray, IntArray]:
+    true = read_labels(true_file)
+    if predicted_file is None:
+        return true, np.full_like(true, UNANSWERED)
+    return true, resize_labels(read_labels(predicted_file), true.shape[1], true.shape[0])
+
+
+def _count(true: IntArray, predicted: IntArray) -> _Counts:
+    """The joint histogram of one image."""
+    true_ids, rows = _compact(true)
+    predicted_ids, columns = _compact(predicted)
+    n_true, n_predicted = len(true_ids), len(predicted_ids)
+    joint = np.bincount(rows * n_predicted + columns, minlength=n_true * n_predicted)
+    joint = joint.reshape(n_true, n_predicted)
+    answers = predicted_ids != UNANSWERED
+    return _Counts(true_ids, predicted_ids[answers], joint[:, answers], joint.sum(axis=1))
+
+
+def _compact(labels: IntArray) -> tuple[LongArray, LongArray]:
+    """The distinct labels, increasing, and for each pixel its place among them."""
+    shifted = labels.ravel().astype(np.int64) - UNANSWERED
+    if shifted.max(initial=0) > _LARGEST_TABLE:
+        ids, places = np.unique(shifted, return_inverse=True)
+        return ids + UNANSWERED, places
+    ids = np.flatnonzero(np.bincount(shifted))  # a table lookup: far quicker than sorting
+    table = np.zeros(int(shifted.max(initial=0)) + 1, np.int64)
+    table[ids] = np.arange(len(ids))
+    return ids + UNANSWERED, table[shifted]
+
+
+def _without_void(image: _Counts) -> _Counts:
+    """Pixels of true label 0 do not count, and a predicted 0 is "no answer", not a label."""
+    named = image.true_ids != 0
+    joint = image.joint[named]
+    answers = (image.predicted_ids != 0) & (joint.sum(axis=0) > 0)
+    return _Counts(
+        true_ids=image.true_ids[named],
+        predicted_ids=image.predicted_ids[answers],
+        joint=joint[:, answers],
+        true_area=image.true_area[named],
     )
-    return counts.reshape(len(true_ids), len(predicted_ids))
 
 
-def _score(joint: LongArray, true_area: LongArray | None = None) -> Score:
-    """Algorithm 1 on joint histograms (V, T, P); ``true_area`` (V, T) if columns were left out."""
-    if true_area is None:
-        true_area = joint.sum(axis=2)
-    predicted_area = joint.sum(axis=1)  # (V, P)
-    present = true_area > 0  # (V, T)
-    predicted_used = predicted_area.sum(axis=0) > 0
-    joint, predicted_area = joint[:, :, predicted_used], predicted_area[:, predicted_used]
-    true_used = present.any(axis=0)
-    joint, true_area, present = joint[:, true_used], true_area[:, true_used], present[:, true_used]
-    per_image = _iou(joint, true_area, predicted_area)  # (V, T, P)
-    images = np.maximum(present.sum(axis=0), 1)
-    mean = (per_image * present[:, :, None]).sum(axis=0) / images[:, None]
-    pooled = _iou(joint.sum(axis=0), true_area.sum(axis=0), predicted_area.sum(axis=0))
-    n_true, n_predicted = mean.shape
-    paired = _pair(mean)
+def _score(images: Sequence[_Counts]) -> Score:
+    """Algorithm 1."""
+    true_ids = _union([image.true_ids for image in images])
+    predicted_ids = _union([image.predicted_ids for image in images])
+    n_true, n_predicted = len(true_ids), len(predicted_ids)
+    iou_sum = np.zeros((n_true, n_predicted))
+    joint = np.zeros((n_true, n_predicted), np.int64)
+    n_images = np.zeros(n_true, np.int64)  # that show true label i
+    true_area, predicted_area = np.zeros(n_true, np.int64), np.zeros(n_predicted, np.int64)
+    for image in images:
+        rows = np.searchsorted(true_ids, image.true_ids)
+        columns = np.searchsorted(predicted_ids, image.predicted_ids)
+        area = image.joint.sum(axis=0)
+        iou_sum[np.ix_(rows, columns)] += _iou(image.joint, image.true_area, area)
+        joint[np.ix_(rows, columns)] += image.joint
+        n_images[rows] += 1
+        true_area[rows] += image.true_area
+        predicted_area[columns] += area
+    paired = _pair(iou_sum / np.maximum(n_images, 1)[:, None])
+    pooled = _pair(_iou(joint, true_area, predicted_area))
     hits = int((paired > HIT).sum())
     return Score(
         iou=float(paired.mean()) if n_true else 0.0,
         precision=hits / n_predicted if n_predicted else 0.0,
         recall=hits / n_true if n_true else 0.0,
-        pooled_iou=float(_pair(pooled).mean()) if n_true else 0.0,
+        pooled_iou=float(pooled.mean()) if n_true else 0.0,
         n_true=n_true,
         n_predicted=n_predicted,
     )
 
 
+def _union(ids: Sequence[LongArray]) -> LongArray:
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *ids]))
+
+
 def _iou(joint: LongArray, true_area: LongArray, predicted_area: LongArray) -> DoubleArray:
-    union = true_area[..., :, None] + predicted_area[..., None, :] - joint
+    """IoU (T, P) of every pair."""
+    union = true_area[:, None] + predicted_area[None, :] - joint
     result: DoubleArray = joint / np.maximum(union, 1)
     return result
 

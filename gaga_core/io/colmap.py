@@ -14,10 +14,13 @@ from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, explain_os_error
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
 _SECONDS = 300
+# Least bytes of one record. A count that asks for more than the file holds is damage: pycolmap
+# would allocate for it first, for half a minute.
+_RECORD = {"cameras": 24, "images": 73, "points3D": 51}
 _log = logging.getLogger(__name__)
 
 
@@ -48,6 +51,7 @@ class ColmapReading:
                 f"{folder} holds no COLMAP model (images.bin or images.txt). "
                 "Choose a folder that COLMAP wrote."
             )
+        _check_files(self._folder)
         self._out = tempfile.TemporaryDirectory(prefix="gaga-colmap-")
         self._file = Path(self._out.name) / "model.npz"
         self._process = subprocess.Popen(
@@ -90,6 +94,26 @@ class ColmapReading:
         if self._process.stdout is not None:
             self._process.stdout.close()
         self._out.cleanup()
+
+
+def _check_files(folder: Path) -> None:
+    """``GagaError`` when a file of the model is missing, or is too short for what it announces."""
+    kind = "bin" if (folder / "images.bin").is_file() else "txt"
+    for stem, record in _RECORD.items():
+        file = folder / f"{stem}.{kind}"
+        if not file.is_file():
+            raise GagaError(f"The COLMAP model in {folder} has no {file.name}. Copy it again.")
+        try:
+            with file.open("rb") as stream:
+                n = int.from_bytes(stream.read(8), "little")
+            size = file.stat().st_size
+        except OSError as error:
+            raise GagaError(explain_os_error(error, file)) from error
+        if kind == "bin" and size < 8 + n * record:
+            raise GagaError(
+                f"The COLMAP model in {folder} cannot be read ({file.name} is truncated). "
+                "Copy or reconstruct it again."
+            )
 
 
 def read_colmap(folder: Path) -> ColmapModel:
@@ -149,7 +173,14 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
         pose = np.eye(4)
         pose[:3] = arrays["poses"][i]
         width, height = (int(v) for v in arrays["sizes"][i])
-        cameras.append(Camera(arrays["K"][i], pose, width, height, str(name)))
+        K = arrays["K"][i]
+        usable = width > 0 and height > 0 and min(K[0, 0], K[1, 1]) > 0
+        if not (usable and np.isfinite(K).all() and np.isfinite(pose).all()):
+            raise GagaError(
+                f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "
+                "again."
+            )
+        cameras.append(Camera(K, pose, width, height, str(name)))
     if not cameras:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
     return ColmapModel(tuple(cameras), arrays["points"], arrays["colors"])

@@ -4,25 +4,31 @@ Run in a process of its own: on damaged files the C++ reader may abort or ask fo
 and neither may end the window. Prints one line about the failure and exits with 1.
 """
 
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-_MEMORY = 8 << 30  # bytes of address space; a damaged count asks for far more
+# Address space beyond what the interpreter has: a damaged count asks for far more, and filling
+# even 8 GiB before the refusal takes half a minute.
+_MEMORY = 1 << 30  # bytes
+_MEMORY_PER_BYTE = 20  # of the model's files
 
 
 def main() -> int:
     """Read the model in argv[1], write arrays to argv[2]."""
-    _limit_memory()
+    _limit_memory(Path(sys.argv[1]))
     try:
         model = pycolmap.Reconstruction(sys.argv[1])
+        _check_cameras(Path(sys.argv[1]) / "cameras.bin", model)
         images = sorted(model.images.values(), key=lambda image: str(image.name))
         used = [model.cameras[image.camera_id] for image in images]
         poses = [np.asarray(image.cam_from_world().matrix()) for image in images]
     except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OverflowError) as error:
-        sys.stdout.write(str(error).splitlines()[0][:200] if str(error) else "damaged")
+        said = (str(error).splitlines() or ["damaged"])[0]
+        sys.stdout.write(re.sub(r"^\[[\w.]+:\d+\] (Check failed: )?", "", said)[:120])
         return 1
     points = list(model.points3D.values())
     np.savez(
@@ -38,11 +44,22 @@ def main() -> int:
     return 0
 
 
-def _limit_memory() -> None:
+def _check_cameras(file: Path, model: pycolmap.Reconstruction) -> None:
+    """pycolmap reads a cut-off cameras.bin without a word and leaves zeros for what is missing."""
+    wanted = 8 + sum(24 + 8 * len(camera.params) for camera in model.cameras.values())
+    if file.is_file() and file.stat().st_size < wanted:
+        raise ValueError("cameras.bin is truncated")
+
+
+def _limit_memory(folder: Path) -> None:
     if sys.platform.startswith("linux"):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        held = pages * resource.getpagesize()
+        files = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+        limit = held + _MEMORY + _MEMORY_PER_BYTE * files
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
 if __name__ == "__main__":

@@ -72,4 +72,5 @@ def mask_folder(folder: Path, view_names: Iterable[str]) -> MaskSet:
 def _as_ids(path: Path, values: AnyArray) -> IntArray:
     if values.dtype.kind == "f":
         raise GagaError(f"{path.name} holds fractions, not ids. Save it as an 8- or 16-bit PNG.")
-    return np.ascontiguousarray(values, np.int32)
+    # Some data sets mark void with -1; here 0 is "none". A copy: pillow's memory is read-only.
+    return np.array(np.maximum(values, 0), np.int32, order="C")

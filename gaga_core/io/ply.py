@@ -134,7 +134,12 @@ def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
         data = plyfile.PlyData.read(str(path), mmap="r")
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
-    except (plyfile.PlyParseError, ValueError, UnicodeDecodeError, IndexError) as error:
+    except UnicodeDecodeError as error:
+        raise GagaError(
+            f"{path.name} has letters outside ASCII in its header, which PLY does not allow. "
+            "Remove them, or export the model again."
+        ) from error
+    except (plyfile.PlyParseError, ValueError, IndexError, OverflowError, MemoryError) as error:
         raise GagaError(
             f"{path.name} is truncated or damaged ({_short(error)}). Copy or export it again."
         ) from error
@@ -166,10 +171,12 @@ def _check_columns(path: Path, names: Iterable[str]) -> int:
             "3DGS columns."
         )
     n_rest = sum(1 for name in present if re.fullmatch(r"f_rest_\d+", name))
-    if n_rest not in _SH_BY_REST or (n_rest and f"f_rest_{n_rest - 1}" not in present):
+    gaps = [i for i in range(n_rest) if f"f_rest_{i}" not in present]
+    if n_rest not in _SH_BY_REST or gaps:
+        lacks = f", without f_rest_{gaps[0]}" if gaps else ""
         raise GagaError(
-            f"{path.name} has {n_rest} f_rest columns; a full SH degree has 0, 9, 24, 45 or 72. "
-            "Export the model again."
+            f"{path.name} has {n_rest} f_rest columns{lacks}; a full SH degree has 0, 9, 24, 45 "
+            "or 72. Export the model again."
         )
     return _SH_BY_REST[n_rest]
 

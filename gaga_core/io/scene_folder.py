@@ -136,7 +136,7 @@ def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
         return tuple(n for n in names if n not in set(test)), test
     try:
         split = json.loads(path.read_text(encoding="utf-8"))
-        train, test = (tuple(str(name) for name in split[part]) for part in ("train", "test"))
+        train, test = (_views_of(split[part], names) for part in ("train", "test"))
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except (ValueError, KeyError, TypeError) as error:
@@ -144,5 +144,16 @@ def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
             f'{path} is damaged: it must be {{"train": [names], "test": [names]}}. '
             "Mend or remove it."
         ) from error
-    known = set(names)
-    return tuple(n for n in train if n in known), tuple(n for n in test if n in known)
+    return train, test
+
+
+def _views_of(listed: object, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The views that a list in split.json means; another suffix or none will do, as for photos."""
+    if not isinstance(listed, list):
+        raise TypeError("not a list")
+    by_stem = {Path(name).with_suffix("").as_posix(): name for name in names}
+    known = {**by_stem, **{name: name for name in names}}
+    found = (
+        known.get(str(n)) or by_stem.get(Path(str(n)).with_suffix("").as_posix()) for n in listed
+    )
+    return tuple(name for name in found if name is not None)
