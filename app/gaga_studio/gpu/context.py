@@ -74,7 +74,9 @@ def load_program(
     head += "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
     head += "precision highp float;\nprecision highp int;\n"
     head += (assets() / "shaders" / "common.glsl").read_text(encoding="utf-8")
-    sources = [(assets() / "shaders" / name).read_text(encoding="utf-8") for name in (vertex, fragment)]
+    sources = [
+        (assets() / "shaders" / name).read_text(encoding="utf-8") for name in (vertex, fragment)
+    ]
     return ctx.program(vertex_shader=head + sources[0], fragment_shader=head + sources[1])
 
 

@@ -1,7 +1,9 @@
-"""Kernels of the depth sort: one pass that culls, one counting sort on 16-bit keys.
+"""Kernels of the depth sort: one pass that culls, one counting sort on 18-bit keys.
 
 Keys are the bits of the float32 depth, stretched over the range that is seen: they grow like its
-logarithm (linear inside each power of two), so far outliers do not cost precision near by.
+logarithm (linear inside each power of two), so far outliers do not cost precision near by. 16 bits
+would save 5 % of the time and give up to three times the greatest error of a picture, where splats
+of a surface share a key.
 """
 
 import math
@@ -11,7 +13,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array, UInt32Array
 from gaga_core.kernels import kernel
 
-N_KEYS = 1 << 16
+N_KEYS = 1 << 18
 SKIPPED = 2 | 8  # bits of State: hidden, deleted
 
 
@@ -19,18 +21,16 @@ SKIPPED = 2 | 8  # bits of State: hidden, deleted
 def reaches(log_scales: FloatArray, out: FloatArray) -> None:
     """Distance within which each splat can be seen: 3.34 times its longest standard deviation."""
     for i in range(log_scales.shape[0]):
-        longest = max(log_scales[i, 0], max(log_scales[i, 1], log_scales[i, 2]))
+        longest = max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2])
         out[i] = np.float32(3.34 * math.exp(longest))
 
 
 @kernel
-def importance(
-    log_scales: FloatArray, logit_opacities: FloatArray, out: FloatArray
-) -> None:
+def importance(log_scales: FloatArray, logit_opacities: FloatArray, out: FloatArray) -> None:
     """Log of opacity times the area of the largest cross-section: what a splat adds to a view."""
     for i in range(log_scales.shape[0]):
         a, b, c = log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]
-        area = a + b + c - min(a, min(b, c))
+        area = a + b + c - min(a, b, c)
         out[i] = np.float32(area - math.log1p(math.exp(-logit_opacities[i])))
 
 
@@ -90,7 +90,7 @@ def far_to_near(
     ids: IntArray,  # (M,)
     counts: LongArray,  # (N_KEYS + 1,) scratch
     order: IntArray,  # (M,) out
-    quantiles: UInt32Array,  # (2,) out: bits of the depths at 2 % and 98 %
+    quantiles: UInt32Array,  # (2,) out: bits of the depths at 0.5 % and 99.5 %
 ) -> None:
     """Counting sort, far to near; of equal keys the first id comes last, as in front to back."""
     m = bits.shape[0]
@@ -107,7 +107,7 @@ def far_to_near(
     found = 0
     for k in range(N_KEYS):
         counts[k + 1] += counts[k]
-        while found < 2 and counts[k + 1] >= (0.02 if found == 0 else 0.98) * m:
+        while found < 2 and counts[k + 1] >= (0.005 if found == 0 else 0.995) * m:
             quantiles[found] = np.uint32(float(low) + (k + 0.5) / scale)
             found += 1
     for i in range(m):

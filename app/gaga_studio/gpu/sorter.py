@@ -34,7 +34,8 @@ class DepthOrder:
 
     ticket: int
     order: IntArray  # (M,)
-    near: float  # depths between which 96 % of them lie
+    n_splats: int  # of the scene that was sorted
+    near: float  # depths between which 99 % of them lie
     far: float
 
 
@@ -45,6 +46,7 @@ class Sorter:
         self._changed = threading.Condition()
         self._job: SortJob | None = None
         self._result: DepthOrder | None = None
+        self._done = 0  # ticket of the last job done
         self._ended = False
         self._columns = _Columns()
         self._thread = threading.Thread(target=self._work, name="gaga-sort", daemon=True)
@@ -65,9 +67,7 @@ class Sorter:
     def wait(self, ticket: int, timeout: float = 60.0) -> None:
         """Until the job with this ticket is done: for tests and pictures that are saved."""
         with self._changed:
-            self._changed.wait_for(
-                lambda: self._result is not None and self._result.ticket >= ticket, timeout
-            )
+            self._changed.wait_for(lambda: self._done >= ticket or self._ended, timeout)
 
     def release(self) -> None:
         """End the worker."""
@@ -77,17 +77,22 @@ class Sorter:
         self._thread.join(timeout=10)
 
     def _work(self) -> None:
-        while True:
+        try:
+            while (job := self._next()) is not None:
+                result = self._columns.sort(job)
+                with self._changed:
+                    self._result, self._done = result, job.ticket
+                    self._changed.notify_all()
+        finally:  # whatever ended the worker, nobody may wait for it in vain
             with self._changed:
-                self._changed.wait_for(lambda: self._job is not None or self._ended)
-                if self._ended:
-                    return
-                job, self._job = self._job, None
-            assert job is not None
-            result = self._columns.sort(job)
-            with self._changed:
-                self._result = result
+                self._ended = True
                 self._changed.notify_all()
+
+    def _next(self) -> SortJob | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._job is not None or self._ended)
+            job, self._job = self._job, None
+            return None if self._ended else job
 
 
 def sort(job: SortJob) -> DepthOrder:
@@ -131,7 +136,9 @@ class _Columns:
             order,
             quantiles.view(np.uint32),
         )
-        return DepthOrder(job.ticket, order, float(quantiles[0]), float(quantiles[1]))
+        return DepthOrder(
+            job.ticket, order, len(job.gaussians), float(quantiles[0]), float(quantiles[1])
+        )
 
     def _prepare(self, gaussians: Gaussians) -> None:
         if self._gaussians is gaussians:
@@ -157,9 +164,7 @@ class _Columns:
         return np.sort(self._by_importance[:budget])
 
 
-def _poses(
-    placements: Placements, camera: Camera
-) -> tuple[DoubleArray, DoubleArray]:
+def _poses(placements: Placements, camera: Camera) -> tuple[DoubleArray, DoubleArray]:
     """cam_from_file (P, 3, 4) and the factor (P,) by which each placement enlarges at most."""
     matrix = np.asarray(placements.matrix, np.float64)
     poses = camera.cam_from_world[:3, :3] @ matrix

@@ -1,0 +1,151 @@
+"""Photos, masks and thumbnails as textures, decoded in a thread and uploaded when asked for."""
+
+import logging
+import queue
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+import moderngl
+import numpy as np
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.errors import GagaError
+
+_LOG = logging.getLogger(__name__)
+
+Load = Callable[[], UInt8Array]
+_WAITING_MAX = 64  # requests that scrolled out of sight are dropped, oldest first
+
+
+class ImageStore:
+    """Textures by key. The least recently asked for go when ``budget_bytes`` is exceeded."""
+
+    def __init__(self, ctx: moderngl.Context, *, budget_bytes: int = 256 << 20) -> None:
+        self._ctx = ctx
+        self._budget = budget_bytes
+        self._textures: OrderedDict[str, moderngl.Texture] = OrderedDict()
+        self._failed: set[str] = set()
+        self._loads: OrderedDict[str, Load] = OrderedDict()  # the newest is decoded first
+        self._decoding = ""
+        self._decoded: queue.SimpleQueue[tuple[str, UInt8Array | None]] = queue.SimpleQueue()
+        self._changed = threading.Condition()
+        self._ended = False
+        self._thread = threading.Thread(target=self._work, name="gaga-images", daemon=True)
+        self._thread.start()
+
+    def texture(self, key: str, load: Load) -> tuple[int, int, int] | None:
+        """OpenGL name, width and height; None while it is loading, and if it cannot be read.
+
+        ``load`` gives (H, W, 3) or (H, W, 4) and runs in a thread of the store, once. Row 0 of the
+        texture is the picture's first row.
+        """
+        self._receive()
+        texture = self._textures.get(key)
+        if texture is not None:
+            self._textures.move_to_end(key)
+            return int(texture.glo), texture.width, texture.height
+        if key not in self._failed:
+            self._request(key, load)
+        return None
+
+    @property
+    def loading(self) -> bool:
+        """Whether something asked for is not there yet: keep the window awake."""
+        with self._changed:
+            return bool(self._loads) or self._decoding != "" or not self._decoded.empty()
+
+    def drop(self, key: str) -> None:
+        """Forget one picture: it changed, or is of no use any more."""
+        self._receive()
+        self._failed.discard(key)
+        with self._changed:
+            self._loads.pop(key, None)
+        texture = self._textures.pop(key, None)
+        if texture is not None:
+            texture.release()
+
+    def clear(self) -> None:
+        """Forget every picture: another scene was opened."""
+        with self._changed:
+            self._loads.clear()
+            # One that is being decoded belongs to the old scene: a key may mean another file now.
+            self._changed.wait_for(lambda: self._decoding == "" or self._ended, timeout=10)
+        while not self._decoded.empty():
+            self._decoded.get_nowait()
+        self._failed.clear()
+        for texture in self._textures.values():
+            texture.release()
+        self._textures.clear()
+
+    def release(self) -> None:
+        """Give every texture back and end the thread."""
+        self.clear()
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        self._thread.join(timeout=10)
+
+    def _request(self, key: str, load: Load) -> None:
+        with self._changed:
+            if key == self._decoding:
+                return
+            self._loads[key] = load
+            self._loads.move_to_end(key)
+            while len(self._loads) > _WAITING_MAX:
+                self._loads.popitem(last=False)
+            self._changed.notify_all()
+
+    def _receive(self) -> None:
+        """Send decoded pictures to the card."""
+        while not self._decoded.empty():
+            key, pixels = self._decoded.get_nowait()
+            if pixels is None:
+                self._failed.add(key)
+            elif key not in self._textures:
+                self._textures[key] = self._upload(pixels)
+        while len(self._textures) > 1 and self._used() > self._budget:
+            _, oldest = self._textures.popitem(last=False)
+            oldest.release()
+
+    def _upload(self, pixels: UInt8Array) -> moderngl.Texture:
+        height, width, channels = pixels.shape
+        texture = self._ctx.texture((width, height), channels, pixels, alignment=1)
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        return texture
+
+    def _used(self) -> int:
+        return sum(4 * texture.width * texture.height for texture in self._textures.values())
+
+    def _work(self) -> None:
+        while (request := self._next()) is not None:
+            key, load = request
+            pixels = _decoded(key, load)
+            with self._changed:
+                self._decoded.put((key, pixels))
+                self._decoding = ""
+                self._changed.notify_all()
+
+    def _next(self) -> tuple[str, Load] | None:
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._loads) or self._ended)
+            if self._ended:
+                return None
+            key, load = self._loads.popitem(last=True)
+            self._decoding = key
+            return key, load
+
+
+def _decoded(key: str, load: Load) -> UInt8Array | None:
+    """The picture, or None when it cannot be read: a missing photo leaves an empty frame."""
+    try:
+        pixels = load()
+    except (GagaError, OSError, ValueError) as error:
+        _LOG.warning("%s cannot be shown: %s", key, error)
+        return None
+    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or pixels.size == 0:
+        _LOG.warning("%s cannot be shown: it has the shape %s", key, pixels.shape)
+        return None
+    return np.ascontiguousarray(pixels, np.uint8)

@@ -1,0 +1,163 @@
+"""Draws the splats: a projection pass, once per splat, then sorted quads, far to near."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
+from gaga_studio.gpu.buffers import WIDTH, SceneBuffers, sh_layers, write_rows
+from gaga_studio.gpu.context import bind_textures, load_program, set_uniforms
+from gaga_studio.gpu.targets import Target
+from gaga_studio.view import Mode
+
+_QUADS = 128  # quads an instance: one alone keeps graphics cards idle
+_MODES = {Mode.COLOR: 0, Mode.GROUPS: 1, Mode.DEPTH: 2}
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the splats' color says, and which of them are marked."""
+
+    mode: Mode = Mode.COLOR
+    hovered_group: int = 0
+    with_mask: bool = False
+    far: float = 1.0  # depth that is stored as 1
+
+
+class SplatRenderer:
+    """Programs, quad geometry, the depth order and the projected splats."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        # Color is half float: rounding to 8 bits at each of some 30 layers shows (see tests).
+        self.picture = Target(ctx, [(4, "f2")], smooth=True)
+        self.marked = Target(ctx, [(4, "f2"), (4, "f1")], smooth=True)
+        self._projected = Target(ctx, [(4, "f4"), (4, "u4")])
+        self._order: moderngl.Texture | None = None
+        self._n_order = 0
+        self._projectors: dict[int, tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._drawers: dict[tuple[bool, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._corners = ctx.buffer(_corners())
+        self._indices = ctx.buffer(_indices())
+        self.passes: Counter[str] = Counter()
+
+    def set_order(self, order: IntArray, n_splats: int) -> None:
+        """Draw these splats (M,) of ``n_splats``, far to near."""
+        lines = max(1, -(-n_splats // WIDTH))
+        if self._order is None or self._order.height != lines:
+            if self._order is not None:
+                self._order.release()
+            self._order = self._ctx.texture((WIDTH, lines), 1, dtype="u4")
+            self._order.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._projected.resize(WIDTH, lines)
+        write_rows(self._order, order, 0)
+        self._n_order = len(order)
+
+    def draw(self, buffers: SceneBuffers, camera: Camera, look: Look) -> Target:
+        """Blend the splats into a target of the camera's size; which one, is returned.
+
+        Attachment 0 is premultiplied color and alpha; in depth mode red is the sum of weight times
+        depth / far. Attachment 1 is there with a mask: shares of selected and of hovered splats.
+        """
+        target = self.marked if look.with_mask else self.picture
+        target.resize(camera.width, camera.height)
+        if self._n_order > 0 and buffers.n_splats > 0:
+            self._project(buffers, camera, look)
+        target.begin().clear(0.0, 0.0, 0.0, 0.0)
+        if self._n_order > 0 and buffers.n_splats > 0:
+            self._blend(camera, look)
+        return target
+
+    def release(self) -> None:
+        """Give everything back."""
+        for _, geometry in (*self._projectors.values(), *self._drawers.values()):
+            geometry.release()
+        for program, _ in (*self._projectors.values(), *self._drawers.values()):
+            program.release()
+        self._projectors.clear()
+        self._drawers.clear()
+        for target in (self.picture, self.marked, self._projected):
+            target.release()
+        if self._order is not None:
+            self._order.release()
+            self._order = None
+        self._corners.release()
+        self._indices.release()
+
+    def _project(self, buffers: SceneBuffers, camera: Camera, look: Look) -> None:
+        program, geometry = self._projector(buffers.n_sh)
+        order = self._order
+        assert order is not None
+        bind_textures(program, [("u_order", order), *buffers.textures()])
+        K = camera.K
+        set_uniforms(
+            program,
+            {
+                "u_count": self._n_order,
+                "u_cam_from_world": camera.cam_from_world.T.astype(np.float32).tobytes(),
+                "u_eye": tuple(camera.position.tolist()),
+                "u_lens": (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])),
+                "u_size": (float(camera.width), float(camera.height)),
+                "u_log_scale": buffers.log_scale_range,
+                "u_mode": _MODES[look.mode],
+                "u_hovered": look.hovered_group,
+            },
+        )
+        framebuffer = self._projected.begin()
+        framebuffer.viewport = (0, 0, WIDTH, -(-self._n_order // WIDTH))
+        self._ctx.disable(moderngl.BLEND)
+        geometry.render(moderngl.TRIANGLES, vertices=3)
+        self.passes["project"] += 1
+
+    def _blend(self, camera: Camera, look: Look) -> None:
+        program, geometry = self._drawer(look.mode is Mode.DEPTH, look.with_mask)
+        ellipses, looks = self._projected.textures
+        bind_textures(program, [("u_ellipses", ellipses), ("u_looks", looks)])
+        set_uniforms(
+            program,
+            {
+                "u_count": self._n_order,
+                "u_size": (float(camera.width), float(camera.height)),
+                "u_far": look.far,
+            },
+        )
+        self._ctx.enable(moderngl.BLEND)
+        self._ctx.blend_func = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+        geometry.render(moderngl.TRIANGLES, instances=-(-self._n_order // _QUADS))
+        self._ctx.disable(moderngl.BLEND)
+        self.passes["blend"] += 1
+
+    def _projector(self, n_sh: int) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        if n_sh not in self._projectors:
+            defines = {"N_SH": n_sh, "N_LAYERS": sh_layers(n_sh)}
+            program = load_program(self._ctx, "full.vert", "project.frag", defines)
+            self._projectors[n_sh] = program, self._ctx.vertex_array(program, [])
+        return self._projectors[n_sh]
+
+    def _drawer(
+        self, has_depth: bool, has_mask: bool
+    ) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        key = (has_depth, has_mask)
+        if key not in self._drawers:
+            names = ("DEPTH", "MASK")
+            defines = {name: 1 for name, wanted in zip(names, key, strict=True) if wanted}
+            program = load_program(self._ctx, "quads.vert", "quads.frag", defines)
+            content = [(self._corners, "3f", "in_corner")]
+            self._drawers[key] = program, self._ctx.vertex_array(program, content, self._indices)
+        return self._drawers[key]
+
+
+def _corners() -> bytes:
+    quad = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)
+    corners = np.empty((_QUADS, 4, 3), np.float32)
+    corners[:, :, :2] = quad
+    corners[:, :, 2] = np.arange(_QUADS)[:, None]
+    return corners.tobytes()
+
+
+def _indices() -> bytes:
+    quad = np.array([0, 1, 2, 0, 2, 3], np.uint32)
+    return (quad + 4 * np.arange(_QUADS, dtype=np.uint32)[:, None]).astype(np.uint32).tobytes()

@@ -1,0 +1,184 @@
+"""The picture of the scene as a texture, drawn anew only when something in it changed."""
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.scene.scene import Scene
+from gaga_studio.gpu.buffers import SceneBuffers
+from gaga_studio.gpu.composite import Compositor, Finish
+from gaga_studio.gpu.context import drawing, is_software
+from gaga_studio.gpu.overlays import LineRenderer, Overlays
+from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
+from gaga_studio.gpu.splats import Look, SplatRenderer
+from gaga_studio.gpu.targets import Target
+from gaga_studio.view import Mode, ViewState
+
+__all__ = ["Overlays", "Viewport"]
+
+_NO_OVERLAYS = Overlays()
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A camera by value: the rig makes a new one every frame."""
+
+    K: bytes
+    cam_from_world: bytes
+    size: tuple[int, int]
+
+    @staticmethod
+    def of(camera: Camera) -> "_Lens":
+        size = (camera.width, camera.height)
+        return _Lens(camera.K.tobytes(), camera.cam_from_world.tobytes(), size)
+
+
+class Viewport:
+    """Owns everything that is drawn with; one per window."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self.is_software = is_software(ctx)
+        self.buffers = SceneBuffers(ctx)
+        self._splats = SplatRenderer(ctx)
+        self._compositor = Compositor(ctx)
+        self._lines = LineRenderer(ctx)
+        self._picture = Target(ctx, [(4, "f1")], smooth=True)
+        self._sorter = Sorter()
+        self._order: DepthOrder | None = None
+        self._ticket = 0
+        self._valid_from = 0  # orders of earlier tickets belong to another scene
+        self._sorted: tuple[object, ...] = ()  # what the last sort job was asked for
+        self._drawn: tuple[object, ...] = ()  # what the picture shows
+        self.n_draws = 0  # pictures drawn so far
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last picture used the depth order of its own camera and scene."""
+        return self.buffers.scene is None or (
+            self._order is not None and self._order.ticket == self._ticket
+        )
+
+    def draw(
+        self,
+        scene: Scene | None,
+        camera: Camera,
+        view: ViewState,
+        overlays: Overlays = _NO_OVERLAYS,
+        *,
+        wait: bool = False,
+    ) -> int:
+        """OpenGL name of the picture's texture (camera.width x camera.height, row 0 = bottom).
+
+        Never waits for the depth order: until the one of this camera is there, the last one is
+        used and ``settled`` is False; call again. ``wait`` waits: for tests and saved pictures.
+        """
+        if scene is None:
+            self._forget()
+        else:
+            self._pull(scene, camera, view, overlays, wait=wait)
+        size = (camera.width, camera.height)
+        wanted = (
+            _Lens.of(camera),
+            (view.mode, view.background, view.show_outline, view.resolution_scale),
+            overlays,
+            self.buffers.version,
+            0 if self._order is None else self._order.ticket,
+        )
+        if wanted != self._drawn or self._picture.size != size:
+            with drawing(self._ctx):
+                self._picture.resize(*size)
+                self._render(camera, view, overlays)
+            self._drawn = wanted
+            self.n_draws += 1
+        return int(self._picture.textures[0].glo)
+
+    def read_pixels(self) -> UInt8Array:
+        """The finished picture (H, W, 3), first row on top; `draw` comes first."""
+        width, height = self._picture.size
+        data = self._picture.framebuffer.read(components=3, alignment=1)
+        return np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1].copy()
+
+    def release(self) -> None:
+        """Give every OpenGL object back and end the sorter; the context must be current."""
+        self._sorter.release()
+        for part in (self._lines, self._compositor, self._splats, self.buffers, self._picture):
+            part.release()
+
+    def _forget(self) -> None:
+        self.buffers.clear()
+        self._order = None
+        self._sorted = ()
+        self._valid_from = self._ticket + 1
+
+    def _pull(
+        self, scene: Scene, camera: Camera, view: ViewState, overlays: Overlays, *, wait: bool
+    ) -> None:
+        """Bring textures and depth order up to date, as far as they are known."""
+        if scene is not self.buffers.scene:
+            self._forget()
+        n_before = self.buffers.n_splats
+        self.buffers.sync(scene, overlays.labels)
+        if self._order is not None and n_before != self.buffers.n_splats:
+            self._use(self._order)
+        revision = scene.revision
+        wanted = (
+            _Lens.of(camera),
+            (revision.splats, revision.state, revision.placement, revision.placements),
+            view.splat_budget,
+        )
+        if wanted != self._sorted:
+            self._sorted = wanted
+            self._ticket += 1
+            self._sorter.submit(_job(self._ticket, scene, camera, view.splat_budget))
+        if wait:
+            self._sorter.wait(self._ticket)
+        order = self._sorter.take()
+        if order is not None and order.ticket >= self._valid_from:
+            self._use(order)
+
+    def _use(self, order: DepthOrder) -> None:
+        """Draw with ``order``; a scene that has shrunk meanwhile loses the rows that it lost."""
+        n = self.buffers.n_splats
+        kept = order.order if order.n_splats <= n else order.order[order.order < n]
+        with drawing(self._ctx):
+            self._splats.set_order(kept, n)
+        self._order = order
+
+    def _render(self, camera: Camera, view: ViewState, overlays: Overlays) -> None:
+        order = self._order
+        finish = Finish(view.background)
+        blended: Target | None = None
+        if order is not None:
+            hovered = overlays.hovered_group
+            with_mask = view.show_outline and (self.buffers.has_selected or hovered > 0)
+            has_depth = view.mode is Mode.DEPTH
+            look = Look(view.mode, hovered, with_mask, order.far)
+            blended = self._splats.draw(self.buffers, scaled(camera, view.resolution_scale), look)
+            depth_range = (order.near, order.far) if has_depth else None
+            finish = Finish(view.background, with_mask, depth_range, overlays.pixel_scale)
+        self._compositor.draw(blended, self._picture, finish)
+        self._lines.draw(camera, overlays)
+
+
+def scaled(camera: Camera, scale: float) -> Camera:
+    """``camera`` with a picture of ``scale`` times its size, at least one pixel."""
+    if scale == 1.0:
+        return camera
+    width = max(1, round(camera.width * scale))
+    return camera.resized(width, max(1, round(camera.height * scale)))
+
+
+def _job(ticket: int, scene: Scene, camera: Camera, budget: int) -> SortJob:
+    return SortJob(
+        ticket=ticket,
+        gaussians=scene.gaussians,
+        state=scene.state,
+        placement=scene.placement,
+        placements=scene.placements,
+        camera=camera,
+        budget=budget,
+    )

@@ -1,0 +1,73 @@
+// The finished picture: blended splats over the background, depth as color, outlines.
+uniform sampler2D u_splats;
+#ifdef MASK
+uniform sampler2D u_mask;       // shares: r selected, g hovered
+uniform vec2 u_outline;         // half widths in pixels: selected, hovered
+uniform vec3 u_accent;
+uniform vec3 u_hover;
+#endif
+uniform vec2 u_picture;         // size in pixels
+uniform vec3 u_background;
+#ifdef DEPTH
+uniform vec2 u_near_far;        // log of the depths that get the ends of the color map
+uniform float u_far;
+#endif
+
+layout(location = 0) out vec4 o_color;
+
+#ifdef DEPTH
+// Near is light yellow, far is dark violet; lightness falls evenly, so that it reads in grey too.
+// Polynomials fitted to equal steps of OKLab lightness with a turning hue.
+vec3 depth_color(float t)
+{
+    vec3 color = vec3(-2.3091, -3.6267, 19.4515);
+    color = color * t + vec3(10.6356, 5.1724, -48.4768);
+    color = color * t + vec3(-14.1871, 0.5230, 37.7581);
+    color = color * t + vec3(6.0236, -2.1676, -7.8111);
+    color = color * t + vec3(-1.0434, -0.7561, -1.2072);
+    return clamp(color * t + vec3(1.0103, 0.9187, 0.5842), 0.0, 1.0);
+}
+#endif
+
+#ifdef MASK
+// Where the share crosses one half, from the outside: strength of a line of this half width for
+// r selected and g hovered, and in ba of a soft dark rim twice as wide, which keeps the line
+// readable on a ground of its own color.
+vec4 edges(vec2 at)
+{
+    vec2 here = smoothstep(0.35, 0.65, texture(u_mask, at).rg);
+    vec4 most = vec4(0.0);
+    for (int ring = 1; ring <= 4; ++ring) {
+        for (int k = 0; k < 12; ++k) {
+            float angle = (float(k) + 0.5 * float(ring)) * 0.5235987756;
+            vec2 way = vec2(cos(angle), sin(angle)) * (0.5 * float(ring)) / u_picture;
+            vec2 share = smoothstep(0.35, 0.65, vec2(
+                texture(u_mask, at + way * u_outline.x).r,
+                texture(u_mask, at + way * u_outline.y).g));
+            if (ring <= 2) most.rg = max(most.rg, share);
+            most.ba = max(most.ba, share * (1.0 - 0.25 * float(ring - 1)));
+        }
+    }
+    return most * vec4(1.0 - here, 1.0 - here);
+}
+#endif
+
+void main()
+{
+    vec2 at = gl_FragCoord.xy / u_picture;
+    vec4 splats = texture(u_splats, at);
+    vec3 color = splats.rgb;
+#ifdef DEPTH
+    float depth = splats.r / max(splats.a, 1e-6) * u_far;
+    float t = (log(max(depth, 1e-20)) - u_near_far.x) / max(u_near_far.y - u_near_far.x, 1e-6);
+    color = depth_color(clamp(t, 0.0, 1.0)) * splats.a;
+#endif
+    color = clamp(color + (1.0 - splats.a) * u_background, 0.0, 1.0);
+#ifdef MASK
+    vec4 line = edges(at);
+    color *= 1.0 - 0.45 * max(line.b, 0.6 * line.a);
+    color = mix(color, u_hover, 0.8 * line.g);
+    color = mix(color, u_accent, line.r);
+#endif
+    o_color = vec4(color, 1.0);
+}
