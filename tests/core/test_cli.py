@@ -143,7 +143,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
     assert "no JSON" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
     script.write_text('[{"op": "explode"}]')
     assert "explode" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
-    assert "not empty" in refusal(capsys, "demo", str(tmp_path))
+    assert "empty or a new folder" in refusal(capsys, "demo", str(tmp_path))
 
 
 def test_labels_of_another_model_are_refused(tmp_path: Path, capsys: Capture) -> None:
