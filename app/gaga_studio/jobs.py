@@ -114,9 +114,15 @@ class JobRunner:
                     f"Something went wrong in {worker.title}; the details are in the log file.",
                 )
             elif worker.has_value and not worker.is_cancelling:
-                worker.delivery.done()
+                self._deliver(worker)
         finally:
             worker.delivery.end()
+
+    def _deliver(self, worker: "_Worker") -> None:
+        try:
+            worker.delivery.done()
+        except GagaError as error:
+            self._notify(Level.ERROR, str(error))
 
 
 class _Delivery(Generic[T]):
@@ -193,7 +199,7 @@ class _Worker(threading.Thread):
                     self.has_value = True
                     return
             self.delivery.stage.close()
-        except Exception as error:  # the one place: it becomes a notice and a log entry
+        except Exception as error:  # noqa: BLE001  the one place: it becomes a notice and a log entry
             self.error = error
 
     def describe(self) -> Job:

@@ -33,3 +33,15 @@ class Question:
     text: str
     choices: tuple[str, ...]
     on_choice: Callable[[str], None]
+
+
+def unsaved_question(text: str, save: Callable[[], None], discard: Callable[[], None]) -> Question:
+    """Save, discard, or cancel."""
+
+    def chosen(choice: str) -> None:
+        if choice == "Save":
+            save()
+        elif choice == "Discard":
+            discard()
+
+    return Question(text, ("Save", "Discard", "Cancel"), chosen)

@@ -1,7 +1,11 @@
 """How the scene is shown: what panels set and the viewport reads."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol
+
+from gaga_core.arrays import UInt8Array
 
 
 class Mode(StrEnum):
@@ -34,3 +38,12 @@ class ViewState:
     resolution_scale: float = 1.0  # of the viewport's own pixels
     show_panels: bool = True  # Tab hides everything but the picture
     show_info: bool = True  # splats, frame time and backend in the status bar
+    rect_takes_splats: bool = False  # else whole objects
+
+
+class ImageSource(Protocol):
+    """Pictures as textures; the window gives one (``gpu.images.ImageStore``)."""
+
+    def texture(self, key: str, load: Callable[[], UInt8Array]) -> tuple[int, int, int] | None:
+        """GL name, width and height; None while ``load`` runs in the background."""
+        ...

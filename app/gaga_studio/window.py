@@ -36,6 +36,7 @@ class Hooks:
     fonts: Draw
     style: Draw
     before_frame: Draw
+    keys: Draw  # before the panels, which may close the popup that a key was for
     menu: Draw
     tool_bar: Draw
     status: Draw
@@ -43,6 +44,7 @@ class Hooks:
     dropped: Callable[[list[Path]], None]
     may_close: Callable[[], bool]  # False keeps the window open
     frame_rate: Callable[[], float]  # wanted frames a second at rest; 0 = as fast as the screen
+    panels_shown: Callable[[], bool]  # False: the picture alone
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Window:
     options: WindowOptions = field(default_factory=WindowOptions)
     _layout: str = ""
     _title: str = ""
+    _panels_shown: bool = True
     _drop: object = None  # GLFW keeps no reference to its callback: we must
 
     def params(self) -> hello_imgui.RunnerParams:
@@ -110,6 +113,10 @@ class Window:
             self._title = title
             glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)
 
+    def close(self) -> None:
+        """End the program after this frame."""
+        hello_imgui.get_runner_params().app_shall_exit = True
+
     def reset_layout(self) -> None:
         """Put every panel back to its place."""
         hello_imgui.get_runner_params().docking_params.layout_reset = True
@@ -122,6 +129,7 @@ class Window:
         callbacks.post_init = self._started
         callbacks.before_exit = hooks.ending
         callbacks.pre_new_frame = self._before_frame
+        callbacks.show_gui = hooks.keys
         callbacks.show_menus = hooks.menu
         callbacks.show_status = hooks.status
         callbacks.post_render_dockable_windows = hooks.overlay
@@ -144,17 +152,28 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = rate > 0
         idling.fps_idle = max(rate, 1.0)
+        self._show_panels(self.hooks.panels_shown())
         self.hooks.before_frame()
+
+    def _show_panels(self, shown: bool) -> None:
+        """Show all panels, or the picture alone."""
+        if shown == self._panels_shown:
+            return
+        self._panels_shown = shown
+        docking = hello_imgui.get_runner_params().docking_params
+        for panel in self.panels:
+            if not panel.is_bare:
+                docking.dockable_window_of_name(panel.label).is_visible = shown
 
     def _layouts(self) -> tuple[hello_imgui.DockingParams, hello_imgui.DockingParams]:
         wide = _layout(
             "Wide",
             [
+                ("MainDockSpace", "Bottom", imgui.Dir.down, 0.22),
+                ("Bottom", "BottomRight", imgui.Dir.right, 0.235),
                 ("MainDockSpace", "Right", imgui.Dir.right, 0.235),
-                ("MainDockSpace", "Bottom", imgui.Dir.down, 0.235),
-                ("MainDockSpace", "Left", imgui.Dir.left, 0.27),
-                ("Right", "RightMiddle", imgui.Dir.down, 0.52),
-                ("RightMiddle", "RightBottom", imgui.Dir.down, 0.42),
+                ("MainDockSpace", "Left", imgui.Dir.left, 0.28),
+                ("Right", "RightDown", imgui.Dir.down, 0.46),
             ],
             [(panel, panel.space) for panel in self.panels],
         )
@@ -162,7 +181,7 @@ class Window:
             "Compact",
             [
                 ("MainDockSpace", "Right", imgui.Dir.right, 0.38),
-                ("Right", "RightBottom", imgui.Dir.down, 0.56),
+                ("Right", "RightBottom", imgui.Dir.down, 0.53),
             ],
             [(panel, panel.compact_space) for panel in self.panels],
         )

@@ -1,0 +1,224 @@
+"""What the commands check before and do: reasons why not, and acts of more than one call."""
+
+import numpy as np
+
+from gaga_core.scene.scene import State
+from gaga_studio import tour
+from gaga_studio.offers import has_groups
+from gaga_studio.session import Session
+from gaga_studio.view import Mode, ToolName
+
+# --- reasons: "" when the command can be run
+
+
+def no_scene(session: Session) -> str:
+    """Needs an open scene."""
+    return "" if session.document is not None else "No scene is open."
+
+
+def busy(session: Session) -> str:
+    """Needs the job runner."""
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def idle(session: Session) -> str:
+    """Needs a running job."""
+    return "" if session.jobs.running is not None else "Nothing is running."
+
+
+def not_saveable(session: Session) -> str:
+    """Needs a scene and the job runner."""
+    return no_scene(session) or busy(session)
+
+
+def no_selection(session: Session) -> str:
+    """Needs a selection."""
+    reason = no_scene(session)
+    if reason:
+        return reason
+    return "" if len(session.selected_indices()) else "Nothing is selected. Click an object first."
+
+
+def not_exportable_selection(session: Session) -> str:
+    """Needs a selection and the job runner."""
+    return no_selection(session) or busy(session)
+
+
+def no_groups(session: Session) -> str:
+    """Needs objects."""
+    if session.scene is None:
+        return no_scene(session)
+    if session.live is not None or has_groups(session.scene):
+        return ""
+    return "There are no groups yet. Run Associate to make them."
+
+
+def not_exportable_objects(session: Session) -> str:
+    """Needs objects and the job runner."""
+    return no_groups(session) or busy(session)
+
+
+def no_masks(session: Session) -> str:
+    """Needs masks and the job runner."""
+    reason = not_saveable(session)
+    if reason or len(session.masks):
+        return reason
+    return "This scene has no masks. Put label maps into its masks folder and open it again."
+
+
+def not_one_object(session: Session) -> str:
+    """Needs exactly one selected object."""
+    reason = no_selection(session)
+    if reason:
+        return reason
+    n = len(session.selected_groups())
+    return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+def not_several_objects(session: Session) -> str:
+    """Needs two selected objects or more."""
+    reason = no_selection(session)
+    if reason or len(session.selected_groups()) > 1:
+        return reason
+    return "Select two objects or more: Shift adds to the selection."
+
+
+def nothing_hidden(session: Session) -> str:
+    """Needs something hidden."""
+    if session.scene is None:
+        return no_scene(session)
+    bits = np.uint8(State.HIDDEN | State.DELETED)
+    is_hidden = ((session.scene.state & bits) == np.uint8(State.HIDDEN)).any()
+    return "" if is_hidden else "Nothing is hidden."
+
+
+def no_photos(session: Session) -> str:
+    """Needs cameras."""
+    return no_scene(session) or ("" if session.cameras else "This scene has no photos.")
+
+
+def no_undo(session: Session) -> str:
+    """Needs an edit."""
+    history = session.history
+    return "" if history is not None and history.can_undo else "There is nothing to undo."
+
+
+def no_redo(session: Session) -> str:
+    """Needs an undone edit."""
+    history = session.history
+    return "" if history is not None and history.can_redo else "There is nothing to redo."
+
+
+def no_cancel(session: Session) -> str:
+    """Needs something that Escape ends."""
+    leaves = session.tool is not ToolName.PICK or session.rig.is_flying
+    if session.is_previewing or leaves or not no_selection(session):
+        return ""
+    return "There is nothing to cancel."
+
+
+# --- titles of the moment
+
+
+def undo_title(session: Session) -> str:
+    """ "Undo Move mug"."""
+    history = session.history
+    return f"Undo {history.undo_title}" if history is not None and history.can_undo else "Undo"
+
+
+def redo_title(session: Session) -> str:
+    """ "Redo Move mug"."""
+    history = session.history
+    return f"Redo {history.redo_title}" if history is not None and history.can_redo else "Redo"
+
+
+# --- acts
+
+
+def cancel(session: Session) -> None:
+    """End the innermost thing: a drag, flying, the tool, the selection."""
+    if session.is_previewing:
+        session.cancel_preview()
+    elif session.rig.is_flying:
+        session.rig.is_flying = False
+    elif session.tool is not ToolName.PICK:
+        session.tool = ToolName.PICK
+    else:
+        select_none(session)
+
+
+def select_all(session: Session) -> None:
+    """Select everything visible."""
+    session.attempt(lambda: session.need().select_all())
+
+
+def select_none(session: Session) -> None:
+    """Select nothing."""
+    session.attempt(lambda: session.need().select_none())
+
+
+def select_inverse(session: Session) -> None:
+    """Select what is not selected."""
+    session.attempt(lambda: session.need().select_inverse())
+
+
+def merge(session: Session) -> None:
+    """Make the selected objects one."""
+    session.attempt(lambda: session.need().merge_selected())
+
+
+def next_mode(session: Session) -> None:
+    """Color, groups, depth, and round again."""
+    modes = list(Mode)
+    session.view.mode = modes[(modes.index(session.view.mode) + 1) % len(modes)]
+
+
+def frame_selected(session: Session) -> None:
+    """Show the selection."""
+    tour.frame_selected(session)
+
+
+def frame_all(session: Session) -> None:
+    """Show everything."""
+    tour.frame_all(session)
+
+
+def next_view(session: Session) -> None:
+    """Fly to the next photo."""
+    tour.next_view(session, 1)
+
+
+def previous_view(session: Session) -> None:
+    """Fly to the photo before."""
+    tour.next_view(session, -1)
+
+
+def toggle_flying(session: Session) -> None:
+    """Orbit or fly."""
+    session.rig.is_flying = not session.rig.is_flying
+
+
+def toggle_frusta(session: Session) -> None:
+    """Show or hide the photos' cameras."""
+    session.view.show_frusta = not session.view.show_frusta
+
+
+def toggle_outline(session: Session) -> None:
+    """Show or hide the outline of the selection."""
+    session.view.show_outline = not session.view.show_outline
+
+
+def toggle_panels(session: Session) -> None:
+    """Show or hide everything but the picture."""
+    session.view.show_panels = not session.view.show_panels
+
+
+def toggle_info(session: Session) -> None:
+    """Show or hide the figures in the status bar."""
+    session.view.show_info = not session.view.show_info
+
+
+def toggle_rect_splats(session: Session) -> None:
+    """Rectangle: whole objects or single splats."""
+    session.view.rect_takes_splats = not session.view.rect_takes_splats

@@ -1,0 +1,224 @@
+"""The one place that joins window, session, panels and picture; the frame loop."""
+
+import time
+from pathlib import Path
+
+import moderngl
+from imgui_bundle import imgui
+
+from gaga_core.camera import Camera
+from gaga_studio import paths, window
+from gaga_studio.gpu.context import attach
+from gaga_studio.gpu.images import ImageStore
+from gaga_studio.gpu.viewport import Overlays, Viewport
+from gaga_studio.log import start_log
+from gaga_studio.pacing import Pacing
+from gaga_studio.session import Session
+from gaga_studio.status import status_text
+from gaga_studio.ui import (
+    files,
+    history,
+    inspector,
+    memory_bank,
+    menu,
+    notices,
+    objects,
+    requests,
+    sheets,
+    shortcuts,
+    status,
+    theme,
+    toolbar,
+    views,
+)
+from gaga_studio.ui.state import UiState
+from gaga_studio.ui.viewport import ViewportPanel
+from gaga_studio.window import Hooks, Panel, Window, WindowOptions
+
+_REST_RATE = 2.0  # frames a second while nothing happens
+_JOB_RATE = 12.0  # while a job runs: its progress moves, and the processor is the job's
+
+
+class Studio:
+    """The program with a window. ``session`` is what tests look at."""
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        *,
+        demo: bool = False,
+        session: Session | None = None,
+        options: WindowOptions | None = None,
+    ) -> None:
+        self.session = session or Session()
+        self.ui = UiState(native_dialogs=files.has_native())
+        self.viewport: Viewport | None = None
+        self.images: ImageStore | None = None
+        self._ctx: moderngl.Context | None = None
+        self._first: tuple[Path | None, bool] = (path, demo)
+        self._pacing = Pacing()
+        self._backend = ""
+        self._document: object = None
+        self.never_idle = False  # tests want every frame at once
+        self.picture = ViewportPanel(self._render, window.physical_keys)
+        remembered = WindowOptions(settings_file=paths.home() / "window.ini")
+        self.window = Window(self._hooks(), self._panels(), options or remembered)
+
+    def run(self) -> None:
+        """Open the window and stay until it is closed. Raises ``GagaError`` if it cannot open."""
+        start_log()
+        paths.home().mkdir(parents=True, exist_ok=True)
+        self.window.run()
+
+    # --- what the window calls
+
+    def _hooks(self) -> Hooks:
+        session, ui = self.session, self.ui
+        return Hooks(
+            started=self._started,
+            ending=self._ending,
+            fonts=theme.load_fonts,
+            style=theme.apply_style,
+            before_frame=self._before_frame,
+            keys=lambda: shortcuts.pressed(session, self._escape),
+            menu=lambda: menu.draw(session, ui, self.window.reset_layout),
+            tool_bar=lambda: toolbar.draw(session, ui),
+            status=self._status,
+            overlay=self._overlay,
+            dropped=self._dropped,
+            may_close=self._may_close,
+            frame_rate=self._frame_rate,
+            panels_shown=lambda: session.view.show_panels,
+        )
+
+    def _panels(self) -> tuple[Panel, ...]:
+        session, ui = self.session, self.ui
+        main = "MainDockSpace"
+        return (
+            Panel("Viewport", lambda: self.picture.draw(session, ui), main, main, is_bare=True),
+            Panel("Objects", lambda: objects.draw(session, ui), "Left", "Right"),
+            Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
+            Panel("Memory bank", lambda: memory_bank.draw(session, ui), "RightDown", "RightBottom"),
+            Panel("Views", lambda: views.draw(session, ui), "Bottom", "RightBottom"),
+            Panel("History", lambda: history.draw(session, ui), "BottomRight", "RightBottom"),
+        )
+
+    def _started(self) -> None:
+        self._ctx = attach()
+        self._backend = _backend(self._ctx)
+        self.viewport = Viewport(self._ctx)
+        self.images = ImageStore(self._ctx)
+        self.session.images = self.images
+        path, demo = self._first
+        if path is not None:
+            self.session.open(path)
+        elif demo:
+            self.session.open_demo()
+
+    def _ending(self) -> None:
+        """Give back every OpenGL object while the context is still there."""
+        self.session.shut_down()
+        self.session.images = None
+        if self.images is not None:
+            self.images.release()
+        if self.viewport is not None:
+            self.viewport.release()
+        self.viewport = self.images = None
+
+    def _before_frame(self) -> None:
+        style = imgui.get_style()
+        style.font_scale_main = self.session.settings.ui_scale
+        self.session.tick(imgui.get_io().delta_time)
+        if self.session.document is not self._document:
+            self._document = self.session.document
+            self.ui.forget()
+            if self.images is not None:
+                self.images.clear()
+        title = self.session.title
+        self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
+        if self.session.should_quit:
+            self.window.close()
+
+    def _overlay(self) -> None:
+        """After the panels: dialogs, sheets, notices."""
+        requests.take(self.session, self.ui)
+        sheets.draw(self.session, self.ui)
+        notices.draw(self.session, self.ui)
+
+    def _status(self) -> None:
+        hint = status_text(self.session, self.picture.pointing.tool(self.session))
+        scene = self.session.scene
+        figures = None
+        if scene is not None:
+            figures = status.Figures(len(scene), self._pacing.frame_ms, self._backend)
+        status.draw(self.session, hint, figures)
+
+    def _escape(self) -> bool:
+        """End a gesture or close the compared photo; whether there was one."""
+        if self.picture.cancel(self.session):
+            return True
+        if self.ui.decision is not None:
+            self.ui.decision = None
+            return True
+        return False
+
+    def _dropped(self, dropped: list[Path]) -> None:
+        if dropped:
+            self.session.open(dropped[0])
+
+    def _may_close(self) -> bool:
+        if self.session.unsaved and not self.session.should_quit:
+            self.session.quit()  # asks; the answer closes the window
+            return False
+        return True
+
+    # --- the picture
+
+    def _render(self, camera: Camera) -> int:
+        """The finished picture's texture; drawn anew only when something in it changed."""
+        if self.viewport is None:
+            return 0
+        session = self.session
+        view = self._pacing.view_for(session.view, camera, self.viewport.is_software)
+        before, start = self.viewport.n_draws, time.perf_counter()
+        texture = self.viewport.draw(session.scene, camera, view, self._overlays())
+        if self.viewport.n_draws != before and self._ctx is not None:
+            self._ctx.finish()  # so that the time is the picture's, not the queue's
+            self._pacing.drew((time.perf_counter() - start) * 1000)
+        return texture
+
+    def _overlays(self) -> Overlays:
+        session = self.session
+        return Overlays(
+            cameras=session.cameras if session.view.show_frusta else (),
+            active_camera=session.active_view,
+            labels=session.live_labels,
+            hovered_group=session.hovered_group,
+            pixel_scale=imgui.get_io().display_framebuffer_scale.x,
+        )
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the screen shows everything as it is: nothing runs, loads or moves."""
+        return self.session.jobs.running is None and not self._is_moving()
+
+    def _is_moving(self) -> bool:
+        is_drawn = self.viewport is None or (self.viewport.settled and self._pacing.is_settled)
+        is_loading = self.images is not None and self.images.loading
+        is_driven = self.session.rig.is_moving or self.picture.is_busy
+        return is_driven or is_loading or not is_drawn
+
+    def _frame_rate(self) -> float:
+        """Wanted frames a second at rest; 0 while something on the screen moves."""
+        if self.never_idle or self._is_moving():
+            return 0.0
+        if self.session.jobs.running is not None or self.ui.has_notices:
+            return _JOB_RATE
+        return _REST_RATE
+
+
+def _backend(ctx: moderngl.Context) -> str:
+    """ "llvmpipe, OpenGL 4.5": who draws the picture, short enough for the status bar."""
+    renderer = str(ctx.info["GL_RENDERER"]).split("(")[0].split("/")[0].strip()
+    major, minor = divmod(ctx.version_code // 10, 10)
+    return f"{renderer}, OpenGL {major}.{minor}"

@@ -1,0 +1,102 @@
+"""The stages behind the session's buttons. Each works on values taken at the call."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray
+from gaga_core.demo import ensure_demo
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.io.masks import mask_folder
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage
+from gaga_core.project import Project, open_path_stage, save_project
+from gaga_core.raster import choose
+from gaga_core.scene.export import export_objects_stage, export_scene_stage
+from gaga_core.scene.scene import Scene
+
+Export = Literal["scene", "selected", "objects"]
+
+
+def open_demo_stage(folder: Path) -> Stage[Project]:
+    """Make the demo scene if it is not there yet, then open it."""
+    made = yield from ensure_demo(folder)
+    project = yield from open_path_stage(made)
+    return project
+
+
+def save_stage(project: Project, path: Path | None) -> Stage[Path]:
+    """Save the project as it is at the call; returns where it is now."""
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[Path]:
+        yield Progress("Save", 0, 1)
+        return save_project(frozen, path)
+
+    return stage()
+
+
+def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> Stage[Association]:
+    """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
+
+    Works on the Gaussians of the file: the photos show them where they stood.
+    """
+    if project.folder is None or len(masks) == 0:
+        raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
+    config = AssociateConfig.of(preset)
+    train = set(project.folder.train)
+    cameras = [camera for camera in project.folder.cameras if camera.name in train]
+    gaussians = file_gaussians(project.scene)
+
+    def stage() -> Stage[Association]:
+        yield Progress("Associate masks", 0, 0, "Preparing (the first run takes a little longer)")
+        return (yield from associate_stage(gaussians, cameras, masks, choose(), config))
+
+    return stage()
+
+
+def file_gaussians(scene: Scene) -> Gaussians:
+    """The Gaussians of the opened file, in its order: everything but duplicates."""
+    original: BoolArray = scene.source == np.arange(len(scene), dtype=np.int64)
+    n = int(original.sum())  # duplicates are appended, so the originals are a prefix
+    return scene.gaussians if n == len(scene) else scene.gaussians.take(np.arange(n))
+
+
+def masks_of(project: Project, provider: str = "") -> tuple[str, MaskSet]:
+    """The chosen (else the first) provider and its masks; empty when there are none."""
+    folder = project.folder
+    if folder is None or not folder.mask_folders:
+        return "", MaskSet()
+    if provider and provider not in folder.mask_folders:
+        known = ", ".join(folder.mask_folders)
+        raise GagaError(f"There are no masks of {provider!r} here. Choose one of {known}.")
+    name = provider or next(iter(folder.mask_folders))
+    return name, mask_folder(folder.mask_folders[name], [c.name for c in folder.cameras])
+
+
+def export_stage(
+    scene: Scene, what: Export, path: Path, *, chosen: Sequence[int] = (), groups: bool = False
+) -> Stage[str]:
+    """Export, and the sentence that says what was written."""
+    if what == "objects":
+        stage = export_objects_stage(scene, path, list(chosen) or None)
+
+        def objects() -> Stage[str]:
+            manifest = yield from stage
+            n_files = len(list(manifest.parent.glob("*.ply")))
+            return f"Exported objects to {manifest.parent} ({n_files} files and {manifest.name})."
+
+        return objects()
+    kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
+    whole = export_scene_stage(scene, path, what=kind, groups=groups)
+
+    def splats() -> Stage[str]:
+        n = yield from whole
+        return f"Exported {n:,} splats to {path}."
+
+    return splats()

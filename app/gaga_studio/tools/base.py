@@ -1,0 +1,65 @@
+"""What every tool is: it takes the left drag of the picture, or only clicks."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from gaga_core.scene.edits import How
+from gaga_studio.session import Session
+from gaga_studio.view import ToolName
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pixel of the picture, its size, and what the modifiers do to a selection."""
+
+    u: float
+    v: float
+    width: int
+    height: int
+    how: How = "set"
+
+
+@dataclass(frozen=True)
+class RectShape:
+    """A rectangle to draw over the picture, pixels, any corner order."""
+
+    u0: float
+    v0: float
+    u1: float
+    v1: float
+    how: How
+
+
+class Tool(Protocol):
+    """A gesture shows what it does, commits one edit on release, and none on cancel (STYLE 12)."""
+
+    name: ToolName
+    takes_drag: bool  # the left drag is the tool's; else it orbits
+
+    def click(self, session: Session, place: Place) -> None:
+        """A press that did not move."""
+        ...
+
+    def press(self, session: Session, place: Place) -> None:
+        """A drag begins here."""
+        ...
+
+    def drag(self, session: Session, place: Place) -> None:
+        """The drag is here now."""
+        ...
+
+    def release(self, session: Session, place: Place) -> None:
+        """The drag ends here."""
+        ...
+
+    def cancel(self, session: Session) -> None:
+        """Escape: everything is as before the press."""
+        ...
+
+    def overlay(self) -> RectShape | None:
+        """What to draw over the picture now."""
+        ...
+
+    def hint(self, session: Session) -> str:
+        """What a click or drag does now, for the status line."""
+        ...

@@ -1,0 +1,81 @@
+"""Move, rotate or scale the selection with handles that the window draws."""
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_studio.session import Session
+from gaga_studio.tools.base import Place, RectShape
+from gaga_studio.view import ToolName
+
+_VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}
+
+
+class MoveTool:
+    """A drag of the handles: ``begin``, any number of ``move_to``, then ``finish`` or ``cancel``.
+
+    Clicks select, as with the pick tool; drags beside the handles orbit.
+    """
+
+    takes_drag = False
+
+    def __init__(self, name: ToolName = ToolName.MOVE) -> None:
+        self.name = name
+        self._start: DoubleArray | None = None
+
+    @property
+    def is_dragging(self) -> bool:
+        """Whether a handle is held."""
+        return self._start is not None
+
+    def handles(self, session: Session) -> DoubleArray | None:
+        """Where the handles stand, (4, 4) world; None when nothing is selected."""
+        document = session.document
+        centre = document.selected_centre() if document is not None else None
+        if centre is None:
+            return None
+        matrix = np.eye(4)
+        matrix[:3, 3] = centre
+        return matrix
+
+    def begin(self, session: Session) -> None:
+        """A handle is grabbed."""
+        self._start = self.handles(session)
+
+    def move_to(self, session: Session, handles: DoubleArray) -> None:
+        """The handles are dragged to this matrix (4, 4), world: show the selection there."""
+        if self._start is not None:
+            motion = (handles @ np.linalg.inv(self._start))[:3]
+            session.preview_move(motion, _VERBS[self.name])
+
+    def finish(self, session: Session) -> bool:
+        """The handle is let go: one edit, if anything moved."""
+        self._start = None
+        return session.commit_preview()
+
+    def cancel(self, session: Session) -> None:
+        """Escape: the selection stands where it stood."""
+        self._start = None
+        session.cancel_preview()
+
+    def click(self, session: Session, place: Place) -> None:
+        """Select the object under the mouse."""
+        session.click(place.u, place.v, place.width, place.height, place.how)
+
+    def press(self, session: Session, place: Place) -> None:
+        """Drags beside the handles are the camera's."""
+
+    def drag(self, session: Session, place: Place) -> None:
+        """Drags beside the handles are the camera's."""
+
+    def release(self, session: Session, place: Place) -> None:
+        """Drags beside the handles are the camera's."""
+
+    def overlay(self) -> RectShape | None:
+        """The window draws the handles."""
+        return None
+
+    def hint(self, session: Session) -> str:
+        """What a drag does now."""
+        if self.handles(session) is not None:
+            return f"Drag a handle to {_VERBS[self.name].lower()} the selection, Esc cancels."
+        return f"Click an object to {_VERBS[self.name].lower()} it."

@@ -1,0 +1,97 @@
+"""Joins mouse, keys, tools and camera: one call a frame for the picture."""
+
+from gaga_studio.input import Act, Action, Gestures, KeyState, PointerState, fly_move
+from gaga_studio.session import Session
+from gaga_studio.tools.base import Place, RectShape, Tool
+from gaga_studio.tools.move import MoveTool
+from gaga_studio.tools.pick import PickTool
+from gaga_studio.tools.rect import RectTool
+from gaga_studio.view import ToolName
+
+
+class Pointing:
+    """The tools, one of each, and the gesture that is under way."""
+
+    def __init__(self) -> None:
+        self.move_tools = {
+            name: MoveTool(name) for name in (ToolName.MOVE, ToolName.ROTATE, ToolName.SCALE)
+        }
+        self._tools: dict[ToolName, Tool] = {
+            ToolName.PICK: PickTool(),
+            ToolName.RECT: RectTool(),
+            **self.move_tools,
+        }
+        self._gestures = Gestures()
+        self._active = ToolName.PICK
+
+    @property
+    def overlay(self) -> RectShape | None:
+        """What the tool draws over the picture now."""
+        return self._tools[self._active].overlay()
+
+    @property
+    def is_dragging(self) -> bool:
+        """Whether a drag is under way."""
+        return self._gestures.is_dragging
+
+    def tool(self, session: Session) -> Tool:
+        """The active tool."""
+        return self._tools[session.tool]
+
+    def cancel(self, session: Session) -> bool:
+        """Escape: end the gesture without an edit; whether there was one."""
+        had = self._gestures.is_dragging or session.is_previewing
+        self._gestures.cancel()
+        self.tool(session).cancel(session)
+        return had
+
+    def update(self, session: Session, pointer: PointerState, keys: KeyState, dt: float) -> None:
+        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame."""
+        if session.tool is not self._active:
+            self._tools[self._active].cancel(session)
+            self._gestures.cancel()
+            self._active = session.tool
+        if session.document is None:
+            return
+        looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
+        tool = self.tool(session)
+        for action in self._gestures.update(pointer, keys, tool_drags=tool.takes_drag, looks=looks):
+            if not _move_camera(session, action):
+                _use(session, tool, action, pointer)
+        move, speed = fly_move(keys, session.rig.is_flying)
+        session.rig.fly(move, dt, speed * session.settings.fly_speed)
+
+
+def _move_camera(session: Session, action: Action) -> bool:
+    """Whether the action was the camera's."""
+    rig = session.rig
+    if action.act is Act.ORBIT:
+        rig.orbit(action.dx, action.dy)
+    elif action.act is Act.LOOK:
+        rig.look(action.dx, action.dy)
+    elif action.act is Act.PAN:
+        rig.pan(action.dx, action.dy)
+    elif action.act is Act.ZOOM:
+        rig.zoom(-action.dy if session.settings.invert_zoom else action.dy)
+    else:
+        return False
+    return True
+
+
+def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) -> None:
+    size = (pointer.width, pointer.height)
+    place = Place(action.u, action.v, *size, action.how)
+    if action.act is Act.HOVER:
+        session.hover(action.u, action.v, *size)
+    elif action.act is Act.AWAY:
+        session.hovering.away()
+    elif action.act is Act.DOUBLE_CLICK:
+        session.focus_at(action.u, action.v, *size)
+    elif action.act is Act.CLICK:
+        tool.click(session, place)
+    elif action.act is Act.TOOL_PRESS:
+        tool.press(session, place)
+    elif action.act is Act.TOOL_DRAG:
+        tool.drag(session, place)
+    elif action.act is Act.TOOL_RELEASE:
+        tool.release(session, place)

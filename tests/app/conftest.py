@@ -1,0 +1,80 @@
+"""A small scene folder that is made once, and sessions that are shut down."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from gaga_studio.session import Session
+from gaga_studio.settings import Settings
+
+from tests.app.folders import write_scene
+
+
+@pytest.fixture(scope="session")
+def made_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder as made; tests work on copies."""
+    folder = tmp_path_factory.mktemp("made") / "table"
+    write_scene(folder)
+    return folder
+
+
+@pytest.fixture
+def scene_folder(made_scene: Path, tmp_path: Path) -> Path:
+    """A copy of the scene folder that a test may write to."""
+    folder = tmp_path / "table"
+    shutil.copytree(made_scene, folder)
+    return folder
+
+
+@pytest.fixture
+def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Session]]:
+    """Makes sessions, with a home of their own, and ends their threads."""
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+    made: list[Session] = []
+
+    def make() -> Session:
+        made.append(Session(Settings(preset="paper")))
+        return made[-1]
+
+    yield make
+    for session in made:
+        session.shut_down()
+
+
+@pytest.fixture
+def session(new_session: Callable[[], Session], scene_folder: Path) -> Session:
+    """A session with the small scene open, not associated."""
+    made = new_session()
+    made.open(scene_folder)
+    assert made.jobs.wait()
+    assert made.scene is not None, made.notices
+    return made
+
+
+@pytest.fixture(scope="session")
+def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene folder with a saved project in which the masks are associated."""
+    folder = tmp_path_factory.mktemp("grouped") / "table"
+    shutil.copytree(made_scene, folder)
+    made = Session(Settings(preset="paper"))
+    made.open(folder)
+    assert made.jobs.wait()
+    made.associate()
+    assert made.jobs.wait()
+    made.save()
+    assert made.jobs.wait()
+    made.shut_down()
+    return folder
+
+
+@pytest.fixture
+def associated(new_session: Callable[[], Session], grouped_scene: Path, tmp_path: Path) -> Session:
+    """A session with the small scene open and its objects found."""
+    folder = tmp_path / "grouped"
+    shutil.copytree(grouped_scene, folder)
+    made = new_session()
+    made.open(folder)
+    assert made.jobs.wait()
+    assert made.scene is not None, made.notices
+    return made

@@ -1,0 +1,63 @@
+"""Settings: what is saved comes back; what is damaged does no harm."""
+
+from pathlib import Path
+
+import pytest
+from gaga_studio.settings import Settings, load_settings, save_settings, settings_file
+
+from gaga_core.errors import GagaError
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+
+
+def test_defaults_without_a_file() -> None:
+    assert load_settings() == (Settings(), "")
+
+
+def test_load_gives_what_was_saved() -> None:
+    settings = Settings(
+        recent=("/a/b c.ply", "/ü"), preset="paper", fly_speed=2.5, invert_zoom=True
+    )
+    save_settings(settings)
+    assert load_settings() == (settings, "")
+    assert [p.name for p in settings_file().parent.iterdir()] == ["settings.json"]
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[1, 2]", b"\xff\xfe\x00", b'"text"'])
+def test_damaged_file_gives_defaults_and_says_so(content: bytes) -> None:
+    settings_file().parent.mkdir()
+    settings_file().write_bytes(content)
+    settings, problem = load_settings()
+    assert settings == Settings()
+    assert str(settings_file()) in problem
+
+
+def test_values_of_another_kind_and_unknown_names_are_left_out() -> None:
+    settings_file().parent.mkdir()
+    settings_file().write_text(
+        '{"recent": ["/a", 3], "preset": 7, "fly_speed": -1, "ui_scale": 2, "color": "red"}'
+    )
+    assert load_settings() == (Settings(recent=("/a",), ui_scale=2.0), "")
+
+
+def test_newest_recent_file_stands_first_once(tmp_path: Path) -> None:
+    settings = Settings()
+    for i in range(14):
+        settings = settings.opened(tmp_path / f"{i}.ply")
+    settings = settings.opened(tmp_path / "9.ply")
+    names = [Path(p).name for p in settings.recent]
+    assert names[:3] == ["9.ply", "13.ply", "12.ply"]
+    assert len(names) == len(set(names)) == 10
+    assert str(tmp_path / "9.ply") not in settings.forgotten(tmp_path / "9.ply").recent
+
+
+def test_home_that_cannot_be_written_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "file" / "home"))
+    with pytest.raises(GagaError):
+        save_settings(Settings())
