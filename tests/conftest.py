@@ -2,12 +2,13 @@
 
 import os
 import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.display import xvfb
 
 _DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -57,21 +58,5 @@ def display() -> Iterator[str]:
     """A display for window tests: Xvfb of our own, ended with the test run."""
     if shutil.which("Xvfb") is None:
         pytest.skip("no Xvfb on this machine: install the package xvfb")
-    read_end, write_end = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1920x1080x24", "-nolisten", "tcp"],
-        pass_fds=(write_end,),
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write_end)
-    with os.fdopen(read_end) as pipe:
-        name = f":{pipe.readline().strip()}"
-    before = os.environ.get("DISPLAY")
-    os.environ["DISPLAY"] = name
-    yield name
-    server.terminate()
-    server.wait(timeout=10)
-    if before is None:
-        del os.environ["DISPLAY"]
-    else:
-        os.environ["DISPLAY"] = before
+    with xvfb() as name:
+        yield name

@@ -14,13 +14,13 @@ from typing import Any
 import moderngl
 import numpy as np
 import psutil
+
+from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.scene.scene import Scene, State
 from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import Sorter, SortJob
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.view import ViewState
-
-from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.scene.scene import Scene, State
 from tests.bench.figures import Figure, cpu_median
 from tests.scenes import orbit_cameras, random_gaussians
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import ViewState
 
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import choose
 from gaga_core.scene.scene import Scene
+from gaga_studio.gpu.viewport import Viewport
+from gaga_studio.view import ViewState
 
 BACKGROUND = (0.2, 0.1, 0.05)
 Errors = Callable[[Scene, Gaussians, Camera], float]

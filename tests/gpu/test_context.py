@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gaga_studio.gpu.context import attach, is_software, load_program, set_uniforms
 
 from gaga_core.errors import GagaError
+from gaga_studio.gpu.context import attach, is_software, load_program, set_uniforms
 
 _WINDOW = """
 import glfw

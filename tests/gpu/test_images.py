@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaga_studio.gpu.images import ImageStore
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
+from gaga_studio.gpu.images import ImageStore
 
 pytestmark = pytest.mark.gl
 

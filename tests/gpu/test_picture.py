@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import Mode, ViewState
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.colmap import read_colmap
 from gaga_core.io.ply import read_ply
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
+from gaga_studio.gpu.viewport import Viewport
+from gaga_studio.view import Mode, ViewState
 from tests.gpu.conftest import Errors
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gaga_studio.gpu.sort_kernels import N_KEYS
-from gaga_studio.gpu.sorter import Sorter, SortJob, sort
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.scene import Placements, Scene, State
+from gaga_studio.gpu.sort_kernels import N_KEYS
+from gaga_studio.gpu.sorter import Sorter, SortJob, sort
 from tests.scenes import orbit_cameras, random_gaussians
 
 CAMERA = orbit_cameras(1)[0]

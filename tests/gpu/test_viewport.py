@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaga_studio.gpu.buffers import SceneBuffers
-from gaga_studio.gpu.overlays import Ground, Overlays
-from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import Mode, ViewState
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.scene.scene import Placements, Scene, State
+from gaga_studio.gpu.buffers import SceneBuffers
+from gaga_studio.gpu.overlays import Ground, Overlays
+from gaga_studio.gpu.viewport import Viewport
+from gaga_studio.view import Mode, ViewState
 from tests.scenes import Synthetic, objects_scene, orbit_cameras, random_gaussians
 
 pytestmark = pytest.mark.gl

@@ -1,0 +1,70 @@
+"""Starting the program: what is imported, and what a person reads when it cannot start."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.app.folders import write_scene
+
+
+def run(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
+    env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env=env | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_a_machine_without_display_gets_one_sentence() -> None:
+    done = run("-m", "gaga_studio", "--demo")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "display" in done.stderr
+
+
+def test_a_display_that_does_not_answer_is_one_sentence() -> None:
+    done = run("-m", "gaga_studio", "--demo", DISPLAY=":9999")
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "display" in done.stderr.lower()
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_needs_no_display_and_no_heavy_import(option: str) -> None:
+    done = run("-X", "importtime", "-m", "gaga_studio", option)
+    assert done.returncode == 0
+    assert "gaga-studio" in done.stdout
+    for heavy in ("numpy", "imgui_bundle", "numba", "torch"):
+        assert f"| {heavy}\n" not in done.stderr.replace("|   ", "| ")
+
+
+def test_opening_editing_and_saving_import_neither_torch_nor_transformers(tmp_path: Path) -> None:
+    write_scene(tmp_path / "scene", n_objects=2)
+    code = f"""
+import sys
+from pathlib import Path
+import gaga_studio.studio
+from gaga_studio.session import Session
+session = Session()
+session.open(Path({str(tmp_path / "scene")!r}))
+session.jobs.wait()
+session.tick(0.1)
+assert session.scene is not None
+session.associate()
+session.jobs.wait()
+session.tick(0.1)
+session.save()
+session.jobs.wait()
+loaded = [name for name in ("torch", "transformers", "pycolmap") if name in sys.modules]
+assert not loaded, loaded
+"""
+    done = run("-c", code, GAGA_HOME=str(tmp_path / "home"))
+    assert done.returncode == 0, done.stderr
