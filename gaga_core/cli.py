@@ -95,13 +95,15 @@ class Evaluate:
     """Scene folder whose split says which views count (with --views)."""
     views: Literal["train", "test", "all"] = "all"
     """Which views of --scene count; without --scene every file of --gt does."""
-    protocol: Literal["instance"] = "instance"
-    """instance: class-agnostic IoU, precision and recall."""
+    protocol: Literal["instance", "lerf-mask"] = "instance"
+    """instance: class-agnostic IoU, precision and recall. lerf-mask: <view>/<prompt>.png masks."""
     json: bool = False
     """Print the report as JSON."""
 
     def run(self) -> int:
         """Print IoU, precision and recall, with void as a class and without."""
+        if self.protocol == "lerf-mask":
+            return self._lerf_mask()
         from gaga_core.evaluate.metrics import evaluate
         from gaga_core.io.scene_folder import open_scene_folder
 
@@ -117,6 +119,50 @@ class Evaluate:
             out.result(report.to_json(), as_json=True)
             return 0
         headings, *rows = report.table()
+        out.table(headings, rows)
+        return 0
+
+    def _lerf_mask(self) -> int:
+        from gaga_core.evaluate.lerf_mask import evaluate_lerf_mask
+
+        report = evaluate_lerf_mask(self.pred, self.gt)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
+        if self.json:
+            out.result(report.to_json(), as_json=True)
+            return 0
+        headings, *rows = report.table()
+        out.table(headings, rows)
+        return 0
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Run all variants of the association on one scene: presets, ablations, bounds, few views."""
+
+    scene: Positional[Path]
+    """Scene folder with masks."""
+    gt: Path
+    """Folder of true label maps."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    seeds: tuple[int, ...] = (0,)
+    """Draws of the training views for the sparse rows."""
+    json: bool = False
+    """Print the table as JSON."""
+
+    def run(self) -> int:
+        """Print one table and write SCENE/gaga/variants.json."""
+        from gaga_core.compare import CompareConfig, compare_variants
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        folder = open_scene_folder(self.scene)
+        stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
+        table = out.follow(stage)
+        if self.json:
+            out.result(table.to_json(), as_json=True)
+            return 0
+        headings, *rows = table.table()
         out.table(headings, rows)
         return 0
 
@@ -268,6 +314,7 @@ Command = (
     Annotated[Associate, subcommand("associate")]
     | Annotated[Render, subcommand("render")]
     | Annotated[Evaluate, subcommand("evaluate")]
+    | Annotated[Compare, subcommand("compare")]
     | Annotated[Edit, subcommand("edit")]
     | Annotated[Export, subcommand("export")]
     | Annotated[Run, subcommand("run")]

@@ -1,0 +1,206 @@
+"""What the paper's ablation compares the memory bank with, as far as it needs no other network.
+
+Each baseline gives every mask of every view a group, as the bank does; `label_gaussians` then
+labels the Gaussians by the same vote for all, so that only the association differs. ("All
+Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
+from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.identity.votes import associated_labels, vote_labels
+from gaga_core.masks import Loader, MaskSet
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+
+TRACK_IOU = 0.3  # least overlap at which a tracker keeps an id (SORT, Bewley et al. 2016)
+
+
+@dataclass(frozen=True, eq=False)
+class MaskGroups:
+    """The group of each mask: view name -> (ids + 1,) indexed by mask id, 0 = none."""
+
+    groups: Mapping[str, IntArray]
+    n_groups: int
+    void: int = 0  # the group that stands for void in the vote; its Gaussians end up without one
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What a baseline may look at."""
+
+    gaussians: Gaussians
+    views: tuple[Camera, ...]  # with masks, by name
+    masks: MaskSet
+    rasterizer: Rasterizer
+
+    @staticmethod
+    def of(
+        gaussians: Gaussians, cameras: Sequence[Camera], masks: MaskSet, rasterizer: Rasterizer
+    ) -> "Inputs":
+        """Inputs of those ``cameras`` that have masks; ``GagaError`` when none has."""
+        return Inputs(gaussians, views_with_masks(cameras, masks), masks, rasterizer)
+
+
+def no_association(inputs: Inputs) -> Stage[MaskGroups]:
+    """The ids of each view as they are: mask 3 of one view and mask 3 of another are one group."""
+    groups, n_groups = {}, 0
+    for i, camera in enumerate(inputs.views):
+        yield Progress("No association", i, len(inputs.views), camera.name)
+        top = int(load_labels(inputs.masks, camera)[0].max(initial=0))
+        groups[camera.name] = np.arange(top + 1, dtype=np.int32)
+        n_groups = max(n_groups, top)
+    return MaskGroups(groups, n_groups)
+
+
+def linear_assignment(inputs: Inputs) -> Stage[MaskGroups]:
+    """One-to-one assignment between consecutive views, by the Gaussians that masks share.
+
+    The masks of a view, as sets of Gaussians behind the paper's depth gate, are paired with those
+    of the view before so that the summed IoU is greatest (the assignment of Panoptic Lifting,
+    Siddiqui et al., CVPR 2023); a mask without a partner opens a group. Older views are forgotten.
+    """
+
+    def regions(camera: Camera, masks: ViewMasks) -> IntArray:
+        channels = np.zeros((len(inputs.gaussians), 1), np.float32)
+        frame = inputs.rasterizer.render(inputs.gaussians, camera, channels=channels)
+        bounds = depth_bounds(masks, frame.expected_depth, frame.alpha, GateConfig())
+        return gaussians_of_masks(inputs.gaussians.means, camera, masks, bounds)
+
+    return (yield from _chained("Linear assignment", inputs, regions, 0.0))
+
+
+def overlap_tracker(inputs: Inputs) -> Stage[MaskGroups]:
+    """A tracker in the picture plane: pairs of neighbouring frames by the IoU of their pixels.
+
+    A stand-in for the video trackers of the ablation: it knows no motion and no 3D, so it holds
+    where neighbouring views by name are close.
+    """
+
+    def regions(camera: Camera, masks: ViewMasks) -> IntArray:
+        return masks.labels.ravel()
+
+    return (yield from _chained("Track overlaps", inputs, regions, TRACK_IOU))
+
+
+def true_masks(inputs: Inputs, truth: MaskSet) -> Stage[MaskGroups]:
+    """Upper bound of any association: each mask takes the true label of most of its pixels.
+
+    Views without a true map take no part. Void votes like an object, else the Gaussians around an
+    object would have only its votes.
+    """
+    tops = [int(load().max(initial=0)) for load in truth.loaders.values()]
+    groups, void = {}, max(tops, default=0) + 1
+    for i, camera in enumerate(inputs.views):
+        yield Progress("Match masks to truth", i, len(inputs.views), camera.name)
+        if camera.name not in truth:
+            groups[camera.name] = np.zeros(1, np.int32)
+            continue
+        true = truth.load(camera.name, camera.width, camera.height)
+        masks = ViewMasks.of(load_labels(inputs.masks, camera)[0])
+        names = ViewMasks.of(true)
+        table = _joint(masks.labels.ravel(), names.labels.ravel(), len(masks), len(names))
+        of_mask = np.zeros(int(masks.ids.max()) + 1, np.int32)
+        label = names.ids[table[1:].argmax(axis=1)]
+        of_mask[masks.ids[1:]] = np.where(label > 0, label, void)
+        groups[camera.name] = of_mask
+    return MaskGroups(groups, void, void)
+
+
+def true_maps(truth: MaskSet) -> MaskSet:
+    """The true maps as masks, void among them (ids are one higher): what perfect masks would be."""
+
+    def shifted(load: Loader) -> IntArray:
+        return load() + np.int32(1)
+
+    loaders = {name: partial(shifted, load) for name, load in truth.loaders.items()}
+    return MaskSet(loaders, truth.source)
+
+
+def match_frame(labels: IntArray, true: IntArray) -> IntArray:
+    """Per-frame upper bound: the masks (H, W) of one frame under the true labels they fit best.
+
+    One-to-one by IoU. Masks that are left over take ids above every true one, from the top of the
+    frame's list, so that extra masks cost precision but not once a frame.
+    """
+    masks, names = ViewMasks.of(labels), ViewMasks.of(true)
+    iou = _iou(_joint(masks.labels.ravel(), names.labels.ravel(), len(masks), len(names)))
+    new_id = np.zeros(len(masks) + 1, np.int32)
+    for m, t in _pairs(iou, 0.0):
+        new_id[m] = names.ids[t]
+    left = np.flatnonzero(new_id[1:] == 0) + 1
+    new_id[left] = 1_000_000 + np.arange(len(left))
+    return new_id[masks.labels]
+
+
+def label_gaussians(inputs: Inputs, groups: MaskGroups) -> Stage[IntArray]:
+    """Labels (N,) by vote of the associated masks (section 3.3 in closed form); 0 = none."""
+
+    def label_map(camera: Camera) -> IntArray:
+        labels = load_labels(inputs.masks, camera)[0]
+        return associated_labels(labels, groups.groups[camera.name])
+
+    votes = yield from vote_labels(
+        inputs.gaussians, inputs.views, label_map, groups.n_groups, inputs.rasterizer
+    )
+    return np.where(votes.labels == groups.void, np.int32(0), votes.labels)
+
+
+def _chained(
+    title: str,
+    inputs: Inputs,
+    regions: Callable[[Camera, ViewMasks], IntArray],  # mask 1..M of each item, 0 = none
+    least_iou: float,
+) -> Stage[MaskGroups]:
+    """Carry groups from each view to the next by one-to-one pairs of IoU above ``least_iou``."""
+    groups: dict[str, IntArray] = {}
+    n_groups = 0
+    before, before_groups = np.zeros(0, np.int32), np.zeros(1, np.int32)
+    for i, camera in enumerate(inputs.views):
+        yield Progress(title, i, len(inputs.views), camera.name)
+        masks = ViewMasks.of(load_labels(inputs.masks, camera)[0])
+        now = regions(camera, masks)
+        of_mask = np.zeros(len(masks) + 1, np.int32)
+        if len(before) == len(now):
+            table = _joint(now, before, len(masks), len(before_groups) - 1)
+            for m, old in _pairs(_iou(table), least_iou):
+                of_mask[m] = before_groups[old]
+        new = np.flatnonzero(of_mask[1:] == 0) + 1
+        of_mask[new] = n_groups + 1 + np.arange(len(new))
+        n_groups += len(new)
+        before, before_groups = now, of_mask
+        groups[camera.name] = np.zeros(int(masks.ids.max()) + 1, np.int32)
+        groups[camera.name][masks.ids] = of_mask
+    return MaskGroups(groups, n_groups)
+
+
+def _joint(a: IntArray, b: IntArray, n_a: int, n_b: int) -> LongArray:
+    """Counts (n_a + 1, n_b + 1) of items that are i in ``a`` and j in ``b``."""
+    cells = a.astype(np.int64) * (n_b + 1) + b
+    table: LongArray = np.bincount(cells, minlength=(n_a + 1) * (n_b + 1)).reshape(n_a + 1, n_b + 1)
+    return table
+
+
+def _iou(table: LongArray) -> DoubleArray:
+    """IoU of every pair of a joint table; row and column 0 mean "none" and are 0."""
+    union = table.sum(axis=1)[:, None] + table.sum(axis=0)[None, :] - table
+    iou: DoubleArray = table / np.maximum(union, 1)
+    iou[0], iou[:, 0] = 0, 0
+    return iou
+
+
+def _pairs(iou: DoubleArray, least: float) -> list[tuple[int, int]]:
+    """One-to-one pairs of rows and columns with the greatest summed IoU, those above ``least``."""
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(iou, maximize=True)
+    found = zip(rows.tolist(), columns.tolist(), strict=True)
+    return [(r, c) for r, c in found if r > 0 and c > 0 and iou[r, c] > least]
