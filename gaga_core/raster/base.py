@@ -6,6 +6,7 @@ covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 
 is done when its transmittance would fall under 1e-4; front to back by camera depth of the centres.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -45,6 +46,39 @@ class PixelWeights:
     indptr: LongArray  # (P + 1,)
     indices: IntArray  # (nnz,) Gaussian
     weights: FloatArray  # (nnz,)
+
+
+@dataclass(frozen=True, eq=False)
+class Gradients:
+    """Gradient of a loss by the raw parameters of the n splats that a view draws.
+
+    Row r belongs to Gaussian ``indices[r]``; those not listed have gradient 0. A listed splat that
+    is hidden behind others has gradient 0 too.
+    """
+
+    indices: IntArray  # (n,) Gaussian, rising
+    means: FloatArray  # (n, 3)
+    quats: FloatArray  # (n, 4) by the quaternion as stored: at right angles to it
+    log_scales: FloatArray  # (n, 3)
+    logit_opacities: FloatArray  # (n,)
+    sh: FloatArray  # (n, S, 3)
+    # Length of the gradient by the projected centre in units of half the picture: what density
+    # control compares with its threshold (Kerbl 2023, section 5.2).
+    screen: FloatArray  # (n,)
+    radii: FloatArray  # (n,) pixels, 3 standard deviations of the drawn ellipse's long axis
+
+
+@dataclass(frozen=True, eq=False)
+class TrainStep:
+    """One evaluation of a loss on a rendered view."""
+
+    value: float
+    image: FloatArray  # (H, W, 3) the picture before the step
+    gradients: Gradients
+
+
+# picture (H, W, 3) and target -> value and its gradient by the picture (H, W, 3), both float32
+ImageLoss = Callable[[FloatArray, FloatArray], tuple[float, FloatArray]]
 
 
 class Rasterizer(Protocol):
@@ -92,4 +126,36 @@ class Rasterizer(Protocol):
         labels: IntArray,  # (N,) >= 0; 0 takes part as "none"
     ) -> LabelFrame:
         """Exact argmax over labels of summed weights, without a K-channel image."""
+        ...
+
+
+class TrainableRasterizer(Rasterizer, Protocol):
+    """A rasterizer that also differentiates its pictures.
+
+    The image model is differentiated as it stands: no gradient passes a splat's alpha at its upper
+    limit, a color at 0, or a clamped slope of the projection's Jacobian; thresholds do not move.
+    """
+
+    def backward(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        image_gradient: FloatArray,  # (H, W, 3) of the loss by `render`'s image
+        *,
+        alpha_gradient: FloatArray | None = None,  # (H, W) of the loss by `render`'s alpha
+        background: DoubleArray | FloatArray | None = None,  # (3,); black
+    ) -> Gradients:
+        """Gradient of any loss on color and alpha, given its gradient by the picture."""
+        ...
+
+    def train_step(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        target: FloatArray,  # (H, W, 3)
+        loss: ImageLoss,
+        *,
+        background: DoubleArray | FloatArray | None = None,  # (3,); black
+    ) -> TrainStep:
+        """Render, compare with ``target``, and differentiate: one pass forward and one back."""
         ...

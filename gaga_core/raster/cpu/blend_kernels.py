@@ -22,6 +22,9 @@ _ALPHA_MIN, _ALPHA_MAX, _T_MIN = _F(1 / 255), _F(0.99), _F(1e-4)
 # exp(-5.7) < 1/255: under this exponent nothing is drawn, and `_exp` need not be right.
 _LOWEST = _F(-5.7)
 _CHECK = 15  # look for an end every 16 splats
+# Planes of a tile's working memory in `blend`. One array for all: the compiler then knows that they
+# do not overlap and vectorises without asking (half the time of an array each).
+_T, _C0, _C1, _C2, _DEPTH, _MEDIAN = range(6)
 
 
 @kernel
@@ -70,18 +73,13 @@ def blend(
     """Three channels, alpha, expected and median depth."""
     height, width, n_channels = image.shape
     n_tiles_x = (width + TILE - 1) // TILE
-    T = np.empty((TILE, TILE), np.float32)
-    c0, c1, c2 = np.empty_like(T), np.empty_like(T), np.empty_like(T)
-    depth, middle = np.empty_like(T), np.empty_like(T)
+    planes = np.empty((6, TILE, TILE), np.float32)
+    T = planes[_T]
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
         _open_tile(T, n_rows, n_columns)
-        c0[:] = _ZERO
-        c1[:] = _ZERO
-        c2[:] = _ZERO
-        depth[:] = _ZERO
-        middle[:] = _ZERO
+        planes[1:] = _ZERO
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
             u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
@@ -95,31 +93,33 @@ def blend(
                     e = s * _F(x) + shift
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
                     a = a if a >= _ALPHA_MIN else _ZERO
-                    before = T[y, x]
+                    before = planes[_T, y, x]
                     after = before - before * a
                     goes_on = after >= _T_MIN
                     w = a * before if goes_on else _ZERO
-                    T[y, x] = after if goes_on else -abs(before)
-                    c0[y, x] += w * f0
-                    c1[y, x] += w * f1
-                    c2[y, x] += w * f2
-                    depth[y, x] += w * z
+                    planes[_T, y, x] = after if goes_on else -abs(before)
+                    planes[_C0, y, x] += w * f0
+                    planes[_C1, y, x] += w * f1
+                    planes[_C2, y, x] += w * f2
+                    planes[_DEPTH, y, x] += w * z
                     crosses = (before > _HALF) & (after <= _HALF)
-                    middle[y, x] = z if crosses else middle[y, x]
+                    planes[_MEDIAN, y, x] = z if crosses else planes[_MEDIAN, y, x]
             if (j & _CHECK) == _CHECK and _is_done(T):
                 break
         for y in range(n_rows):
             for x in range(n_columns):
-                t = abs(T[y, x])
+                t = abs(planes[_T, y, x])
                 covered = _ONE - t
                 alpha[top + y, left + x] = covered
-                expected[top + y, left + x] = depth[y, x] / covered if covered > _ZERO else _ZERO
-                median[top + y, left + x] = middle[y, x]
-                image[top + y, left + x, 0] = c0[y, x] + t * background[0]
+                expected[top + y, left + x] = (
+                    planes[_DEPTH, y, x] / covered if covered > _ZERO else _ZERO
+                )
+                median[top + y, left + x] = planes[_MEDIAN, y, x]
+                image[top + y, left + x, 0] = planes[_C0, y, x] + t * background[0]
                 if n_channels > 1:
-                    image[top + y, left + x, 1] = c1[y, x] + t * background[1]
+                    image[top + y, left + x, 1] = planes[_C1, y, x] + t * background[1]
                 if n_channels > 2:
-                    image[top + y, left + x, 2] = c2[y, x] + t * background[2]
+                    image[top + y, left + x, 2] = planes[_C2, y, x] + t * background[2]
 
 
 @kernel

@@ -6,8 +6,16 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
-from gaga_core.raster.base import Frame, LabelFrame, PixelWeights
+from gaga_core.raster.base import (
+    Frame,
+    Gradients,
+    ImageLoss,
+    LabelFrame,
+    PixelWeights,
+    TrainStep,
+)
 from gaga_core.raster.cpu import blend_kernels as kernels
+from gaga_core.raster.cpu.backward import Forward, backward, forward
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, prepare
 from gaga_core.raster.cpu.project_kernels import sh_colors
 from gaga_core.raster.cpu.sample import sampled_weights
@@ -106,6 +114,50 @@ class CpuRasterizer:
 
         run_chunks(work, view.n_tiles, TILES_AT_ONCE)
         return LabelFrame(values[out], confidence)
+
+    def backward(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        image_gradient: FloatArray,
+        *,
+        alpha_gradient: FloatArray | None = None,
+        background: DoubleArray | FloatArray | None = None,
+    ) -> Gradients:
+        """Gradients by the parameters, from those by the image (H, W, 3) and alpha (H, W)."""
+        shape = (camera.height, camera.width)
+        check_shape("image_gradient", image_gradient, (*shape, 3), np.float32)
+        if alpha_gradient is not None:
+            check_shape("alpha_gradient", alpha_gradient, shape, np.float32)
+        drawn = _forward(gaussians, camera, background)
+        return backward(gaussians, camera, drawn, image_gradient, alpha_gradient)
+
+    def train_step(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        target: FloatArray,
+        loss: ImageLoss,
+        *,
+        background: DoubleArray | FloatArray | None = None,
+    ) -> TrainStep:
+        """Render, compare with ``target`` (H, W, 3) by ``loss``, and differentiate."""
+        check_shape("target", target, (camera.height, camera.width, 3), np.float32)
+        drawn = _forward(gaussians, camera, background)
+        value, image_gradient = loss(drawn.image, target)
+        gradients = backward(gaussians, camera, drawn, image_gradient)
+        return TrainStep(value, drawn.image, gradients)
+
+
+def _forward(
+    gaussians: Gaussians, camera: Camera, background: DoubleArray | FloatArray | None
+) -> Forward:
+    behind = np.zeros(3, np.float32)
+    if background is not None:
+        check_shape("background", background, (3,))
+        behind[:] = background
+    view = prepare(gaussians, camera)
+    return forward(view, camera, _colors(gaussians, camera, view), behind)
 
 
 def _dense(labels: IntArray) -> tuple[IntArray, IntArray]:

@@ -1,0 +1,172 @@
+"""Training on the CPU: draw a view, and take a gradient of its picture back to the parameters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.kernels import run_chunks
+from gaga_core.raster.base import Gradients
+from gaga_core.raster.cpu import backward_kernels as kernels
+from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, pose_and_lens
+
+_CHUNK = 4096  # splats of one piece of work
+
+
+@dataclass(frozen=True, eq=False)
+class Forward:
+    """A drawn view and what its way back needs."""
+
+    view: TiledView
+    colors: FloatArray  # (n, 3) of the splats in view
+    image: FloatArray  # (H, W, 3) background included
+    transmittance: FloatArray  # (H, W)
+    ends: LongArray  # (n_tiles,) end of the part of each tile's list that was drawn
+
+
+def forward(view: TiledView, camera: Camera, colors: FloatArray, background: FloatArray) -> Forward:
+    """Blend ``colors`` (n, 3) of the splats in view over ``background`` (3,)."""
+    shape = (camera.height, camera.width)
+    image, transmittance = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
+    ends = np.empty(view.n_tiles, np.int64)
+
+    def work(start: int, stop: int) -> None:
+        kernels.blend_colors(
+            view.splats,
+            colors,
+            view.offsets,
+            view.ids,
+            background,
+            image,
+            transmittance,
+            ends,
+            start,
+            stop,
+        )
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    return Forward(view, colors, image, transmittance, ends)
+
+
+def backward(
+    gaussians: Gaussians,
+    camera: Camera,
+    drawn: Forward,
+    image_gradient: FloatArray,
+    alpha_gradient: FloatArray | None = None,
+) -> Gradients:
+    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
+    if alpha_gradient is None:
+        alpha_gradient = np.zeros_like(drawn.transmittance)
+    slots = _number_slots(drawn.view, len(gaussians))
+    partials = _sum_tiles(drawn, slots.of_entry, image_gradient, alpha_gradient)
+    return _walk_back(gaussians, camera, drawn, slots, partials)
+
+
+@dataclass(frozen=True, eq=False)
+class _Slots:
+    """Where the sums of each (tile, splat) go: a splat's lie side by side."""
+
+    rows: IntArray  # (n,) rows of `TiledView.splats` by rising Gaussian
+    first: LongArray  # (n + 1,) first slot of each of them
+    of_entry: IntArray  # (M,) slot of each entry of the tile lists
+
+
+def _number_slots(view: TiledView, n_gaussians: int) -> _Slots:
+    n = len(view.order)
+    slots = _Slots(
+        np.empty(n, np.int32), np.zeros(n + 1, np.int64), np.empty(len(view.ids), np.int32)
+    )
+    row_of = np.full(n_gaussians, -1, np.int32)
+    kernels.number_slots(view.order, view.ids, row_of, slots.rows, slots.first, slots.of_entry)
+    return slots
+
+
+def _sum_tiles(
+    drawn: Forward, slots: IntArray, image_gradient: FloatArray, alpha_gradient: FloatArray
+) -> FloatArray:
+    """Sums over the pixels of each entry of the tile lists, in its slot: (M, SLOT)."""
+    view = drawn.view
+    partials = np.empty((len(slots), kernels.SLOT), np.float32)
+    by_image = for_kernel(image_gradient, np.float32)
+    by_alpha = for_kernel(alpha_gradient, np.float32)
+    transmittance = drawn.transmittance
+
+    def work(start: int, stop: int) -> None:
+        kernels.backward_tiles(
+            view.splats,
+            drawn.colors,
+            view.offsets,
+            view.ids,
+            slots,
+            drawn.image,
+            transmittance,
+            drawn.ends,
+            by_image,
+            by_alpha,
+            partials,
+            start,
+            stop,
+        )
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    return partials
+
+
+def _walk_back(
+    gaussians: Gaussians,
+    camera: Camera,
+    drawn: Forward,
+    slots: _Slots,
+    partials: FloatArray,
+) -> Gradients:
+    """Add each splat's sums and go back through projection and color to its parameters."""
+    view = drawn.view
+    n = len(view.order)
+    means = for_kernel(gaussians.means, np.float32)
+    quats = for_kernel(gaussians.quats, np.float32)
+    log_scales = for_kernel(gaussians.log_scales, np.float32)
+    sh = for_kernel(gaussians.sh, np.float32)
+    pose, lens = pose_and_lens(camera)
+    eye = np.array(camera.position, np.float64)
+    result = Gradients(
+        view.order[slots.rows],
+        np.empty((n, 3), np.float32),
+        np.empty((n, 4), np.float32),
+        np.empty((n, 3), np.float32),
+        np.empty(n, np.float32),
+        np.empty((n, sh.shape[1], 3), np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+    )
+
+    def work(start: int, stop: int) -> None:
+        kernels.backward_splats(
+            means,
+            quats,
+            log_scales,
+            sh,
+            pose,
+            lens,
+            eye,
+            view.order,
+            slots.rows,
+            view.splats,
+            drawn.colors,
+            slots.first,
+            partials,
+            result.means,
+            result.quats,
+            result.log_scales,
+            result.logit_opacities,
+            result.sh,
+            result.screen,
+            result.radii,
+            start,
+            stop,
+        )
+
+    run_chunks(work, n, _CHUNK)
+    return result

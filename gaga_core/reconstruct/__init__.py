@@ -1,0 +1,1 @@
+"""From photos to Gaussians: structure from motion, training, density control."""
