@@ -50,14 +50,22 @@ import numba  # noqa: E402  (the cache folder must be known first)
 
 
 def kernel(function: _F) -> _F:
-    """Compile ``function`` with numba: nogil, cached on disk, fast math without nnan/ninf."""
-    compiled = numba.njit(nogil=True, cache=True, fastmath=_FASTMATH, boundscheck=False)(function)
+    """Compile ``function`` with numba: nogil, cached on disk, fast math without nnan/ninf.
+
+    Division by zero gives inf or NaN as in numpy: a test for it in every division would keep loops
+    from being vectorised.
+    """
+    compiled = numba.njit(
+        nogil=True, cache=True, fastmath=_FASTMATH, boundscheck=False, error_model="numpy"
+    )(function)
     return cast(_F, compiled)
 
 
 def exact_kernel(function: _F) -> _F:
     """Like `kernel`, without fast math: results are the same bits as plain IEEE arithmetic."""
-    return cast(_F, numba.njit(nogil=True, cache=True, boundscheck=False)(function))
+    return cast(
+        _F, numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")(function)
+    )
 
 
 def n_threads() -> int:
