@@ -71,7 +71,7 @@ def associate_scene(
             staging / "labels.npz", labels=association.labels, confidence=association.confidence
         )
         yield from _write_pseudo_labels(staging / "masks", cameras, mask_set, association)
-        report = _with_entry(folder.work / "report.json", "associate", summary)
+        report = with_entry(folder.work / "report.json", "associate", summary)
         (staging / "report.json").write_text(report, encoding="utf-8")
         for name in ("masks", "bank.npz", "labels.npz", "report.json"):
             publish(staging, name, folder.work)
@@ -256,7 +256,7 @@ def _write_pseudo_labels(
         yield Progress("Write label maps", i + 1, len(views), camera.name)
 
 
-def _with_entry(path: Path, key: str, value: dict[str, object]) -> str:
+def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
     """The text of report.json with one entry replaced; an unreadable report starts anew."""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))

@@ -4,7 +4,6 @@ import numpy as np
 
 from gaga_core.scene.scene import State
 from gaga_studio import tour
-from gaga_studio.offers import has_groups
 from gaga_studio.session import Session
 from gaga_studio.view import Mode, ToolName
 
@@ -47,11 +46,11 @@ def not_exportable_selection(session: Session) -> str:
 
 def no_groups(session: Session) -> str:
     """Needs objects."""
-    if session.scene is None:
+    if session.document is None:
         return no_scene(session)
-    if session.live is not None or has_groups(session.scene):
+    if session.live is not None or session.document.read.has_groups():
         return ""
-    return "There are no groups yet. Run Associate to make them."
+    return "There are no groups yet. Use Find objects to make them."
 
 
 def not_exportable_objects(session: Session) -> str:

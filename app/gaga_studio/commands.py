@@ -188,7 +188,7 @@ COMMANDS: tuple[Command, ...] = (
     ),
     Command(
         "object.associate",
-        "Associate masks",
+        "Find objects (associate masks)",
         "Object",
         lambda s: s.associate(),
         "Ctrl+G",

@@ -14,7 +14,7 @@ _LEAST_SECONDS = 2.0
 class Offer:
     """A missing stage. Without an ``action`` there is no button: the reason says what to do."""
 
-    reason: str  # "48 photos have masks but no groups."
+    reason: str  # "48 photos have masks but no objects yet."
     action: str = ""  # text of the button
     command: str = ""  # id in the command table
     seconds: float = 0.0  # estimate
@@ -29,11 +29,9 @@ class Offer:
         return f"about {round(self.seconds / 60)} min"
 
 
-def stage_offer(project: Project, n_masks: int, preset: str) -> Offer | None:
-    """What is missing in an open scene; None when nothing is. ``n_masks``: views with masks."""
+def stage_offer(project: Project, n_masks: int, preset: str) -> Offer:
+    """What a scene without groups lacks. ``n_masks``: views with masks."""
     folder, scene = project.folder, project.scene
-    if has_groups(scene):
-        return None
     if folder is None:
         return Offer(
             "A lone splat file has no photos, so there are no masks to make groups from. "
@@ -50,10 +48,8 @@ def stage_offer(project: Project, n_masks: int, preset: str) -> Offer | None:
     millions = len(scene) / 1e6
     seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
     return Offer(
-        f"{n_masks} photos have masks but no groups.", "Associate", "object.associate", seconds
+        f"{n_masks} photos have masks but no objects yet.",
+        "Find objects",
+        "object.associate",
+        seconds,
     )
-
-
-def has_groups(scene: Scene) -> bool:
-    """Whether any splat belongs to an object."""
-    return bool((scene.labels > 0).any())

@@ -52,6 +52,12 @@ class Readings:
         key = (id(live), self._scene.revision.splats)
         return self._once("live", key, lambda: labels_of_bank(live.bank, self._scene))
 
+    def has_groups(self) -> bool:
+        """Whether any splat belongs to an object."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels)
+        return self._once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
+
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""
         revision = self._scene.revision

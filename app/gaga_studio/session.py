@@ -29,7 +29,7 @@ from gaga_studio.settings import Settings, load_settings, save_settings
 from gaga_studio.view import ImageSource, Mode, ToolName, ViewState
 
 _MOST_NOTICES = 50
-NO_GROUPS = "There are no groups here. Run Associate to make them."
+NO_GROUPS = "There are no groups here. Use Find objects to make them."
 
 
 class Session:
@@ -249,9 +249,9 @@ class Session:
 
     def stage_offer(self) -> offers.Offer | None:
         """What the open scene lacks next; None when nothing, or while a job runs."""
-        if self.project is None or self.jobs.running is not None:
+        if self.document is None or self.jobs.running or self.document.read.has_groups():
             return None
-        return offers.stage_offer(self.project, len(self.masks), self.settings.preset)
+        return offers.stage_offer(self.document.project, len(self.masks), self.settings.preset)
 
     def need(self) -> Document:
         """The open document; ``GagaError`` when there is none."""

@@ -14,6 +14,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 from gaga_core.errors import GagaError
 
 Draw = Callable[[], None]
+_WIDE, _COMPACT = "Wide", "Compact"  # layouts
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,8 @@ class Window:
         p.fps_idling.time_active_after_last_event = 1.0
         self._callbacks(p.callbacks)
         wide, compact = self._layouts()
-        is_small = any(
-            have < need
-            for have, need in zip(self.options.size, self.options.compact_below, strict=True)
-        )
-        first, second = (compact, wide) if is_small else (wide, compact)
-        self._layout = first.layout_name
+        self._layout = self._layout_for(self.options.size)
+        first, second = (compact, wide) if self._layout == _COMPACT else (wide, compact)
         p.docking_params = first
         p.alternative_docking_layouts = [second]
         p.remember_selected_alternative_layout = False
@@ -143,7 +140,7 @@ class Window:
     def _started(self) -> None:
         handle = glfw_utils.glfw_window_hello_imgui()
         self._drop = lambda _, names: self.hooks.dropped([Path(name) for name in names])
-        glfw.set_drop_callback(handle, self._drop)
+        glfw.set_drop_callback(handle, self._drop)  # type: ignore[arg-type]  # names: a list
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
         self.hooks.started()
 
@@ -152,8 +149,24 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = rate > 0
         idling.fps_idle = max(rate, 1.0)
+        self._fit_layout()
         self._show_panels(self.hooks.panels_shown())
         self.hooks.before_frame()
+
+    def _fit_layout(self) -> None:
+        """Fewer columns when the window becomes small, all of them when it becomes large."""
+        size, scale = imgui.get_io().display_size, imgui.get_style().font_scale_dpi
+        if size.x <= 0 or size.y <= 0:  # minimized
+            return
+        wanted = self._layout_for((int(size.x / scale), int(size.y / scale)))
+        if wanted != self._layout:
+            self._layout = wanted
+            self._panels_shown = True
+            hello_imgui.switch_layout(wanted)
+
+    def _layout_for(self, size: tuple[int, int]) -> str:
+        need = self.options.compact_below
+        return _COMPACT if size[0] < need[0] or size[1] < need[1] else _WIDE
 
     def _show_panels(self, shown: bool) -> None:
         """Show all panels, or the picture alone."""
@@ -167,18 +180,18 @@ class Window:
 
     def _layouts(self) -> tuple[hello_imgui.DockingParams, hello_imgui.DockingParams]:
         wide = _layout(
-            "Wide",
+            _WIDE,
             [
                 ("MainDockSpace", "Bottom", imgui.Dir.down, 0.22),
                 ("Bottom", "BottomRight", imgui.Dir.right, 0.235),
                 ("MainDockSpace", "Right", imgui.Dir.right, 0.235),
                 ("MainDockSpace", "Left", imgui.Dir.left, 0.28),
-                ("Right", "RightDown", imgui.Dir.down, 0.46),
+                ("Right", "RightDown", imgui.Dir.down, 0.44),
             ],
             [(panel, panel.space) for panel in self.panels],
         )
         compact = _layout(
-            "Compact",
+            _COMPACT,
             [
                 ("MainDockSpace", "Right", imgui.Dir.right, 0.38),
                 ("Right", "RightBottom", imgui.Dir.down, 0.53),
@@ -216,7 +229,8 @@ def _layout(
 
 def _dockable(panel: Panel, space: str) -> hello_imgui.DockableWindow:
     window = hello_imgui.DockableWindow(panel.label, space, panel.draw)
-    window.can_be_closed = False  # the View menu shows and hides panels
+    window.can_be_closed = False
+    window.remember_is_visible = False  # a hidden panel must not stay lost after a restart
     if panel.is_bare:
         window.call_begin_end = False
         window.gui_function = lambda: _bare(panel)

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
 from gaga_studio.session import Session
 from gaga_studio.settings import Settings
-
 from tests.app.folders import write_scene
 
 

@@ -1,10 +1,9 @@
 """What tests of the session look at."""
 
-from gaga_studio.notices import Level
-from gaga_studio.session import Session
-
 from gaga_core.arrays import IntArray
 from gaga_core.scene.scene import Scene
+from gaga_studio.notices import Level
+from gaga_studio.session import Session
 from tests.scenes import objects_scene
 
 

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
+
 from gaga_studio.commands import COMMANDS, GROUPS, Command, command, for_shortcut, run
 from gaga_studio.session import Session
 from gaga_studio.view import Mode, ToolName

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from gaga_studio.input import (
     CLICK_PIXELS,
     Act,

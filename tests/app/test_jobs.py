@@ -5,11 +5,11 @@ import threading
 import time
 
 import pytest
-from gaga_studio.jobs import JobRunner
-from gaga_studio.notices import Level
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
+from gaga_studio.jobs import JobRunner
+from gaga_studio.notices import Level
 
 Said = list[tuple[Level, str]]
 

@@ -1,13 +1,13 @@
 """What panels read: sorted and filtered lists, and nothing computed twice."""
 
 import numpy as np
-from gaga_studio.placing import motion, shift
-from gaga_studio.readings import Readings, SortKey, listed
 
 from gaga_core.scene import edits
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
+from gaga_studio.placing import motion, shift
+from gaga_studio.readings import Readings, SortKey, listed
 from tests.scenes import objects_scene
 
 

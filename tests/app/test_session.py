@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from gaga_studio.notices import Level
 from gaga_studio.session import Session
 from gaga_studio.settings import load_settings
-
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
 
 _W, _H = 320, 240
@@ -26,7 +26,7 @@ def test_open_a_folder(session: Session) -> None:
     assert len(session.masks) == 8
     offer = session.stage_offer()
     assert offer is not None
-    assert offer.reason == "8 photos have masks but no groups."
+    assert offer.reason == "8 photos have masks but no objects yet."
     assert offer.command == "object.associate"
     assert offer.duration.startswith("about ")
     assert not session.unsaved

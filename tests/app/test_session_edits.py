@@ -5,8 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from gaga_studio.placing import shift
-from gaga_studio.session import Session
 
 from gaga_core.arrays import FloatArray
 from gaga_core.color import rgb_from_dc
@@ -15,6 +13,8 @@ from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection import world_means
 from gaga_core.scene.tint import mean_color
+from gaga_studio.placing import shift
+from gaga_studio.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 
 _W, _H = 320, 240

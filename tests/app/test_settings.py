@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from gaga_studio.settings import Settings, load_settings, save_settings, settings_file
 
 from gaga_core.errors import GagaError
+from gaga_studio.settings import Settings, load_settings, save_settings, settings_file
 
 
 @pytest.fixture(autouse=True)

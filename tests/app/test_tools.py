@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.selection import world_means
 from gaga_studio.input import KeyState, PointerState
 from gaga_studio.session import NO_GROUPS, Session
 from gaga_studio.status import status_text
 from gaga_studio.tools.pointing import Pointing
 from gaga_studio.view import ToolName
-
-from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.scene.objects import group_indices
-from gaga_core.scene.selection import world_means
 
 _W, _H = 640, 480
 _PLAIN = KeyState()

@@ -1,7 +1,6 @@
 """Drag a rectangle: what lies in it is selected, whole objects or single splats."""
 
 from gaga_core.scene import selection
-from gaga_studio.offers import has_groups
 from gaga_studio.session import Session
 from gaga_studio.tools.base import Place, RectShape
 from gaga_studio.view import ToolName
@@ -38,7 +37,7 @@ class RectTool:
         scene = document.scene
         camera = session.rig.camera(place.width, place.height)
         inside = selection.in_rectangle(scene, camera, (first.u, first.v, place.u, place.v))
-        if session.view.rect_takes_splats or not has_groups(scene):
+        if session.view.rect_takes_splats or not document.read.has_groups():
             verb = "Deselect" if first.how == "remove" else "Select"
             document.select(inside, first.how, f"{verb} {len(inside):,} splats")
             return

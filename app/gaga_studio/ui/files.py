@@ -15,6 +15,7 @@ from imgui_bundle import portable_file_dialogs as native
 
 from gaga_studio.ui import icons, theme, widgets
 from gaga_studio.ui.theme import em
+from gaga_studio.ui.widgets import Face
 
 _HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 
@@ -25,6 +26,10 @@ class Kind(Enum):
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()
     SAVE_FILE = auto()
+    NEW_FOLDER = auto()  # one that is there, or a new one in a folder that is there
+
+
+_FOLDERS = (Kind.OPEN_FOLDER, Kind.NEW_FOLDER)
 
 
 @dataclass
@@ -80,7 +85,7 @@ def _start_native(
     start = str(dialog.folder / dialog.name) if dialog.name else str(dialog.folder)
     patterns = " ".join(f"*{suffix}" for suffix in dialog.suffixes)
     filters = [patterns, patterns, "All files", "*"] if patterns else ["All files", "*"]
-    if dialog.kind is Kind.OPEN_FOLDER:
+    if dialog.kind in _FOLDERS:
         return native.select_folder(dialog.title, start)
     if dialog.kind is Kind.OPEN_FILE:
         return native.open_file(dialog.title, start, filters)
@@ -147,7 +152,7 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
     if not clicked:
         return
     is_double = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
-    if is_folder and (is_double or dialog.kind is not Kind.OPEN_FOLDER):
+    if is_folder and (is_double or dialog.kind not in _FOLDERS):
         _enter(dialog, entry)
     elif is_double:
         dialog._text = entry.name
@@ -161,7 +166,7 @@ def _answer_row(dialog: FileDialog) -> None:
         with theme.text_color(theme.WARN):
             imgui.text_unformatted(widgets.elided(dialog.message, em(40)))
     imgui.set_next_item_width(-1)
-    hint = "Folder or path" if dialog.kind is Kind.OPEN_FOLDER else "File name or path"
+    hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
     flags = imgui.InputTextFlags_.enter_returns_true
     entered, dialog._text = imgui.input_text_with_hint("##Path", hint, dialog._text, flags)
     if entered:
@@ -170,10 +175,10 @@ def _answer_row(dialog: FileDialog) -> None:
     room = imgui.get_content_region_avail().x
     spacing = imgui.get_style().item_spacing.x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - spacing)
-    if widgets.button("Cancel", width=width):
+    if widgets.button("Cancel", Face(width=width)):
         dialog.is_done = True
     imgui.same_line()
-    if widgets.button(dialog.action, width=width, primary=True):
+    if widgets.button(dialog.action, Face(width=width, primary=True)):
         _accept(dialog)
 
 
@@ -183,11 +188,13 @@ def _accept(dialog: FileDialog) -> None:
     path = (dialog.folder / Path(text).expanduser()) if text else dialog.folder
     if dialog.kind is Kind.SAVE_FILE:
         _accept_save(dialog, path, text)
+    elif dialog.kind is Kind.NEW_FOLDER and not path.exists() and path.parent.is_dir():
+        _finish(dialog, path)
     elif not path.exists():
         dialog.message = f"There is no {text} here."
     elif dialog.kind is Kind.OPEN_FILE and path.is_dir():
         _enter(dialog, path)
-    elif dialog.kind is Kind.OPEN_FOLDER and not path.is_dir():
+    elif dialog.kind in _FOLDERS and not path.is_dir():
         dialog.message = f"{path.name} is a file, not a folder."
     else:
         _finish(dialog, path)
@@ -220,7 +227,7 @@ def _finish(dialog: FileDialog, path: Path) -> None:
 
 def _enter(dialog: FileDialog, folder: Path) -> None:
     dialog.folder = folder.resolve()
-    dialog._text = dialog.name if dialog.kind is Kind.SAVE_FILE else ""
+    dialog._text = dialog.name if dialog.kind is not Kind.OPEN_FOLDER else ""
     dialog.message = ""
 
 
@@ -235,7 +242,7 @@ def _list(dialog: FileDialog) -> None:
         return
     folders = sorted((p for p in children if p.is_dir()), key=lambda p: p.name.lower())
     files: list[Path] = []
-    if dialog.kind is not Kind.OPEN_FOLDER:
+    if dialog.kind not in _FOLDERS:
         wanted = dialog.suffixes
         files = [p for p in children if p.is_file() and (not wanted or p.suffix in wanted)]
     dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())

@@ -1,75 +1,65 @@
-"""The handles that move the selected objects, drawn over the picture."""
-
-from dataclasses import dataclass
+"""The handles that move, turn or scale the selection, drawn over the picture."""
 
 import numpy as np
-from imgui_bundle import imguizmo
+from imgui_bundle import ImVec2, imguizmo
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_studio.session import Session
+from gaga_studio.tools.move import MoveTool
+from gaga_studio.view import ToolName
 
 _guizmo = imguizmo.im_guizmo
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along -z, y up
+_OPERATIONS = {
+    ToolName.MOVE: _guizmo.OPERATION.translate,
+    ToolName.ROTATE: _guizmo.OPERATION.rotate,
+    ToolName.SCALE: _guizmo.OPERATION.scale,
+}
 
 
-@dataclass
 class Gizmo:
-    """A drag of the handles: where it started and where it is."""
+    """What is between the library's matrix and the tool's drag."""
 
-    start: DoubleArray | None = None  # (4, 4) world, when the drag began
-    matrix: DoubleArray | None = None  # (4, 4) world, now
+    def __init__(self) -> None:
+        self._matrix: DoubleArray | None = None  # (4, 4) world, while a handle is held
+        self._ignored = False  # the drag was cancelled; wait until the button is up
 
-    @property
-    def is_dragging(self) -> bool:
-        """Whether the user holds a handle."""
-        return self.start is not None
-
-    def drag(
-        self, camera: Camera, corner: tuple[float, float], size: tuple[float, float], at: DoubleArray
-    ) -> tuple[DoubleArray | None, bool]:
-        """Draw the handles at ``at`` (3,) world; ``corner`` and ``size`` in screen pixels.
-
-        Returns the motion since the drag began, (3, 4) world, or None when nothing is dragged,
-        and whether the drag ended with this frame.
-        """
-        if self.matrix is None or not self.is_dragging:
-            self.matrix = np.eye(4)
-            self.matrix[:3, 3] = at
-        values = _guizmo.Matrix16(self.matrix.T.ravel().tolist())
+    def draw(
+        self, session: Session, tool: MoveTool, camera: Camera, corner: ImVec2, size: ImVec2
+    ) -> bool:
+        """Draw the handles, pass a drag on to ``tool``; whether the mouse belongs to them."""
+        at = tool.handles(session) if self._matrix is None else self._matrix
+        if at is None:
+            return False
+        values = _matrix16(at)
+        _guizmo.begin_frame()  # nobody else calls it, and without it the mouse is not seen
         _guizmo.set_drawlist()
-        _guizmo.set_rect(*corner, *size)
-        _guizmo.set_gizmo_size_clip_space(0.17)
+        _guizmo.set_rect(corner.x, corner.y, size.x, size.y)
+        _guizmo.set_gizmo_size_clip_space(0.16)
         _guizmo.manipulate(
             _matrix16(_GL_FROM_CV @ camera.cam_from_world),
-            _matrix16(projection(camera, *_clip_range(camera, at))),
-            _guizmo.OPERATION.translate,
+            _matrix16(projection(camera, *_clip_range(camera, at[:3, 3]))),
+            _OPERATIONS[tool.name],
             _guizmo.MODE.world,
             values,
         )
-        if not _guizmo.is_using():
-            was_dragging = self.is_dragging
-            motion = self._motion() if was_dragging else None
-            self.start = None
-            return motion, was_dragging
-        if self.start is None:
-            self.start = self.matrix.copy()
-        self.matrix = np.array(values.values, np.float64).reshape(4, 4).T
-        return self._motion(), False
+        held = _guizmo.is_using()
+        if held and not self._ignored:
+            if not tool.is_dragging:
+                tool.begin(session)
+            self._matrix = np.array(values.values, np.float64).reshape(4, 4).T
+            tool.move_to(session, self._matrix)
+        elif not held:
+            if tool.is_dragging:
+                tool.finish(session)
+            self._matrix, self._ignored = None, False
+        return held or bool(_guizmo.is_over())
 
     def cancel(self) -> None:
-        """Forget the drag."""
-        self.start = self.matrix = None
-
-    def _motion(self) -> DoubleArray | None:
-        if self.start is None or self.matrix is None:
-            return None
-        motion: DoubleArray = (self.matrix @ np.linalg.inv(self.start))[:3]
-        return motion
-
-
-def is_under_mouse() -> bool:
-    """Whether the mouse is over a handle, so that a click belongs to it."""
-    return bool(_guizmo.is_over()) or bool(_guizmo.is_using())
+        """Forget the drag until the button is released (Escape)."""
+        self._ignored = self._matrix is not None
+        self._matrix = None
 
 
 def projection(camera: Camera, near: float, far: float) -> DoubleArray:

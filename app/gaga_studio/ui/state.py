@@ -1,10 +1,11 @@
 """What the panels remember between frames and nobody else needs to know."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from gaga_core.grouping.memory_bank import Decision
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_studio.ui.files import FileDialog
-from gaga_studio.ui.gizmo import Gizmo
 
 
 @dataclass
@@ -12,19 +13,41 @@ class UiState:
     """Open dialogs, half-typed texts, what is scrolled to."""
 
     dialog: FileDialog | None = None
+    on_path: Callable[[Path], None] | None = None  # what the dialog's answer is for
+    native_dialogs: bool = False
     renaming: int | None = None  # group whose name is a text field now
     rename_text: str = ""
     rename_started: bool = False  # the text field has taken the keyboard
     anchor: int | None = None  # group from which Shift selects a range
+    hovered_row: int = 0  # group whose row is under the mouse
+    was_row_hovered: bool = False
     scroll_to: int | None = None  # group to bring into the list's view
     last_selected: tuple[int, ...] = ()
-    gizmo: Gizmo = field(default_factory=Gizmo)
     decision: Decision | None = None  # row of the memory bank whose photo is shown
+    live_view: str = ""  # last view of a running association whose picture was there
+    live_bank: MemoryBank | None = None
     show_masks: bool = False  # over the photos of the film strip
+    strip_seen: int | None = None  # photo that the film strip was last scrolled to
+    history_seen: int = 0  # entries done when the list was last scrolled
     palette_text: str = ""
     palette_at: int = 0
     open_popup: str = ""  # popup to open in this frame
-    move: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    picture: tuple[float, float, float, float] = (0.0, 0.0, 400.0, 300.0)  # x, y, w, h on screen
+    closed_offer: int = 0  # document whose offer was put away
+    closed: set[int] = field(default_factory=set)  # notices that were closed
+    has_notices: bool = False  # some go by themselves: keep drawing
+    move: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # of the drag in a field
     turn: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees
     scale: float = 1.0
-    rect_from: tuple[float, float] | None = None  # picture pixels
+    color: tuple[float, float, float] | None = None  # being chosen, not applied yet
+
+    def forget(self) -> None:
+        """Another scene was opened: nothing of the former one is remembered."""
+        self.renaming = self.anchor = self.scroll_to = self.decision = self.color = None
+        self.live_view, self.live_bank = "", None
+        self.strip_seen, self.history_seen, self.last_selected = None, 0, ()
+        self.clear_placement()
+
+    def clear_placement(self) -> None:
+        """Forget the numbers that were being dragged."""
+        self.move, self.turn, self.scale = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1.0

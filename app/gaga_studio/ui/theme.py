@@ -32,7 +32,10 @@ BAD = _hex("EA7068")
 PANEL = _hex("212328")
 BACK = _hex("1A1B1F")
 RAISED = _hex("2C2F36")
+HOT = _hex("343842")
 LINE = _hex("33363D")
+LINE_STRONG = _hex("474B54")
+POPUP = _hex("26282E", 0.99)
 
 _COLORS = {
     "text": TEXT,
@@ -41,7 +44,7 @@ _COLORS = {
     "text_link": ACCENT,
     "window_bg": PANEL,
     "child_bg": _hex("212328", 0.0),
-    "popup_bg": _hex("26282E", 0.99),
+    "popup_bg": POPUP,
     "modal_window_dim_bg": _hex("0C0D0F", 0.6),
     "menu_bar_bg": BACK,
     "border": LINE,
@@ -126,7 +129,7 @@ def apply_style() -> None:
             style.set_color_(index, color)
     style.window_padding = ImVec2(10, 9)
     style.frame_padding = ImVec2(8, 4)
-    style.cell_padding = ImVec2(6, 3)
+    style.cell_padding = ImVec2(3, 3)
     style.item_spacing = ImVec2(8, 6)
     style.item_inner_spacing = ImVec2(6, 4)
     style.indent_spacing = 16
@@ -139,8 +142,8 @@ def apply_style() -> None:
     style.tab_border_size = 0
     style.tab_bar_border_size = 0
     style.tab_bar_overline_size = 0
-    style.docking_separator_size = 3
-    style.window_rounding = 6
+    style.docking_separator_size = 2
+    style.window_rounding = 0
     style.child_rounding = 5
     style.frame_rounding = 4
     style.popup_rounding = 6

@@ -1,6 +1,7 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 from imgui_bundle import ImVec2, ImVec4, imgui
@@ -8,7 +9,20 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from gaga_studio.ui import theme
 from gaga_studio.ui.theme import em
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Face:
+    """How a button looks: text (else its name), icon, width, and whether it is the one to press."""
+
+    text: str = ""
+    icon: str = ""
+    width: float = 0.0
+    primary: bool = False
+
+
+_PLAIN = Face()
 
 
 def tooltip(text: str, shortcut: str = "") -> None:
@@ -27,27 +41,22 @@ def tooltip(text: str, shortcut: str = "") -> None:
 
 
 def button(
-    label: str,
-    *,
-    icon: str = "",
-    why_not: str = "",
-    hint: str = "",
-    width: float = 0.0,
-    primary: bool = False,
+    label: str, face: Face = _PLAIN, *, why_not: str = "", hint: str = "", shortcut: str = ""
 ) -> bool:
-    """A text button; ``why_not`` disables it and is what its tooltip says."""
-    if primary:
+    """A text button named ``label``; ``why_not`` disables it and is what its tooltip says."""
+    if face.primary:
         imgui.push_style_color(imgui.Col_.button, theme.ACCENT_STRONG)
         imgui.push_style_color(imgui.Col_.button_hovered, theme.ACCENT)
         imgui.push_style_color(imgui.Col_.button_active, theme.ACCENT)
         imgui.push_style_color(imgui.Col_.text, ImVec4(1, 1, 1, 1))
     imgui.begin_disabled(bool(why_not))
-    shown = f"{icon}  {label}" if icon else label
-    clicked = imgui.button(f"{shown}###{label}", ImVec2(width, 0))
+    text = face.text or label
+    text = f"{face.icon}  {text}" if face.icon else text
+    clicked = imgui.button(f"{text}###{label}", ImVec2(face.width, 0))
     imgui.end_disabled()
-    if primary:
+    if face.primary:
         imgui.pop_style_color(4)
-    tooltip(why_not or hint)
+    tooltip(why_not or hint, shortcut)
     return clicked and not why_not
 
 
@@ -72,6 +81,17 @@ def icon_button(
     return clicked and not why_not
 
 
+def toggle(label: str, on: bool, *, hint: str, why_not: str = "") -> bool:
+    """A text button that stays lit while it is on; whether it was clicked."""
+    _push_flat(on)
+    imgui.begin_disabled(bool(why_not))
+    clicked = imgui.button(label)
+    imgui.end_disabled()
+    imgui.pop_style_color(4)
+    tooltip(why_not or hint)
+    return clicked and not why_not
+
+
 def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None) -> bool:
     """A borderless icon of text height, for table rows."""
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
@@ -84,21 +104,28 @@ def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = N
     return clicked
 
 
-def segmented(name: str, choices: Sequence[tuple[T, str, str, str]], current: T) -> T:
+def segmented(
+    name: str,
+    choices: Sequence[tuple[T, str, str, str]],
+    current: T,
+    *,
+    why_not: Mapping[T, str],
+    with_text: bool = True,
+) -> T:
     """One choice of several in one control; each choice is (value, icon, label, hint)."""
     imgui.push_id(name)
-    spacing = imgui.get_style().item_spacing
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(theme.scaled(1), spacing.y))
     picked = current
     for position, (value, icon, label, hint) in enumerate(choices):
         if position:
-            imgui.same_line()
+            imgui.same_line(0, theme.scaled(1))
+        reason = why_not.get(value, "")
         _push_flat(value == current, rest=theme.RAISED)
-        if imgui.button(f"{icon}  {label}###{label}" if icon else f"{label}###{label}"):
+        imgui.begin_disabled(bool(reason))
+        if imgui.button(f"{icon}  {label}###{label}" if with_text else f"{icon}###{label}"):
             picked = value
+        imgui.end_disabled()
         imgui.pop_style_color(4)
-        tooltip(hint)
-    imgui.pop_style_var()
+        tooltip(f"{label}: {reason}" if reason else hint)
     imgui.pop_id()
     return picked
 
@@ -161,14 +188,15 @@ def line(text: str, color: ImVec4 | None = None) -> None:
         tooltip(text)
 
 
-def swatch(name: str, color: tuple[float, float, float], side: float) -> bool:
-    """A round color sample that can be clicked."""
-    corner = imgui.get_cursor_screen_pos()
-    clicked = imgui.invisible_button(name, ImVec2(side, side))
-    centre = ImVec2(corner.x + side / 2, corner.y + side / 2)
-    fill = imgui.get_color_u32(ImVec4(*color, 1.0))
-    imgui.get_window_draw_list().add_circle_filled(centre, side * 0.36, fill, 20)
-    return clicked
+def rgba(color: Sequence[float], alpha: float = 1.0) -> ImVec4:
+    """A color (3,), 0..1, for the toolkit."""
+    return ImVec4(float(color[0]), float(color[1]), float(color[2]), alpha)
+
+
+def escape_closes() -> None:
+    """Inside a popup: Escape closes it (without keyboard navigation nobody else sees to that)."""
+    if imgui.is_key_pressed(imgui.Key.escape, False):
+        imgui.close_current_popup()
 
 
 def empty_state(icon: str, title: str, detail: str) -> None:

@@ -1,0 +1,128 @@
+"""Commands as buttons and menu items: one table decides what is possible and says why not."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio import commands, tour
+from gaga_studio.session import Session
+from gaga_studio.ui import icons, widgets
+from gaga_studio.ui.widgets import Face
+
+ICONS = {
+    "file.open_folder": icons.FOLDER,
+    "file.open_file": icons.FILE,
+    "file.demo": icons.DEMO,
+    "file.save": icons.SAVE,
+    "file.export_scene": icons.EXPORT,
+    "file.export_selected": icons.EXPORT,
+    "file.export_objects": icons.EXPORT,
+    "edit.undo": icons.UNDO,
+    "edit.redo": icons.REDO,
+    "edit.duplicate": icons.DUPLICATE,
+    "edit.delete": icons.DELETE,
+    "object.associate": icons.RUN,
+    "object.hide": icons.EYE_OFF,
+    "object.show_all": icons.EYE,
+    "object.isolate": icons.ISOLATE,
+    "object.rename": icons.RENAME,
+    "object.merge": icons.MERGE,
+    "view.frame_selected": icons.FOCUS,
+    "view.frame_all": icons.HOME,
+    "view.frusta": icons.FRUSTA,
+    "view.fly": icons.FLY,
+    "tool.pick": icons.PICK,
+    "tool.rect": icons.RECT,
+    "tool.move": icons.MOVE,
+    "tool.rotate": icons.ROTATE,
+    "tool.scale": icons.SCALE,
+    "help.palette": icons.SEARCH,
+    "help.shortcuts": icons.KEYBOARD,
+}
+SELECTION_BUTTONS = (
+    ("object.hide", "Hide"),
+    ("object.isolate", "Isolate"),
+    ("view.frame_selected", "Focus"),
+    ("edit.duplicate", "Duplicate"),
+    ("edit.delete", "Delete"),
+    ("file.export_selected", "Export…"),
+)
+_OBJECT_MENU = (
+    "view.frame_selected",
+    "object.isolate",
+    "object.hide",
+    "",
+    "edit.duplicate",
+    "object.merge",
+    "edit.delete",
+    "",
+    "file.export_selected",
+)
+
+
+def command_button(
+    session: Session,
+    command_id: str,
+    label: str = "",
+    face: Face | None = None,
+) -> None:
+    """A text button; ``label`` is its identity for tests. Without ``face``: with its icon."""
+    command = commands.command(command_id)
+    why_not = command.enabled(session)
+    clicked = widgets.button(
+        label or command.title.rstrip("…"),
+        face or Face(icon=ICONS.get(command_id, "")),
+        why_not=why_not,
+        hint=command.title_now(session),
+        shortcut=command.shortcut,
+    )
+    if clicked:
+        commands.run(command_id, session)
+
+
+def command_icon(session: Session, command_id: str) -> None:
+    """An icon button of the tool bar."""
+    command = commands.command(command_id)
+    clicked = widgets.icon_button(
+        command.title.rstrip("…"),
+        ICONS[command_id],
+        hint=command.title_now(session),
+        why_not=command.enabled(session),
+        on=command.is_on is not None and command.is_on(session),
+        shortcut=command.shortcut,
+    )
+    if clicked:
+        commands.run(command_id, session)
+
+
+def command_item(session: Session, command_id: str) -> None:
+    """A menu item with its shortcut; greyed, it says why in its tooltip."""
+    command = commands.command(command_id)
+    why_not = command.enabled(session)
+    icon = ICONS.get(command_id, icons.BLANK)
+    label = f"{icon}  {command.title_now(session)}###{command.title}"
+    is_on = command.is_on is not None and command.is_on(session)
+    if imgui.menu_item(label, command.shortcut, is_on, not why_not)[0]:
+        commands.run(command_id, session)
+    widgets.tooltip(why_not)
+
+
+def object_menu(session: Session) -> None:
+    """What can be done with the selected objects: the context menu of list and picture."""
+    for command_id in _OBJECT_MENU:
+        if command_id:
+            command_item(session, command_id)
+        else:
+            imgui.separator()
+
+
+def fly_to(session: Session, view: str) -> None:
+    """Go to where a photo was taken, by its name."""
+    index = tour.view_index(session, view)
+    if index is not None:
+        tour.go_to_view(session, index)
+
+
+def gap(size: float) -> None:
+    """A pause in a row of buttons."""
+    imgui.same_line()
+    imgui.dummy(ImVec2(size, 1))
+    imgui.same_line()

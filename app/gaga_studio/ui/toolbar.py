@@ -1,0 +1,90 @@
+"""The tool bar: tools, undo, how the picture is colored, and the search."""
+
+from imgui_bundle import imgui
+
+from gaga_studio import commands
+from gaga_studio.session import Session
+from gaga_studio.ui import actions, icons, theme, widgets
+from gaga_studio.ui.state import UiState
+from gaga_studio.ui.theme import em
+from gaga_studio.view import Mode
+
+_MODES = (
+    (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
+    (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
+    (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
+)
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole bar, left to right; what does not fit a small window is left to the menus."""
+    width = imgui.get_content_region_avail().x
+    left = imgui.get_cursor_screen_pos().x
+    for position, tool in enumerate(("pick", "rect")):
+        _next(position)
+        actions.command_icon(session, f"tool.{tool}")
+    _rule()
+    for position, tool in enumerate(("move", "rotate", "scale")):
+        _next(position)
+        actions.command_icon(session, f"tool.{tool}")
+    _rule()
+    actions.command_icon(session, "edit.undo")
+    _next()
+    actions.command_icon(session, "edit.redo")
+    _rule()
+    _modes(session, with_text=width > em(58))
+    _rule()
+    actions.command_icon(session, "view.frusta")
+    _next()
+    actions.command_icon(session, "view.fly")
+    _next()
+    actions.command_icon(session, "view.frame_all")
+    imgui.same_line()
+    used = imgui.get_cursor_screen_pos().x - left
+    _search(ui, width, used)
+
+
+def _modes(session: Session, *, with_text: bool) -> None:
+    why_not = {mode: commands.command(f"view.{mode}").enabled(session) for mode in Mode}
+    picked = widgets.segmented(
+        "Render mode", _MODES, session.view.mode, why_not=why_not, with_text=with_text
+    )
+    if picked is not session.view.mode:
+        commands.run(f"view.{picked}", session)
+
+
+def _search(ui: UiState, width: float, used: float) -> None:
+    """Looks like a text field; opens the list of all commands."""
+    room = width - used - em(0.3)
+    size = min(em(15), room)
+    if size < em(3):
+        imgui.new_line()
+        return
+    imgui.same_line(imgui.get_cursor_pos_x() + room - size)
+    text = f"{icons.SEARCH}  Find a command" if size > em(11) else icons.SEARCH
+    imgui.push_style_var(imgui.StyleVar_.button_text_align, imgui.ImVec2(0.0, 0.5))
+    imgui.push_style_color(imgui.Col_.text, theme.DIM)
+    imgui.push_style_color(imgui.Col_.button, theme.RAISED)
+    if imgui.button(f"{text}###Find a command", imgui.ImVec2(size, 0)):
+        ui.open_popup = "palette"
+    imgui.pop_style_color(2)
+    imgui.pop_style_var()
+    widgets.tooltip("Every command by its name", "Ctrl+P")
+
+
+def _next(position: int = 1) -> None:
+    if position:
+        imgui.same_line(0, em(0.15))
+
+
+def _rule() -> None:
+    """A thin line between groups of buttons."""
+    imgui.same_line(0, em(0.6))
+    corner = imgui.get_cursor_screen_pos()
+    height = imgui.get_frame_height()
+    top, bottom = corner.y + height * 0.15, corner.y + height * 0.85
+    imgui.get_window_draw_list().add_line(
+        imgui.ImVec2(corner.x, top), imgui.ImVec2(corner.x, bottom), theme.u32(theme.LINE_STRONG)
+    )
+    imgui.dummy(imgui.ImVec2(1, height))
+    imgui.same_line(0, em(0.6))
