@@ -10,7 +10,7 @@ STAMP := $(VENV)/.ready
 studio:
 	@.ci/has-display
 	@.ci/system-libraries window
-	@$(MAKE) --no-print-directory $(STAMP)
+	@$(MAKE) --quiet --no-print-directory $(STAMP)
 	@$(BIN)/gaga-studio --demo
 
 test: check
@@ -24,7 +24,7 @@ check: setup
 
 setup:
 	@.ci/system-libraries tests
-	@$(MAKE) --no-print-directory $(STAMP)
+	@$(MAKE) --quiet --no-print-directory $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from gaga_core.project import Project
-from gaga_core.scene.scene import Scene
 
 # Measured on two cores: a depth picture, a vote and the gate, per view and million splats.
 _SECONDS_PER_VIEW = {"paper": 0.6, "robust": 2.4}
