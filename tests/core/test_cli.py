@@ -48,7 +48,17 @@ def refusal(capsys: Capture, *arguments: str) -> str:
 
 
 def test_every_command_explains_itself(capsys: Capture) -> None:
-    for name in ("associate", "render", "evaluate", "edit", "export", "run", "info", "demo"):
+    for name in (
+        "associate",
+        "lift",
+        "render",
+        "evaluate",
+        "edit",
+        "export",
+        "run",
+        "info",
+        "demo",
+    ):
         with pytest.raises(SystemExit) as caught:
             main([name, "--help"])
         assert caught.value.code == 0
@@ -115,8 +125,21 @@ def test_info_counts(scene: Path, capsys: Capture) -> None:
     values = answer(capsys, "info", str(scene))
     assert values["gaussians"] == len(read_ply(scene / "point_cloud.ply"))
     assert values["views"] == 8
-    assert values["groups"] == 5
+    with np.load(scene / "gaga" / "labels.npz") as stored:
+        assert values["groups"] == len(np.unique(stored["labels"][stored["labels"] > 0]))
     assert answer(capsys, "info", str(scene / "point_cloud.ply"))["sh_degree"] == 0
+
+
+def test_identities_are_lifted(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    values = answer(capsys, "lift", str(scene), "--mode", "vote")
+    assert values["mode"] == "vote"
+    assert (scene / "gaga" / "identity.npz").is_file()
+    target = tmp_path / "out.ply"
+    answer(capsys, "export", str(scene), "--identity", "--out", str(target))
+    columns = [name for name in read_ply(target).extra if name.startswith("obj_dc_")]
+    assert columns == [f"obj_dc_{i}" for i in range(16)]
+    lone = str(scene / "point_cloud.ply")
+    assert "scene folder" in refusal(capsys, "export", lone, "--identity", "--out", str(target))
 
 
 def test_run_does_what_is_missing_once(scene: Path, capsys: Capture) -> None:

@@ -1,0 +1,160 @@
+"""Commands over single files: edit, export, info, doctor, demo."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from tyro.conf import Positional
+
+from gaga_core import cli_output as out
+from gaga_core.errors import GagaError
+from gaga_core.project import Project
+
+
+@dataclass(frozen=True)
+class Edit:
+    """Apply recorded edits to a model and write the edited .ply."""
+
+    input: Positional[Path]
+    """Scene folder, .ply file or saved project."""
+    output: Positional[Path]
+    """The .ply to write."""
+    script: Path
+    """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
+    groups: bool = False
+    """Add a column with the group id of each Gaussian."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write what is visible after the edits."""
+        from gaga_core.project import open_path_stage
+        from gaga_core.scene.export import export_scene_stage
+        from gaga_core.scene.script import parse_script, run_script
+
+        script = _read_json(self.script)
+        parse_script(script)  # a mistake is told before a large model is read
+        scene = out.follow(open_path_stage(self.input)).scene
+        titles = run_script(scene, script)
+        written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
+        values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
+        out.result(values, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Export:
+    """Export a scene with its edits: the whole, or one .ply per object, or the group maps."""
+
+    scene: Positional[Path]
+    """Scene folder, .ply file or saved project."""
+    out: Path
+    """A .ply for --what scene, a folder otherwise."""
+    what: Literal["scene", "objects"] = "scene"
+    """scene: one .ply of all that is visible. objects: one .ply per group and groups.json."""
+    only: tuple[int, ...] = ()
+    """Group ids (objects); default: all."""
+    groups: bool = False
+    """Add a column with the group id of each Gaussian (scene)."""
+    identity: bool = False
+    """Add the identity encodings of gaga lift as obj_dc_0..15, Gaussian Grouping's columns."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write plain 3DGS files that other tools open."""
+        from gaga_core.project import open_path_stage
+        from gaga_core.scene.export import export_objects_stage, export_scene_stage
+
+        project = out.follow(open_path_stage(self.scene))
+        scene = project.scene
+        if self.identity:
+            _add_identity(project)
+        if self.what == "scene":
+            written = out.follow(export_scene_stage(scene, self.out, groups=self.groups))
+            out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
+            return 0
+        stage = export_objects_stage(scene, self.out, self.only or None, source=str(self.scene))
+        manifest = out.follow(stage)
+        count = len(list(self.out.glob("*.ply")))
+        out.result({"manifest": str(manifest), "files": count}, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what a .ply file, scene folder or project holds."""
+
+    file: Positional[Path]
+    """What to look at."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Print counts, columns, views and groups."""
+        from gaga_core.info import describe
+
+        out.result(out.follow(describe(self.file)), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Check what this machine can do, and what is missing."""
+
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Print one line a finding; exit status 1 when something needed is missing."""
+        from gaga_core.doctor import examine
+
+        findings = examine()
+        values = {f.name: f.text if f.ok else f"PROBLEM: {f.text}" for f in findings}
+        out.result(values, as_json=self.json)
+        return 0 if all(f.ok for f in findings) else 1
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Make the demo scene: a furnished room with photos, masks and true instance maps."""
+
+    folder: Positional[Path]
+    """Where to make it."""
+    seed: int = 0
+    """Another seed, another arrangement."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write a whole scene folder."""
+        from gaga_core.demo import make_demo_stage
+
+        made = out.follow(make_demo_stage(self.folder, seed=self.seed))
+        out.result({"scene": str(made)}, as_json=self.json)
+        return 0
+
+
+def _add_identity(project: Project) -> None:
+    """Give the splats of ``project`` their encodings as extra columns."""
+    from gaga_core.identity.classifier_io import with_encodings
+    from gaga_core.lift import read_identity
+
+    if project.folder is None:
+        raise GagaError("Identity encodings belong to a scene folder. Name that instead.")
+    source = project.scene.source
+    n_of_file = int((source == np.arange(len(source))).sum())
+    encodings = read_identity(project.folder, n_of_file).field.encodings
+    project.scene.gaussians = with_encodings(project.scene.gaussians, encodings[source])
+
+
+def _read_json(path: Path) -> object:
+    try:
+        content: object = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GagaError(f"{path} cannot be read: {error.strerror}. Check the path.") from error
+    except ValueError as error:
+        raise GagaError(f"{path} is no JSON ({error}). Mend it and run again.") from error
+    return content

@@ -1,0 +1,202 @@
+"""Commands over a scene folder: the stages of the method, and their scores."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from gaga_core import cli_output as out
+
+
+@dataclass(frozen=True)
+class Associate:
+    """Associate the 2D masks of all views: every Gaussian and pixel gets a group id."""
+
+    scene: Positional[Path]
+    """Scene folder (images/, sparse/0/, masks/, point_cloud.ply)."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
+    preset: Literal["robust", "paper"] = "robust"
+    """robust: guarded, several passes. paper: the published method to the letter."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write SCENE/gaga/: bank, labels per Gaussian, group maps of the masks, report."""
+        from gaga_core import pipeline
+        from gaga_core.grouping.associate import AssociateConfig
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        folder = open_scene_folder(self.scene, model=self.model)
+        config = AssociateConfig.of(self.preset)
+        stage = pipeline.associate_scene(folder, masks=self.masks, config=config)
+        report = out.follow(stage)
+        for note in report.notes:
+            out.say(note)
+        if (folder.work / "project.json").is_file():
+            out.say(
+                "The saved project of this scene keeps its own groups until you associate there."
+            )
+        out.result(report.to_json(), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Give every Gaussian a 16-d identity encoding whose classifier names its group."""
+
+    scene: Positional[Path]
+    """Scene folder whose masks are associated."""
+    mode: Literal["vote", "refine", "paper"] = "vote"
+    """vote: closed form, no training. refine: a few steps on top. paper: trained from zeros."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write SCENE/gaga/identity.npz."""
+        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.lift import lift_scene
+
+        report = out.follow(lift_scene(open_scene_folder(self.scene), mode=self.mode))
+        out.result(report.to_json(), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render views of a scene: color, group ids, or depth."""
+
+    scene: Positional[Path]
+    """Scene folder."""
+    out: Path
+    """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
+    what: Literal["rgb", "groups", "depth"] = "rgb"
+    """What a pixel says."""
+    views: tuple[str, ...] = ("test",)
+    """train, test, all, or names of views."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write one picture a view."""
+        from gaga_core import pipeline
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        folder = open_scene_folder(self.scene, model=self.model)
+        stage = pipeline.render_views(folder, self.out, what=self.what, views=self.views)
+        written = out.follow(stage)
+        out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Compare predicted group maps with true instance maps (Algorithm 1 of the paper)."""
+
+    pred: Path
+    """Folder of predicted label maps."""
+    gt: Path
+    """Folder of true label maps; every file counts, a missing prediction as 0."""
+    scene: Path | None = None
+    """Scene folder whose split says which views count (with --views)."""
+    views: Literal["train", "test", "all"] = "all"
+    """Which views of --scene count; without --scene every file of --gt does."""
+    protocol: Literal["instance", "lerf-mask"] = "instance"
+    """instance: class-agnostic IoU, precision and recall. lerf-mask: <view>/<prompt>.png masks."""
+    json: bool = False
+    """Print the report as JSON."""
+
+    def run(self) -> int:
+        """Print IoU, precision and recall, with void as a class and without."""
+        if self.protocol == "lerf-mask":
+            return self._lerf_mask()
+        from gaga_core.evaluate.metrics import evaluate
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        stems = None
+        if self.scene is not None and self.views != "all":
+            folder = open_scene_folder(self.scene)
+            names = folder.test if self.views == "test" else folder.train
+            stems = [Path(name).stem for name in names]
+        report = evaluate(self.pred, self.gt, stems=stems)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
+        if self.json:
+            out.result(report.to_json(), as_json=True)
+            return 0
+        headings, *rows = report.table()
+        out.table(headings, rows)
+        return 0
+
+    def _lerf_mask(self) -> int:
+        from gaga_core.evaluate.lerf_mask import evaluate_lerf_mask
+
+        report = evaluate_lerf_mask(self.pred, self.gt)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
+        if self.json:
+            out.result(report.to_json(), as_json=True)
+            return 0
+        headings, *rows = report.table()
+        out.table(headings, rows)
+        return 0
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Run all variants of the association on one scene: presets, ablations, bounds, few views."""
+
+    scene: Positional[Path]
+    """Scene folder with masks."""
+    gt: Path
+    """Folder of true label maps."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    seeds: tuple[int, ...] = (0,)
+    """Draws of the training views for the sparse rows."""
+    json: bool = False
+    """Print the table as JSON."""
+
+    def run(self) -> int:
+        """Print one table and write SCENE/gaga/variants.json."""
+        from gaga_core.compare import CompareConfig, compare_variants
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        folder = open_scene_folder(self.scene)
+        stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
+        table = out.follow(stage)
+        if self.json:
+            out.result(table.to_json(), as_json=True)
+            return 0
+        headings, *rows = table.table()
+        out.table(headings, rows)
+        return 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run every stage that is missing in a scene folder."""
+
+    scene: Positional[Path]
+    """Scene folder."""
+    preset: Literal["robust", "paper"] = "robust"
+    """Preset of the association."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Bring the folder to the state that the window needs."""
+        from gaga_core import pipeline
+        from gaga_core.grouping.associate import AssociateConfig
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        folder = open_scene_folder(self.scene)
+        stage = pipeline.run_missing(folder, config=AssociateConfig.of(self.preset))
+        done = out.follow(stage)
+        out.result({"scene": str(self.scene), "stages_run": list(done)}, as_json=self.json)
+        return 0

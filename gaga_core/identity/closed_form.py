@@ -1,0 +1,140 @@
+"""Mode "vote": identity encodings in closed form, without training.
+
+The label that the associated masks vote for is the least-squares optimum of the splatted label map
+(see `votes`); a code book turns labels into encodings and a layer that decode to them exactly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray, check_shape
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.identity.codebook import code_book
+from gaga_core.identity.field import Identity, IdentityField
+from gaga_core.identity.neighbours import majority, nearest
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+
+_BLOCK = 1 << 16  # rows of the majority at a time: temporaries are (rows, k, k)
+
+
+@dataclass(frozen=True)
+class VoteConfig:
+    """Settings of mode "vote"."""
+
+    scale: float = 10.0  # of the layer's weights: sharpness of the softmax, no effect on labels
+    neighbours: int = 8  # that decide on a Gaussian no view shows
+    seed: int = 0  # of the code book
+
+    def __post_init__(self) -> None:
+        if self.scale <= 0 or self.neighbours < 1:
+            raise ValueError("scale and neighbours: must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Voted:
+    """Labels of the Gaussians before they become encodings."""
+
+    labels: IntArray  # (N,) 1..G, 0 = none
+    confidence: FloatArray  # (N,) share of the vote; of agreeing neighbours where none was cast
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedForm:
+    """Result of mode "vote" and what led to it."""
+
+    identity: Identity
+    max_cosine: float  # of the two closest codes
+    n_from_bank: int  # Gaussians labelled by the memory bank alone
+    n_from_neighbours: int  # Gaussians that no view shows and no mask claims
+
+
+def vote_identity(
+    gaussians: Gaussians,
+    voted: Voted,
+    bank_group: IntArray,  # (N,) the memory bank's owner, <= 0 = none
+    n_groups: int,
+    cameras: Sequence[Camera],
+    rasterizer: Rasterizer,
+    config: VoteConfig | None = None,
+) -> Stage[ClosedForm]:
+    """Encodings of voted labels: the code of the label, and the codes as the layer.
+
+    Gaussians without a vote take the bank's group. Those that still have none and that no camera
+    shows take the majority of their nearest neighbours (which may be "none"); who is seen and
+    belongs to no mask stays 0.
+    """
+    config = config or VoteConfig()
+    n = len(gaussians)
+    check_shape("labels", voted.labels, (n,), np.int32)
+    check_shape("confidence", voted.confidence, (n,), np.float32)
+    check_shape("bank_group", bank_group, (n,), np.int32)
+    if max(voted.labels.max(initial=0), bank_group.max(initial=0)) > n_groups:
+        raise ValueError(f"labels: there are more than {n_groups} groups")
+    from_bank = (voted.labels == 0) & (bank_group > 0)
+    labels = np.where(from_bank, bank_group, voted.labels)
+    hidden = labels == 0
+    if hidden.any():
+        hidden &= ~(yield from _seen(gaussians, cameras, rasterizer))
+    labels, confidence = yield from _ask_neighbours(
+        gaussians.means, labels, voted.confidence, hidden, config.neighbours
+    )
+    book = code_book(n_groups, seed=config.seed)
+    field = IdentityField(
+        encodings=book.encodings(labels),
+        weight=np.float32(config.scale) * book.codes,
+        bias=np.zeros(n_groups + 1, np.float32),
+    )
+    return ClosedForm(
+        identity=Identity(field, labels, confidence, "vote"),
+        max_cosine=book.max_cosine,
+        n_from_bank=int(from_bank.sum()),
+        n_from_neighbours=int((hidden & (labels > 0)).sum()),
+    )
+
+
+def _seen(
+    gaussians: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer
+) -> Stage[BoolArray]:
+    """Whether any pixel of any view shows a Gaussian."""
+    weight = np.zeros((len(gaussians), 1), np.float32)
+    for i, camera in enumerate(cameras):
+        yield Progress("Find hidden Gaussians", i, len(cameras), camera.name)
+        rasterizer.vote(
+            gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
+        )
+    seen: BoolArray = weight[:, 0] > 0
+    return seen
+
+
+def _ask_neighbours(
+    means: FloatArray,
+    labels: IntArray,  # (N,)
+    confidence: FloatArray,  # (N,) 0 = no vote
+    hidden: BoolArray,  # (N,) to be labelled
+    k: int,
+) -> Stage[tuple[IntArray, FloatArray]]:
+    """Labels with the hidden ones filled, and a confidence for all that have a label unvoted.
+
+    Who was not voted on has the confidence of the neighbours that say the same, times their share.
+    """
+    asks = hidden | ((labels > 0) & (confidence == 0))
+    labels, confidence = labels.copy(), confidence.copy()
+    known = ~asks
+    if not asks.any() or not known.any():
+        return labels, confidence
+    near = yield from nearest(means, k, of=asks, among=known)
+    asking = np.flatnonzero(asks)
+    reached = known[near[:, 0]]  # a position that is not finite has only itself
+    asking, near = asking[reached], near[reached]
+    voted_labels, voted_confidence = labels.copy(), confidence.copy()
+    for start in range(0, len(asking), _BLOCK):
+        who, by = asking[start : start + _BLOCK], near[start : start + _BLOCK]
+        fills = hidden[who]
+        labels[who[fills]] = majority(voted_labels, by[fills])[0]
+        same = voted_labels[by] == labels[who][:, None]
+        confidence[who] = (same * voted_confidence[by]).mean(axis=1)
+    return labels, confidence

@@ -1,0 +1,143 @@
+"""Identity encodings (section 3.3): a code per Gaussian, and the linear layer that reads it.
+
+A rendered encoding is F = sum w_i e_i, without background and without normalisation, as the
+published code blends it; its label is the argmax of the layer, its probability the softmax.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray, check_shape
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.identity.linear_kernels import D, softmax_rows
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write
+from gaga_core.kernels import run_chunks
+from gaga_core.raster.base import LabelFrame, Rasterizer
+
+_BLOCK = 1024  # rows whose scores are held at a time by a thread
+_CURE = "Lift the groups again."
+
+
+@dataclass(frozen=True, eq=False)
+class IdentityField:
+    """Encodings of N Gaussians and the layer over the classes 0 (none) to G."""
+
+    encodings: FloatArray  # (N, D)
+    weight: FloatArray  # (G + 1, D)
+    bias: FloatArray  # (G + 1,)
+
+    def __post_init__(self) -> None:
+        check_shape("encodings", self.encodings, ("N", D), np.float32)
+        check_shape("weight", self.weight, ("G + 1", D), np.float32)
+        check_shape("bias", self.bias, (len(self.weight),), np.float32)
+        if len(self.weight) == 0:
+            raise ValueError("weight: needs a row for class 0")
+
+    @property
+    def n_groups(self) -> int:
+        """G: classes without "none"."""
+        return len(self.weight) - 1
+
+    def labels(self) -> IntArray:
+        """Label (N,) of each Gaussian: argmax of the layer on its own encoding."""
+        return self.classify(self.encodings)[0]
+
+    def probabilities(self, features: FloatArray) -> FloatArray:
+        """Softmax over the classes (P, G + 1) of ``features`` (P, D)."""
+        check_shape("features", features, ("P", D), np.float32)
+        out = np.empty((len(features), len(self.weight)), np.float32)
+        softmax_rows(_copied(features), _copied(self.weight.T), _copied(self.bias), out)
+        return out
+
+    def classify(self, features: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Labels (P,) and their probabilities (P,) of ``features`` (P, D), block by block."""
+        check_shape("features", features, ("P", D), np.float32)
+        labels = np.zeros(len(features), np.int32)
+        confidence = np.zeros(len(features), np.float32)
+
+        def work(start: int, stop: int) -> None:
+            p = self.probabilities(features[start:stop])
+            labels[start:stop] = p.argmax(axis=1)
+            confidence[start:stop] = p.max(axis=1)
+
+        run_chunks(work, len(features), _BLOCK)
+        return labels, confidence
+
+
+@dataclass(frozen=True, eq=False)
+class Identity:
+    """What a scene's Gaussians are: the field, and for each Gaussian a label to select it by."""
+
+    field: IdentityField
+    labels: IntArray  # (N,) 1..G, 0 = none; what the field decodes
+    confidence: FloatArray  # (N,) 0..1
+    mode: str  # vote, refine or paper
+
+    def __post_init__(self) -> None:
+        n = len(self.field.encodings)
+        check_shape("labels", self.labels, (n,), np.int32)
+        check_shape("confidence", self.confidence, (n,), np.float32)
+
+
+def _copied(array: FloatArray) -> FloatArray:
+    """A copy as kernels take it, however the original lies in memory."""
+    return np.array(array, np.float32, order="C")
+
+
+def decode_view(
+    field: IdentityField,
+    gaussians: Gaussians,
+    camera: Camera,
+    rasterizer: Rasterizer,
+    *,
+    void_below: float,
+) -> LabelFrame:
+    """Labels of a view as the paper reads them: splat the encodings, classify every pixel.
+
+    Pixels covered by less than ``void_below`` are 0. The confidence is the probability of the
+    label. `Rasterizer.label_splat` gives nearly the same picture, exactly and without encodings.
+    """
+    check_shape("encodings", field.encodings, (len(gaussians), D))
+    frame = rasterizer.render(gaussians, camera, channels=field.encodings)
+    labels, confidence = field.classify(frame.image.reshape(-1, D))
+    void = frame.alpha < void_below
+    shape = frame.alpha.shape
+    return LabelFrame(
+        np.where(void, np.int32(0), labels.reshape(shape)),
+        np.where(void, np.float32(0), confidence.reshape(shape)),
+    )
+
+
+def save_identity(path: Path, identity: Identity) -> None:
+    """Write ``identity.npz``: encodings, weight, bias, labels, confidence, mode."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            encodings=identity.field.encodings,
+            weight=identity.field.weight,
+            bias=identity.field.bias,
+            labels=identity.labels,
+            confidence=identity.confidence,
+            mode=np.array(identity.mode),
+        )
+
+
+def load_identity(path: Path) -> Identity:
+    """Read ``identity.npz``; ``GagaError`` when it is missing or damaged."""
+    arrays = read_arrays(path, _CURE)
+    try:
+        columns = ("encodings", "weight", "bias")
+        field = IdentityField(*(np.ascontiguousarray(arrays[c], np.float32) for c in columns))
+        labels = np.ascontiguousarray(arrays["labels"], np.int32)
+        confidence = np.ascontiguousarray(arrays["confidence"], np.float32)
+        identity = Identity(field, labels, confidence, str(arrays["mode"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{path} is damaged. {_CURE}") from error
+    if labels.min(initial=0) < 0 or labels.max(initial=0) > field.n_groups:
+        raise GagaError(f"{path} is damaged: it names groups that are not there. {_CURE}")
+    return identity
