@@ -67,8 +67,9 @@ class Driver:
         self.engine.window_focus(f"//{panel}")
         self.frames()
 
-    def keys(self, chord: int) -> None:
-        self.engine.key_press(chord)
+    def keys(self, *chord: imgui.Key) -> None:
+        # Summed as numbers: "|" of these enum members fails in Python before 3.11.4.
+        self.engine.key_press(sum(int(key) for key in chord))
         self.frames()
 
     def type_into(self, ref: str, text: str) -> None:

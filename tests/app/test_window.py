@@ -42,7 +42,7 @@ def test_nothing_open_offers_three_ways(display: str, balls: Path) -> None:
         d.settle()
         assert d.session.title == "balls"
         assert not d.exists("Viewport/Try the demo")
-        d.keys(KEY.mod_ctrl | KEY.w)
+        d.keys(KEY.mod_ctrl, KEY.w)
         assert d.session.document is None
         assert d.exists("Viewport/Try the demo")
         d.click("Viewport/###Recent 0")
@@ -192,7 +192,7 @@ def test_a_rectangle_selects_what_it_holds(display: str, balls: Path) -> None:
         width, height = d.size
         d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
         assert len(d.session.selected_groups()) >= 4
-        d.keys(KEY.mod_ctrl | KEY.mod_shift | KEY.a)
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
         assert d.session.selected_groups() == ()
 
     drive(test, path=balls)
@@ -258,7 +258,7 @@ def test_unsaved_edits_are_asked_about(display: str, balls: Path) -> None:
         d.frames()
         assert d.session.unsaved
         assert not d.session.should_quit
-        d.keys(KEY.mod_ctrl | KEY.w)
+        d.keys(KEY.mod_ctrl, KEY.w)
         d.frames(3)
         d.click("Question/###Discard")
         d.frames(3)
@@ -269,7 +269,7 @@ def test_unsaved_edits_are_asked_about(display: str, balls: Path) -> None:
 
 def test_the_palette_runs_a_command(display: str, balls: Path) -> None:
     def test(d: Driver) -> None:
-        d.keys(KEY.mod_ctrl | KEY.p)
+        d.keys(KEY.mod_ctrl, KEY.p)
         d.frames(3)
         d.engine.key_chars("depth")
         d.frames(2)

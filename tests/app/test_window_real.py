@@ -48,7 +48,7 @@ def test_the_table_from_masks_to_an_edited_file(
         assert 0 not in groups
         d.click("Inspector/###Isolate")
         assert set(np.unique(scene.labels[scene.visible])) == {groups[-1]}
-        d.keys(KEY.mod_shift | KEY.h)
+        d.keys(KEY.mod_shift, KEY.h)
         d.session.recolor_selected((0.9, 0.1, 0.1))
         d.session.move_selected(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1]]))
         d.session.select_group(groups[0], "set")
@@ -56,14 +56,14 @@ def test_the_table_from_masks_to_an_edited_file(
         d.keys(KEY.delete)
         n = int(scene.has(State.DELETED).sum())
         assert n == int((scene.labels == groups[0]).sum())
-        d.keys(KEY.mod_ctrl | KEY.z)
+        d.keys(KEY.mod_ctrl, KEY.z)
         assert not scene.has(State.DELETED).any()
-        d.keys(KEY.mod_ctrl | KEY.mod_shift | KEY.z)
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
         d.menu("File/###Export scene…")
         d.answer_path(target)
         d.settle()
         seen["left"] = len(scene) - n
-        d.keys(KEY.mod_ctrl | KEY.s)
+        d.keys(KEY.mod_ctrl, KEY.s)
         d.settle()
 
     drive(walk, path=folder, settings=Settings(preset="paper"))

@@ -73,7 +73,7 @@ class _Walk:
         d.click("Inspector/###Isolate")
         alone = d.pixels()
         assert _background(alone).mean() > _background(before).mean() + 0.1
-        d.keys(KEY.mod_shift | KEY.h)
+        d.keys(KEY.mod_shift, KEY.h)
         np.testing.assert_array_equal(d.pixels(), before)
 
     def recolor(self, d: Driver) -> None:
@@ -121,13 +121,13 @@ class _Walk:
         assert history is not None
         n = history.cursor
         for _ in range(n):
-            d.keys(KEY.mod_ctrl | KEY.z)
+            d.keys(KEY.mod_ctrl, KEY.z)
         assert history.cursor == 0
         assert int(d.session.scene.labels.max()) == 0  # type: ignore[union-attr]
         assert d.session.scene.visible.all()  # type: ignore[union-attr]
         np.testing.assert_allclose(self._visible(d), self.means, atol=1e-6)
         for _ in range(n):
-            d.keys(KEY.mod_ctrl | KEY.mod_shift | KEY.z)
+            d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
         assert history.cursor == n
         np.testing.assert_array_equal(self._visible(d), final)
         np.testing.assert_array_equal(d.pixels(), after)
@@ -141,7 +141,7 @@ class _Walk:
 
     def save(self, d: Driver) -> None:
         assert d.session.unsaved
-        d.keys(KEY.mod_ctrl | KEY.s)
+        d.keys(KEY.mod_ctrl, KEY.s)
         d.settle()
         assert not d.session.unsaved
 
