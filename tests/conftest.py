@@ -60,3 +60,9 @@ def display() -> Iterator[str]:
         pytest.skip("no Xvfb on this machine: install the package xvfb")
     with xvfb() as name:
         yield name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Window tests first: a standalone EGL context that is current in this thread makes Xlib end
+    the process when GLFW then makes its own current, whatever order the command line asks for."""
+    items.sort(key=lambda item: item.get_closest_marker("window") is None)
