@@ -2,8 +2,8 @@
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Mapping
+from typing import Protocol, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -65,8 +65,24 @@ def result(values: Mapping[str, object], *, as_json: bool) -> None:
         sys.stdout.write(f"{key.replace('_', ' '):<{width}}  {_readable(value)}\n")
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on standard output."""
+class Scores(Protocol):
+    """A report that can be a table or plain values."""
+
+    def table(self) -> list[list[str]]:
+        """Rows of text, headings first."""
+        ...
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        ...
+
+
+def scores(report: Scores, *, as_json: bool) -> None:
+    """Print a report on standard output: as one JSON object, or as a table."""
+    if as_json:
+        result(report.to_json(), as_json=True)
+        return
+    headings, *rows = report.table()
     shown = Table(*headings)
     for row in rows:
         shown.add_row(*row)

@@ -126,11 +126,7 @@ class Evaluate:
         report = evaluate(self.pred, self.gt, stems=stems)
         if report.missing:
             out.say(f"{len(report.missing)} predictions are missing and count as 0.")
-        if self.json:
-            out.result(report.to_json(), as_json=True)
-            return 0
-        headings, *rows = report.table()
-        out.table(headings, rows)
+        out.scores(report, as_json=self.json)
         return 0
 
     def _lerf_mask(self) -> int:
@@ -139,11 +135,7 @@ class Evaluate:
         report = evaluate_lerf_mask(self.pred, self.gt)
         if report.missing:
             out.say(f"{len(report.missing)} predictions are missing and count as 0.")
-        if self.json:
-            out.result(report.to_json(), as_json=True)
-            return 0
-        headings, *rows = report.table()
-        out.table(headings, rows)
+        out.scores(report, as_json=self.json)
         return 0
 
 
@@ -169,12 +161,7 @@ class Compare:
 
         folder = open_scene_folder(self.scene)
         stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
-        table = out.follow(stage)
-        if self.json:
-            out.result(table.to_json(), as_json=True)
-            return 0
-        headings, *rows = table.table()
-        out.table(headings, rows)
+        out.scores(out.follow(stage), as_json=self.json)
         return 0
 
 
