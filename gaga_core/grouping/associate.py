@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from functools import partial
+from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.consensus import ConsensusConfig, consensus_stage, merged_masks
 from gaga_core.grouping.gate import (
     GateConfig,
     ViewMasks,
@@ -23,7 +25,9 @@ from gaga_core.grouping.memory_bank import (
     groups_of_masks,
     views_per_group,
 )
-from gaga_core.grouping.refine import fill_unseen, prune_groups, reassign_masks
+from gaga_core.grouping.parts import part
+from gaga_core.grouping.refine import decide_masks, fill_unseen, voting_labels
+from gaga_core.grouping.surface_points import DepthMaps
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
@@ -32,8 +36,6 @@ from gaga_core.raster.base import Rasterizer
 
 STAGE = "Associate masks"
 PRESETS = ("paper", "robust")
-_STEPS = 1000  # progress units of one part; parts differ in their number of steps
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,7 @@ class AssociateConfig:
     depth: Literal["expected", "median", "none"] = "expected"  # "none": ablation "all Gaussians"
     order: Literal["name", "coverage"] = "name"  # coverage: views with most Gaussians first
     gate: GateConfig = field(default_factory=GateConfig)
-    passes: int = 0  # reassign passes after the bank (beyond the paper)
-    min_views: int = 1  # groups seen in fewer views are dropped, when there are passes
+    consensus: ConsensusConfig | None = None  # groups by the views' consensus (beyond the paper)
     fill_unseen: bool = False  # hidden Gaussians take the gate's votes, then their neighbours'
     histogram_bytes: int = HISTOGRAM_BYTES  # memory for the vote of labels per Gaussian
 
@@ -59,8 +60,10 @@ class AssociateConfig:
             raise ValueError(f"depth: {self.depth!r} is none of 'expected', 'median', 'none'")
         if self.order not in ("name", "coverage"):
             raise ValueError(f"order: {self.order!r} is neither 'name' nor 'coverage'")
-        if self.passes < 0 or self.min_views < 1 or self.histogram_bytes < 1:
-            raise ValueError("passes, min_views and histogram_bytes: too small")
+        if self.consensus is not None and self.depth == "none":
+            raise ValueError("consensus: needs a depth, 'expected' or 'median'")
+        if self.histogram_bytes < 1:
+            raise ValueError("histogram_bytes: too small")
 
     @staticmethod
     def of(preset: str) -> "AssociateConfig":
@@ -70,12 +73,10 @@ class AssociateConfig:
         if preset == "robust":
             return AssociateConfig(
                 preset="robust",
-                threshold=0.3,  # rather one group too many: the passes join what is one thing
                 depth="median",
                 order="coverage",
                 gate=GateConfig(iqr_floor=0.02, guard_near=True),
-                passes=3,
-                min_views=2,
+                consensus=ConsensusConfig(),
                 fill_unseen=True,
             )
         raise GagaError(f"There is no preset {preset!r}. Choose one of {', '.join(PRESETS)}.")
@@ -123,6 +124,7 @@ class _Task:
     masks: MaskSet
     rasterizer: Rasterizer
     config: AssociateConfig
+    depths: DepthMaps  # of the views, filled as they are rendered
     bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view, once known
     resized: set[str] = field(default_factory=set)  # views whose masks did not fit
 
@@ -146,32 +148,41 @@ def associate_stage(
     views = views_with_masks(cameras, masks)
     if len(gaussians) == 0:
         raise GagaError("The model holds no Gaussians. Choose another .ply file.")
-    task = _Task(gaussians, views, masks, rasterizer, config)
-    n_parts = 2 + 2 * config.passes + (config.order == "coverage") + config.fill_unseen
+    task = _Task(gaussians, views, masks, rasterizer, config, DepthMaps.for_views(views))
+    n_parts = 2 + 3 * (config.consensus is not None) + (config.order == "coverage")
+    n_parts += config.fill_unseen
     parts = iter(range(n_parts))
     order: Sequence[Camera] = views
     if config.order == "coverage":
-        order = yield from _part(_widest_first(task), next(parts), n_parts)
-    bank = yield from _part(_fill_bank(task, order), next(parts), n_parts)
-    votes = yield from _part(_vote(task, bank), next(parts), n_parts)
-    for _ in range(config.passes):
-        reassign = reassign_masks(
-            gaussians, views, masks, bank, votes.labels, rasterizer, config.threshold
-        )
-        log = yield from _part(reassign, next(parts), n_parts)
-        bank = prune_groups(replace(bank, log=log), min(config.min_views, len(views)))
-        votes = yield from _part(_vote(task, bank), next(parts), n_parts)
+        order = yield from part(_widest_first(task), next(parts), n_parts, STAGE)
+    bank = yield from part(_fill_bank(task, order), next(parts), n_parts, STAGE)
+    if config.consensus is None:
+        votes = yield from part(_vote(task, bank), next(parts), n_parts, STAGE)
+    else:
+        stage = consensus_stage(views, partial(_view_masks, task), task.depths, config.consensus)
+        tables = yield from part(stage, next(parts), n_parts, STAGE)
+        points = dict(zip((camera.name for camera in views), tables, strict=True))
+        ids = {camera.name: _view_masks(task, camera).ids for camera in views}
+        bank = decide_masks(bank, points, ids)
+        votes = yield from part(_consensus_vote(task, points), next(parts), n_parts, STAGE)
+        split = next(parts)
+        if any(len(merged_masks(table, config.consensus)) > 0 for table in tables):
+            again = _consensus_vote(task, points, votes.labels)
+            votes = yield from part(again, split, n_parts, STAGE)
+    groups = groups_of_masks(bank, [camera.name for camera in views])
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
     if config.fill_unseen:
-        hidden = fill_unseen(gaussians, views, masks, task.bounds, bank, votes.labels)
-        labels = yield from _part(hidden, next(parts), n_parts)
-    if config.passes:  # the votes have overruled who came first
+        hidden = fill_unseen(
+            gaussians, views, masks, task.bounds, groups, bank.n_groups, votes.labels
+        )
+        labels = yield from part(hidden, next(parts), n_parts, STAGE)
+    if config.consensus is not None:  # the votes say who owns what, not who came first
         bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
     return Association(
         bank=bank,
         labels=labels,
         confidence=votes.confidence,
-        mask_groups=groups_of_masks(bank, [camera.name for camera in views]),
+        mask_groups=groups,
         views_per_group=views_per_group(bank),
         notes=_notes(task, len(cameras)),
     )
@@ -214,12 +225,14 @@ def _gaussians_of_view(task: _Task, camera: Camera) -> tuple[ViewMasks, IntArray
 def _bounds(task: _Task, camera: Camera, masks: ViewMasks) -> DoubleArray:
     """Accepted depths (M + 1, 2) of each mask, from the splatted depth map of the view."""
     config = task.config
-    if config.depth == "none" or len(masks) == 0:
+    if config.depth == "none":
         return open_bounds(masks)
     # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
     channels = np.zeros((len(task.gaussians), 1), np.float32)
     frame = task.rasterizer.render(task.gaussians, camera, channels=channels)
     depth = frame.median_depth if config.depth == "median" else frame.expected_depth
+    if config.consensus is not None:
+        task.depths.add(camera.name, depth, frame.alpha, config.gate.alpha_min)
     return depth_bounds(masks, depth, frame.alpha, config.gate)
 
 
@@ -240,16 +253,35 @@ def _vote(task: _Task, bank: MemoryBank) -> Stage[Votes]:
     )
 
 
-def _part(stage: Stage[T], index: int, n_parts: int) -> Stage[T]:
-    """Pass the progress of one part on as that of the whole association."""
-    while True:
-        try:
-            step = next(stage)
-        except StopIteration as end:
-            value: T = end.value
-            return value
-        done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
-        yield replace(step, stage=STAGE, done=done, total=n_parts * _STEPS)
+def _consensus_vote(
+    task: _Task,
+    tables: Mapping[str, LongArray],  # by view: (M + 1, G + 1) points of each group in each mask
+    first: IntArray | None = None,  # (N,) labels by which merged masks are split; None = silent
+) -> Stage[Votes]:
+    """Labels per Gaussian by vote of the masks with their points' groups."""
+    config = task.config.consensus or ConsensusConfig()
+
+    def label_map(camera: Camera) -> IntArray:
+        table, masks = tables[camera.name], _view_masks(task, camera)
+        merged = merged_masks(table, config)
+        shown = None
+        if first is not None and len(merged) > 0:
+            shown = task.rasterizer.label_splat(task.gaussians, camera, first).labels
+        return voting_labels(masks, table, merged, shown)
+
+    n_groups = next(iter(tables.values())).shape[1] - 1
+    return vote_labels(
+        task.gaussians,
+        task.views,
+        label_map,
+        n_groups,
+        task.rasterizer,
+        histogram_bytes=task.config.histogram_bytes,
+    )
+
+
+def _view_masks(task: _Task, camera: Camera) -> ViewMasks:
+    return ViewMasks.of(load_labels(task.masks, camera)[0])
 
 
 def _notes(task: _Task, n_cameras: int) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Identity in closed form: the label that the views' masks vote for, per Gaussian.
 
-The vote itself lives with the association, which needs it for its reassign passes; identity
+The vote itself lives with the association, which labels every Gaussian by it; identity
 encodings start from the same result.
 """
 

@@ -20,7 +20,7 @@ def figures() -> list[Figure]:
     small = _view_ms(200_000, 54)
     few, many = _view_ms(1_000_000, 10), _view_ms(1_000_000, 100)
     return [
-        Figure("associate: a view at 1M, 54 masks, without depth", large, "CPU-ms", "<= 100"),
+        Figure("associate: a view at 1M, 54 masks, without depth", large, "CPU-ms", "<= 60"),
         Figure("associate: 200k -> 1M", large / small, "x", "<= 6"),
         Figure("associate: 10 -> 100 masks at 1M", many / few, "x", "<= 1.5"),
     ]

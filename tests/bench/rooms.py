@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.demo import room
 from gaga_core.demo.cameras import photo_cameras, posed
@@ -106,9 +106,7 @@ def _under_test(
     n, n_floaters = len(surface), round(_FLOATERS * len(surface))
     jitter = rng.normal(0, 0.35, (n, 3)) * np.exp(exact.log_scales[:, :2]).mean(axis=1)[:, None]
     logits = np.clip(rng.normal(2.5, 1.5, n), -1.5, 5).astype(np.float32)
-    moved = replace(
-        exact, means=(exact.means + jitter).astype(np.float32), logit_opacities=logits
-    )
+    moved = replace(exact, means=(exact.means + jitter).astype(np.float32), logit_opacities=logits)
     gaussians = moved.take(np.concatenate([np.arange(n), rng.integers(0, n, n_floaters)]))
     low, high = (room.LEFT, room.FRONT, 0.05), (room.RIGHT, room.BACK, room.TOP)
     gaussians.means[n:] = rng.uniform(low, high, (n_floaters, 3))
@@ -117,10 +115,12 @@ def _under_test(
     return gaussians, np.concatenate([labels, np.zeros(n_floaters)]).astype(np.int32)
 
 
-def _wall_of(points: FloatArray) -> IntArray:
+def _wall_of(points: DoubleArray) -> IntArray:
     """1 floor, 2 back wall, 3 left wall: the nearest one, as `room_parts` numbers them."""
     x, y, z = points.T
-    return np.stack([np.abs(z), np.abs(y - room.BACK), np.abs(x - room.LEFT)]).argmin(axis=0) + 1
+    away = np.stack([np.abs(z), np.abs(y - room.BACK), np.abs(x - room.LEFT)])
+    nearest: IntArray = (away.argmin(axis=0) + 1).astype(np.int32)
+    return nearest
 
 
 def _cameras(
@@ -182,7 +182,7 @@ def _room_items(rng: np.random.Generator) -> list[Item]:
 
 
 def _solid(
-    shape: str, size: Sequence[float], centre: tuple[float, float, float], yaw: float
+    shape: str, size: Sequence[float] | DoubleArray, centre: tuple[float, float, float], yaw: float
 ) -> Item:
     a, b, c = (0.5 * float(s) for s in size)
     if shape == "ball":
@@ -191,5 +191,5 @@ def _solid(
         patches = [revolve([(0, -c), (a, -c), (a, c), (0, c)], smooth=False)]
     else:
         patches = list(rounded_box((2 * a, 2 * b, 2 * c), 0.01).values())
-    step = 0.011
-    return Item(shape, tuple(Part(p, _FINISH, (step, step)) for p in patches), pose(centre, yaw=yaw))
+    parts = tuple(Part(patch, _FINISH, (0.011, 0.011)) for patch in patches)
+    return Item(shape, parts, pose(centre, yaw=yaw))

@@ -9,8 +9,8 @@ from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks, open_bounds
-from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks
-from gaga_core.grouping.refine import fill_unseen, prune_groups, reassign_masks, same_thing
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.refine import decide_masks, fill_unseen, voting_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -77,30 +77,6 @@ def test_log_has_one_decision_a_mask_and_says_what_the_tables_say(scene: Synthet
         assert 0 <= decision.runner_up_overlap <= decision.overlap <= 1
 
 
-def test_prune_drops_and_renumbers() -> None:
-    log = tuple(
-        Decision(view, mask, group, is_new, 0.5, runner_up, 0.2, 9)
-        for view, mask, group, is_new, runner_up in [
-            ("a", 1, 1, True, 0),
-            ("a", 2, 2, True, 1),
-            ("b", 1, 3, True, 2),
-            ("b", 2, 1, False, 2),
-            ("c", 5, 3, False, 1),
-            ("c", 6, 3, False, 2),
-        ]
-    )
-    bank = prune_groups(MemoryBank(np.array([-1, 1, 2, 3, 3], np.int32), 3, log), 2)
-    assert bank.n_groups == 2
-    assert bank.group.tolist() == [-1, 1, -1, 2, 2]
-    assert [d.group for d in bank.log] == [1, 0, 2, 1, 2, 2]
-    assert [d.runner_up for d in bank.log] == [0, 1, 0, 0, 1, 0]
-    assert [d.runner_up_overlap for d in bank.log] == [0, 0.2, 0, 0, 0.2, 0]
-    assert [d.is_new for d in bank.log] == [True, False, True, False, False, False]
-    tables = groups_of_masks(bank, ["a", "b", "c", "d"])
-    assert tables["c"].tolist() == [0, 0, 0, 0, 0, 2, 2]
-    assert tables["d"].tolist() == [0]
-
-
 def test_hidden_gaussians_take_their_object(scene: Synthetic) -> None:
     """Splats too faint to be drawn, inside the balls: the gate's votes or neighbours label them."""
     inner = np.flatnonzero(scene.labels > 0)[::7]
@@ -136,34 +112,34 @@ def test_the_gates_vote_goes_before_the_neighbours() -> None:
     gaussians.means[10] = [0.02, 0, 2]  # in the right half, beside ten of the left one
     gaussians.means[11] = [-0.02, 0, -2]  # behind the camera: neighbours only
     labels = np.array([1] * 10 + [0, 0], np.int32)
-    log = tuple(Decision("a.png", m, m, True, 0, 0, 0, 1) for m in (1, 2))
-    bank = MemoryBank(np.full(12, -1, np.int32), 2, log)
+    groups = {"a.png": np.array([0, 1, 2], np.int32)}
     masks = MaskSet({"a.png": lambda: picture})
     bounds = {"a.png": open_bounds(ViewMasks.of(picture))}
-    filled = run_stage(fill_unseen(gaussians, [camera], masks, bounds, bank, labels))
+    filled = run_stage(fill_unseen(gaussians, [camera], masks, bounds, groups, 2, labels))
     assert filled.tolist() == [1] * 10 + [2, 1]
 
 
-def test_groups_become_one_by_a_clear_majority_of_views() -> None:
-    together, apart = np.zeros((6, 6), np.int32), np.zeros((6, 6), np.int32)
-    for a, b, n_together, n_apart in [(5, 2, 5, 2), (1, 3, 4, 2), (3, 4, 1, 0)]:
-        together[[a, b], [b, a]] = n_together
-        apart[[a, b], [b, a]] = n_apart
-    assert same_thing(together, apart).tolist() == [0, 1, 2, 3, 4, 2]
+def test_masks_take_the_group_of_most_of_their_points() -> None:
+    log = tuple(Decision("a", mask, 9, True, 0.5, 0, 0.0, 40) for mask in (3, 8, 9))
+    table = np.array([[0, 0, 0], [0, 1, 3], [0, 0, 0], [0, 0, 5]])
+    bank = MemoryBank(np.ones(6, np.int32), 9, log)
+    decided = decide_masks(bank, {"a": table}, {"a": np.array([0, 3, 8, 9], np.int32)})
+    assert decided.n_groups == 2
+    assert (decided.group == -1).all()
+    assert [(d.mask, d.group, d.is_new) for d in decided.log] == [
+        (3, 2, True),
+        (8, 0, False),
+        (9, 2, False),
+    ]
+    first = decided.log[0]
+    assert (first.overlap, first.runner_up, first.runner_up_overlap) == (0.75, 1, 0.25)
+    assert first.n_gaussians == 40
 
 
-def test_one_thing_in_two_groups_becomes_one(scene: Synthetic) -> None:
-    """A ball is labelled as two groups; the masks of all views hold it to be one."""
-    masks = masks_of(scene, scene.cameras)
-    good = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose()))
-    labels = good.labels.copy()
-    left = (scene.labels == 1) & (scene.gaussians.means[:, 1] < 0)
-    labels[left] = 7
-    bank = MemoryBank(labels, 7, good.bank.log)
-    stage = reassign_masks(
-        scene.gaussians, scene.cameras, masks, bank, labels, choose(), threshold=0.1
-    )
-    log = run_stage(stage)
-    assert {decision.group for decision in log} == set(range(1, 7))
-    before = [decision.group for decision in good.bank.log]
-    assert [decision.group for decision in log] == before
+def test_a_merged_mask_is_silent_until_its_pixels_are_told_apart() -> None:
+    masks = ViewMasks.of(np.array([[1, 1, 1, 2]], np.int32))
+    table = np.array([[0, 0, 0, 0], [0, 4, 3, 0], [0, 0, 0, 5]])
+    merged = np.array([1])
+    assert voting_labels(masks, table, merged).tolist() == [[0, 0, 0, 3]]
+    shown = np.array([[1, 2, 3, 1]], np.int32)  # group 3 has no point in mask 1
+    assert voting_labels(masks, table, merged, shown).tolist() == [[1, 2, 0, 3]]

@@ -1,0 +1,165 @@
+"""Points on the surfaces that the masks show, and the mask that each point shows in every view.
+
+What two masks of different views have in common is asked of points that both views really see,
+found by comparing depths, instead of Gaussians whose centres project into them: a point inside a
+mask, away from its ragged edge, is a clean witness.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import ndimage
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.grouping.gate import ViewMasks
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import NEAR
+
+_TOLERANCE = 0.02  # share of its depth by which a point may miss the surface that a view shows
+_FLAT = 0.05  # share of the depth by which neighbours of a sampled pixel may differ
+DEPTH_BYTES = 1 << 29
+
+LoadMasks = Callable[[Camera], ViewMasks]
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMaps:
+    """Depth maps of many views, thinned out so that all of them fit into `DEPTH_BYTES`."""
+
+    stride: int  # one depth for so many pixels along either side
+    by_view: dict[str, FloatArray] = field(default_factory=dict)  # 0 = nothing there
+
+    @staticmethod
+    def for_views(views: Sequence[Camera], budget: int = DEPTH_BYTES) -> "DepthMaps":
+        """Room for the maps of these views; `add` fills it."""
+        n_bytes = sum(4 * camera.width * camera.height for camera in views)
+        return DepthMaps(max(1, int(np.ceil(np.sqrt(n_bytes / budget)))))
+
+    def add(self, view: str, depth: FloatArray, alpha: FloatArray, alpha_min: float) -> None:
+        """Keep the depths (H, W) of a view where it is opaque."""
+        thin = slice(None, None, self.stride)
+        there = alpha[thin, thin] >= alpha_min
+        self.by_view[view] = np.where(there, depth[thin, thin], np.float32(0))
+
+    def at(self, view: str, rows: LongArray, columns: LongArray) -> FloatArray:
+        """Depths at pixels (P,) of a view."""
+        depths: FloatArray = self.by_view[view][rows // self.stride, columns // self.stride]
+        return depths
+
+
+def sample_points(
+    views: Sequence[Camera],
+    load_masks: LoadMasks,
+    depths: DepthMaps,
+    per_mask: int,
+    max_points: int,
+) -> Stage[DoubleArray]:
+    """Points (S, 3) of the world, at least ``per_mask`` in each mask as far as it has pixels.
+
+    View by view, a mask that already shows enough points of earlier views adds none, so their
+    number grows with the scene, not with the number of views. When it would exceed ``max_points``,
+    half of the points of every mask go and ``per_mask`` is halved.
+    """
+    points, rank = np.zeros((0, 3)), np.zeros(0, np.int64)
+    rng = np.random.default_rng(0)
+    for i, camera in enumerate(views):
+        yield Progress("Sample surfaces", i, len(views), camera.name)
+        masks = load_masks(camera)
+        shown = _masks_at(camera, masks, _inner(masks, 1), depths, points)
+        count = np.bincount(shown, minlength=len(masks) + 1)
+        pixels = _pixels_to_add(camera, masks, depths, per_mask - count, rng)
+        added, ranks = _lifted(camera, depths, pixels), _ranks(masks.labels.ravel()[pixels])
+        ranks += count[masks.labels.ravel()[pixels]]
+        points, rank = np.concatenate([points, added]), np.concatenate([rank, ranks])
+        while len(points) > max_points and per_mask > 1:
+            per_mask //= 2
+            points, rank = points[rank < per_mask], rank[rank < per_mask]
+    return points[:max_points]
+
+
+def masks_of_points(
+    points: DoubleArray,  # (S, 3) world
+    views: Sequence[Camera],
+    load_masks: LoadMasks,
+    depths: DepthMaps,
+) -> Stage[IntArray]:
+    """The dense mask id (S, V) that each point shows in each view; 0 = hidden, outside, unsure."""
+    result = np.zeros((len(points), len(views)), np.int32)
+    for i, camera in enumerate(views):
+        yield Progress("Find surfaces", i, len(views), camera.name)
+        masks = load_masks(camera)
+        result[:, i] = _masks_at(camera, masks, _inner(masks, 1), depths, points)
+    return result
+
+
+def _masks_at(
+    camera: Camera, masks: ViewMasks, sure: BoolArray, depths: DepthMaps, points: DoubleArray
+) -> IntArray:
+    """The mask (S,) that each point shows in one view, 0 = none."""
+    pixels, z = camera.project(points)
+    size = (camera.width, camera.height)
+    inside = (z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1)
+    columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+    depth = depths.at(camera.name, rows, columns)
+    seen = inside & sure[rows, columns] & (np.abs(z - depth) < _TOLERANCE * depth)
+    return np.where(seen, masks.labels[rows, columns], 0).astype(np.int32)
+
+
+def _inner(masks: ViewMasks, radius: int) -> BoolArray:
+    """Pixels (H, W) farther than ``radius`` from another label; all of a mask that has none."""
+    side = 2 * radius + 1
+    lowest = ndimage.minimum_filter(masks.labels, side, mode="nearest")
+    highest = ndimage.maximum_filter(masks.labels, side, mode="nearest")
+    inner = (lowest == highest) & (masks.labels > 0)
+    thin = np.bincount(masks.labels[inner], minlength=len(masks) + 1) == 0
+    thin[0] = False
+    result: BoolArray = inner | thin[masks.labels]
+    return result
+
+
+def _pixels_to_add(
+    camera: Camera,
+    masks: ViewMasks,
+    depths: DepthMaps,
+    wanted: LongArray,  # (M + 1,) may be negative
+    rng: np.random.Generator,
+) -> LongArray:
+    """Flat indices (P,) of up to ``wanted`` pixels of each mask, sorted by mask: well inside it and
+    where depth is smooth, or what there is."""
+    depth = _full_size(camera, depths)
+    rough = ndimage.maximum_filter(depth, 3) - ndimage.minimum_filter(depth, 3)
+    usable = _inner(masks, 2) & (depth > 0)
+    smooth = usable & (rough < _FLAT * depth)
+    none = np.bincount(masks.labels[smooth], minlength=len(masks) + 1) == 0
+    pixels = np.flatnonzero(smooth | (usable & none[masks.labels]))
+    pixels = rng.permutation(pixels)
+    mask = masks.labels.ravel()[pixels]
+    order = np.argsort(mask, kind="stable")
+    pixels, mask = pixels[order], mask[order]
+    chosen: LongArray = pixels[_ranks(mask) < wanted[mask]]
+    return chosen
+
+
+def _full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
+    """The kept depths of a view, at its size."""
+    rows, columns = np.arange(camera.height), np.arange(camera.width)
+    return depths.at(camera.name, rows[:, None], columns[None, :])
+
+
+def _lifted(camera: Camera, depths: DepthMaps, pixels: LongArray) -> DoubleArray:
+    """World points (P, 3) behind the centres of pixels (P,)."""
+    rows, columns = np.divmod(pixels, camera.width)
+    z = depths.at(camera.name, rows, columns).astype(np.float64)
+    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
+    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
+    pose = camera.world_from_cam
+    points: DoubleArray = np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
+    return points
+
+
+def _ranks(sorted_ids: IntArray) -> LongArray:
+    """The place (P,) of each entry among those of its id."""
+    place = np.arange(len(sorted_ids))
+    return place - np.searchsorted(sorted_ids, sorted_ids)
