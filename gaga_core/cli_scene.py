@@ -21,6 +21,8 @@ class Associate:
     """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
     """robust: guarded, several passes. paper: the published method to the letter."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -29,11 +31,15 @@ class Associate:
         from gaga_core import pipeline
         from gaga_core.grouping.associate import AssociateConfig
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.raster import choose
+        from gaga_core.warm import after_warm_up
 
         folder = open_scene_folder(self.scene, model=self.model)
         config = AssociateConfig.of(self.preset)
-        stage = pipeline.associate_scene(folder, masks=self.masks, config=config)
-        report = out.follow(stage)
+        stage = pipeline.associate_scene(
+            folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
+        )
+        report = out.follow(after_warm_up(stage))
         for note in report.notes:
             out.say(note)
         if (folder.work / "project.json").is_file():
@@ -52,6 +58,8 @@ class Lift:
     """Scene folder whose masks are associated."""
     mode: Literal["vote", "refine", "paper"] = "vote"
     """vote: closed form, no training. refine: a few steps on top. paper: trained from zeros."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -59,8 +67,11 @@ class Lift:
         """Write SCENE/gaga/identity.npz."""
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.lift import lift_scene
+        from gaga_core.raster import choose
 
-        report = out.follow(lift_scene(open_scene_folder(self.scene), mode=self.mode))
+        folder = open_scene_folder(self.scene)
+        stage = lift_scene(folder, mode=self.mode, rasterizer=choose(self.backend))
+        report = out.follow(stage)
         out.result(report.to_json(), as_json=self.json)
         return 0
 
@@ -79,6 +90,8 @@ class Render:
     """train, test, all, or names of views."""
     model: Path | None = None
     """The 3D Gaussians; default: the newest model of the scene folder."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -86,10 +99,15 @@ class Render:
         """Write one picture a view."""
         from gaga_core import pipeline
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.raster import choose
+        from gaga_core.warm import after_warm_up
 
         folder = open_scene_folder(self.scene, model=self.model)
-        stage = pipeline.render_views(folder, self.out, what=self.what, views=self.views)
-        written = out.follow(stage)
+        engine = choose(self.backend)
+        stage = pipeline.render_views(
+            folder, self.out, what=self.what, views=self.views, rasterizer=engine
+        )
+        written = out.follow(after_warm_up(stage))
         out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
         return 0
 
@@ -158,10 +176,11 @@ class Compare:
         """Print one table and write SCENE/gaga/variants.json."""
         from gaga_core.compare import CompareConfig, compare_variants
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.warm import after_warm_up
 
         folder = open_scene_folder(self.scene)
         stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
-        out.scores(out.follow(stage), as_json=self.json)
+        out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
         return 0
 
 
@@ -181,9 +200,10 @@ class Run:
         from gaga_core import pipeline
         from gaga_core.grouping.associate import AssociateConfig
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.warm import after_warm_up
 
         folder = open_scene_folder(self.scene)
         stage = pipeline.run_missing(folder, config=AssociateConfig.of(self.preset))
-        done = out.follow(stage)
+        done = out.follow(after_warm_up(stage))
         out.result({"scene": str(self.scene), "stages_run": list(done)}, as_json=self.json)
         return 0

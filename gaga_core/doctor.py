@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass
 
 from gaga_core.kernels import n_threads
+from gaga_core.raster import backend_report
 
 _PACKAGES = ("numpy", "numba", "scipy", "moderngl", "imgui-bundle", "glfw", "pycolmap", "torch")
 _PROBE_SECONDS = 60
@@ -35,6 +36,7 @@ def examine() -> list[Finding]:
             findings.append(Finding(package, "missing: install gaga-studio again with pip", False))
     findings.append(_opengl())
     findings.append(_cuda())
+    findings.append(_rasterizer())
     return findings
 
 
@@ -56,6 +58,12 @@ def _cuda() -> Finding:
     if answer and answer["device"]:
         return Finding("cuda", str(answer["device"]), True)
     return Finding("cuda", "none: everything runs on the processor, which is enough", True)
+
+
+def _rasterizer() -> Finding:
+    """Who draws; asked anew, since a person runs this after mending something."""
+    name, reason = backend_report(fresh=True)
+    return Finding("rasterizer", f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})", True)
 
 
 def _probe(*arguments: str) -> dict[str, str] | None:

@@ -5,8 +5,10 @@ Kernels are ``nogil`` and single-threaded; parallel work is chunks of one kernel
 enter it, and the window renders, sorts and associates from several.
 """
 
+import contextlib
 import hashlib
 import os
+import platform
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +21,8 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _FASTMATH = {"contract", "reassoc", "nsz", "arcp", "afn"}
 
 
-def _user_cache() -> Path:
+def user_cache() -> Path:
+    """Folder for what can be made again: compiled kernels, what is known of the machine."""
     if os.name == "nt":
         base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
     else:
@@ -42,10 +45,12 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+_DIGEST = _source_digest()
 # Set before numba is imported anywhere: site-packages may be read-only, and stale code is worse
 # than a compile.
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_user_cache() / "kernels" / _source_digest()))
+os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache() / "kernels" / _DIGEST))
 
+import llvmlite.binding  # noqa: E402
 import numba  # noqa: E402  (the cache folder must be known first)
 
 
@@ -66,6 +71,27 @@ def exact_kernel(function: _F) -> _F:
     return cast(
         _F, numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")(function)
     )
+
+
+def is_compiled() -> bool:
+    """Whether `mark_compiled` was called for these kernels, Python, numba and this processor."""
+    return _stamp().is_file()
+
+
+def mark_compiled() -> None:
+    """Note on the disk that all kernels are compiled, so that no later start asks again."""
+    with contextlib.suppress(OSError):  # a disk that is full: the next start compiles what it lacks
+        _stamp().parent.mkdir(parents=True, exist_ok=True)
+        _stamp().touch()
+
+
+def _stamp() -> Path:
+    """File that is there when all kernels are compiled: named by all that numba compiles for."""
+    cpu = llvmlite.binding.get_host_cpu_name()
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    parts = (_DIGEST, platform.python_version(), numba.__version__, cpu, features)
+    name = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{name}"
 
 
 def n_threads() -> int:

@@ -1,25 +1,72 @@
 """Rasterizers of Gaussians behind one protocol."""
 
+import logging
+import os
+
 from gaga_core.errors import GagaError
 from gaga_core.raster.base import Rasterizer
 
-NAMES = ("auto", "cpu", "reference")
+NAMES = ("auto", "cpu", "cuda", "reference")
+
+_log = logging.getLogger(__name__)
 
 
 def choose(name: str = "auto") -> Rasterizer:
-    """The backend called ``name``: "cpu", "reference" (float64, tiny scenes), or the best one.
+    """The backend called ``name``: "cpu", "cuda", "reference" (float64, tiny scenes), or "auto".
 
-    Raises `GagaError` when there is no such backend here.
+    "auto" is what the environment variable GAGA_BACKEND says, else CUDA where a self-test has shown
+    that it draws right (see `raster.probe`), else the CPU. "cuda" asks again and lets gsplat
+    compile, which takes minutes once. Raises `GagaError` when there is no such backend here.
     """
-    # Imported when asked for: numba alone takes a good part of the launch time.
-    if name in ("auto", "cpu"):
+    wanted = _wanted(name)
+    # Imported when asked for: numba alone takes a good part of the launch time, torch more.
+    if wanted == "auto":
+        from gaga_core.raster import probe
+
+        if probe.verdict().usable:
+            try:
+                return _cuda()
+            except GagaError as error:
+                _log.warning("CUDA passed its self-test but is not to be had now: %s", error)
+        wanted = "cpu"
+    if wanted == "cpu":
         from gaga_core.raster.cpu import CpuRasterizer
 
         return CpuRasterizer()
-    if name == "reference":
+    if wanted == "reference":
         from gaga_core.raster.reference import ReferenceRasterizer
 
         return ReferenceRasterizer()
-    if name == "cuda":
-        raise GagaError("Rendering with CUDA is not part of this version. Choose the backend cpu.")
-    raise GagaError(f"There is no rendering backend {name!r}. Choose one of {', '.join(NAMES)}.")
+    if wanted == "cuda":
+        from gaga_core.raster import probe
+
+        found = probe.verdict(may_compile=True)
+        if not found.usable:
+            raise GagaError(f"CUDA cannot draw here: {found.reason}. Choose the backend cpu.")
+        return _cuda()
+    raise GagaError(f"There is no rendering backend {wanted!r}. Choose one of {', '.join(NAMES)}.")
+
+
+def backend_report(*, wait: bool = True, fresh: bool = False) -> tuple[str, str]:
+    """What `choose("auto")` gives here, and a clause about CUDA: the device, or why not.
+
+    ``wait=False`` starts no process and answers at once (for a status bar); ``fresh`` runs the
+    self-test again whatever is known.
+    """
+    wanted = _wanted("auto")
+    if wanted != "auto":
+        return wanted, "GAGA_BACKEND says so"
+    from gaga_core.raster import probe
+
+    found = probe.verdict(wait=wait, fresh=fresh)
+    return ("cuda" if found.usable else "cpu"), found.reason
+
+
+def _wanted(name: str) -> str:
+    return (os.environ.get("GAGA_BACKEND") or name) if name == "auto" else name
+
+
+def _cuda() -> Rasterizer:
+    from gaga_core.raster.cuda import CudaRasterizer
+
+    return CudaRasterizer()
