@@ -47,6 +47,7 @@ def object_table(scene: Scene) -> ObjectTable:
     Live labels of a running association: ``object_table(replace(scene, labels=..., bank=...))``.
     """
     # Imported when first asked for: numba is a good part of the launch time.
+    from gaga_core.raster.cpu.prepare import for_kernel
     from gaga_core.scene.objects_kernels import tally_groups
 
     key, ids = _dense_labels(scene.labels)
@@ -57,8 +58,8 @@ def object_table(scene: Scene) -> ObjectTable:
         key,
         scene.state,
         scene.placement,
-        scene.placements.matrix,
-        scene.gaussians.means,
+        for_kernel(scene.placements.matrix, np.float64),
+        for_kernel(scene.gaussians.means, np.float32),
         counts,
         spread,
     )

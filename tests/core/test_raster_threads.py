@@ -50,6 +50,31 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
             np.testing.assert_array_equal(got, want)
 
 
+def test_two_threads_draw_the_same_for_200_rounds() -> None:
+    """Each draws a scene of its own, so that nothing but the pool is shared."""
+    scenes = [objects_scene(6, 700, sh_degree=degree, seed=degree) for degree in (0, 2)]
+    alone = [CPU.render(scene.gaussians, scene.cameras[0]) for scene in scenes]
+    want = [(frame.image.copy(), frame.alpha.copy()) for frame in alone]  # shared memory would show
+    done, wrong = [0, 0], [0, 0]
+    together = threading.Barrier(2)
+
+    def work(which: int) -> None:
+        together.wait()
+        for _ in range(200):
+            got = CPU.render(scenes[which].gaussians, scenes[which].cameras[0])
+            image, alpha = want[which]
+            same = np.array_equal(got.image, image) and np.array_equal(got.alpha, alpha)
+            wrong[which] += not same
+            done[which] += 1
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in (0, 1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (done, wrong) == ([200, 200], [0, 0])
+
+
 def test_two_threads_rendering_at_once_draw_the_same() -> None:
     scene = objects_scene(6, 300)
     labels = (np.indices((120, 160)).sum(axis=0) // 9 % 11 - 1).astype(np.int32)
