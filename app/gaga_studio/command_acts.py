@@ -1,9 +1,11 @@
 """What the commands check before and do: reasons why not, and acts of more than one call."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio import tour
+from gaga_studio import cleaning, tour
 from gaga_studio.session import Session
 from gaga_studio.view import Mode, ToolName
 
@@ -37,6 +39,23 @@ def no_selection(session: Session) -> str:
     if reason:
         return reason
     return "" if len(session.selected_indices()) else "Nothing is selected. Click an object first."
+
+
+def no_selection_to_clean(session: Session) -> str:
+    """Needs a selection, and the job runner when it is to be cleaned first."""
+    return no_selection(session) or (busy(session) if session.settings.clean_first else "")
+
+
+def not_cleanable(session: Session) -> str:
+    """Needs one selected object and the job runner."""
+    return not_one_object(session) or busy(session)
+
+
+def no_cleaning(session: Session) -> str:
+    """Needs the preview of a cleaning."""
+    if cleaning.shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
 
 
 def not_exportable_selection(session: Session) -> str:
@@ -191,6 +210,12 @@ def next_view(session: Session) -> None:
 def previous_view(session: Session) -> None:
     """Fly to the photo before."""
     tour.next_view(session, -1)
+
+
+def toggle_clean_first(session: Session) -> None:
+    """Clean objects before they are isolated, deleted or exported, or do not."""
+    settings = session.settings
+    session.change_settings(replace(settings, clean_first=not settings.clean_first))
 
 
 def toggle_flying(session: Session) -> None:

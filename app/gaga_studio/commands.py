@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gaga_studio import cleaning
 from gaga_studio import command_acts as acts
 from gaga_studio.input import FLY_KEYS
 from gaga_studio.session import Session
@@ -161,10 +162,10 @@ COMMANDS: tuple[Command, ...] = (
         "edit.delete",
         "Delete",
         "Edit",
-        lambda s: s.delete_selected(),
+        cleaning.delete_selected,
         "Delete",
         ("Backspace",),
-        enabled=acts.no_selection,
+        enabled=acts.no_selection_to_clean,
     ),
     Command("edit.cancel", "Cancel", "Edit", acts.cancel, "Escape", enabled=acts.no_cancel),
     Command("edit.preferences", "Preferences…", "Edit", _ask("preferences"), "Ctrl+,"),
@@ -206,9 +207,9 @@ COMMANDS: tuple[Command, ...] = (
         "object.isolate",
         "Isolate",
         "Object",
-        lambda s: s.isolate_selected(),
+        cleaning.isolate_selected,
         "/",
-        enabled=acts.no_selection,
+        enabled=acts.no_selection_to_clean,
     ),
     Command(
         "object.show_all",
@@ -226,6 +227,22 @@ COMMANDS: tuple[Command, ...] = (
         "Object",
         acts.merge,
         enabled=acts.not_several_objects,
+    ),
+    Command("object.clean", "Clean up", "Object", cleaning.start, enabled=acts.not_cleanable),
+    Command(
+        "object.clean_apply",
+        "Apply the cleaning",
+        "Object",
+        cleaning.apply,
+        "Enter",
+        enabled=acts.no_cleaning,
+    ),
+    Command(
+        "object.clean_first",
+        "Always clean first",
+        "Object",
+        acts.toggle_clean_first,
+        is_on=lambda s: s.settings.clean_first,
     ),
     _mode(Mode.COLOR, "Color"),
     _mode(Mode.GROUPS, "Groups"),

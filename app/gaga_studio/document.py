@@ -1,6 +1,7 @@
 """The open scene and what is done to it: edits, previews, selection, and what panels read of it."""
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import Association
 from gaga_core.project import Project
-from gaga_core.scene import edits, selection
+from gaga_core.scene import cleaned, edits, selection
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import group_indices, group_name
@@ -17,6 +18,9 @@ from gaga_core.scene.tint import mean_color, tint_affine
 from gaga_studio import placing
 from gaga_studio.changes import Changes
 from gaga_studio.readings import Readings
+
+if TYPE_CHECKING:
+    from gaga_core.scene.clean import CleanPreview
 
 NOTHING_SELECTED = "Nothing is selected. Click an object first."
 
@@ -34,6 +38,7 @@ class Document:
         self.read = Readings(self.scene)
         self.changes = Changes()
         self.focus = 0  # group shown in the inspector; 0 = none
+        self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
 
     @property
     def name(self) -> str:
@@ -93,6 +98,8 @@ class Document:
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
+        if self.cleaning is not None:
+            return False  # its colors are only to look at: `apply_cleaning`
         before = self.history.state_id
         done = self.history.commit_preview()
         self.changes.note(before, self.history.state_id, True)
@@ -111,6 +118,34 @@ class Document:
         """Show the selection in this mean color, 0..1, with its shading kept."""
         title = self.title_for("Recolor")
         self.preview(lambda scene, indices: _recolored(scene, indices, rgb, opacity, title))
+
+    def settled(self) -> Project:
+        """What is open, without a preview: what a file must be written from."""
+        self.history.preview(None)
+        return self.project
+
+    # --- cleaning: its preview ends with whatever is done next
+
+    @property
+    def cleaning(self) -> "CleanPreview | None":
+        """What the picture shows in colors of its own: splats that would come and go."""
+        held = self._cleaning
+        return held[0] if held is not None and held[1] is self.history.preview_edit else None
+
+    def show_cleaning(self, found: "CleanPreview") -> None:
+        """Show what cleaning an object would change."""
+        tint = cleaned.cleaning_tint(self._settled(), found)
+        if tint is not None:
+            self.history.preview(tint)
+            self._cleaning = found, tint
+
+    def apply_cleaning(self) -> bool:
+        """Clean as the preview shows: one entry; False when there is no preview."""
+        found = self.cleaning
+        if found is None:
+            return False
+        title = f"Clean {self.name_of(found.group)}"
+        return self.do(cleaned.cleaned_edit(self._settled(), found, title))
 
     # --- edits of the selection
 

@@ -150,7 +150,7 @@ class Session:
             if then is not None:
                 then()
 
-        self.jobs.start("Save", tasks.save_stage(document.project, path), on_done=done)
+        self.jobs.start("Save", tasks.save_stage(document.settled(), path), on_done=done)
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
@@ -294,8 +294,8 @@ class Session:
         ``path`` is a folder for "objects"; ``groups`` adds a column with the group to a .ply."""
         if self.scene is None:
             return
-        chosen = self.selected_groups()
-        stage = tasks.export_stage(self.scene, what, path, chosen=chosen, groups=groups)
+        scene, chosen = self.need().settled().scene, self.selected_groups()
+        stage = tasks.export_stage(scene, what, path, chosen=chosen, groups=groups)
         title = f"Export to {path.name}"
         self.jobs.start(title, stage, on_done=lambda text: self.notify(Level.INFO, text))
 

@@ -11,6 +11,8 @@ def status_text(session: Session, tool: Tool) -> str:
         return "Open a scene folder or a .ply file, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
+    if document.cleaning is not None:
+        return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

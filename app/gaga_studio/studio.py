@@ -1,13 +1,14 @@
 """The one place that joins window, session, panels and picture; the frame loop."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import moderngl
 from imgui_bundle import imgui
 
 from gaga_core.camera import Camera
-from gaga_studio import paths, window
+from gaga_studio import cleaning, paths, window
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
@@ -33,6 +34,7 @@ from gaga_studio.ui import (
 )
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.viewport import ViewportPanel
+from gaga_studio.view import Mode
 from gaga_studio.window import Hooks, Panel, Window, WindowOptions
 
 _REST_RATE = 2.0  # frames a second while nothing happens
@@ -154,7 +156,9 @@ class Studio:
         status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
-        """End a gesture or close the compared photo; whether there was one."""
+        """End a preview or a gesture, or close the compared photo; whether there was one."""
+        if cleaning.cancel(self.session):
+            return True
         if self.picture.cancel(self.session):
             return True
         if self.ui.decision is not None:
@@ -180,6 +184,8 @@ class Studio:
             return 0
         session = self.session
         view = self._pacing.view_for(session.view, camera, self.viewport.is_software)
+        if cleaning.shown(session) is not None:
+            view = replace(view, mode=Mode.COLOR)  # the preview speaks in colors of its own
         before, start = self.viewport.n_draws, time.perf_counter()
         texture = self.viewport.draw(session.scene, camera, view, self._overlays())
         if self.viewport.n_draws != before and self._ctx is not None:

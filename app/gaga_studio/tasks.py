@@ -54,8 +54,11 @@ def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> St
     gaussians = file_gaussians(project.scene)
 
     def stage() -> Stage[Association]:
+        from gaga_core.warm import after_warm_up  # numba is a good part of the launch time
+
         yield Progress("Associate masks", 0, 0, "Preparing (the first run takes a little longer)")
-        return (yield from associate_stage(gaussians, cameras, masks, choose(), config))
+        stage = associate_stage(gaussians, cameras, masks, choose(), config)
+        return (yield from after_warm_up(stage))
 
     return stage()
 

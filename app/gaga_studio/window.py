@@ -186,7 +186,7 @@ class Window:
                 ("Bottom", "BottomRight", imgui.Dir.right, 0.235),
                 ("MainDockSpace", "Right", imgui.Dir.right, 0.235),
                 ("MainDockSpace", "Left", imgui.Dir.left, 0.28),
-                ("Right", "RightDown", imgui.Dir.down, 0.44),
+                ("Right", "RightDown", imgui.Dir.down, 0.39),
             ],
             [(panel, panel.space) for panel in self.panels],
         )

@@ -88,6 +88,11 @@ class History:
         return self._preview is not None
 
     @property
+    def preview_edit(self) -> Edit | None:
+        """The edit that is shown as a preview."""
+        return self._preview
+
+    @property
     def base(self) -> Scene:
         """The scene without the preview (a snapshot while one is on, else the scene itself)."""
         return self._scene if self._base is None else self._base

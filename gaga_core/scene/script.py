@@ -17,7 +17,9 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
+from gaga_core.progress import run_stage
 from gaga_core.scene import edits, selection
+from gaga_core.scene.cleaned import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import group_indices, group_name, selected_groups, selected_indices
@@ -228,6 +230,13 @@ def _rename(scene: Scene, op: Op) -> Edit | None:
     return edits.rename(scene, groups[0], str(op.fields["name"]))
 
 
+def _clean(scene: Scene, op: Op) -> Edit | None:
+    groups = _groups(scene, op)
+    if not groups:
+        raise GagaError(f'Operation {op.at} ("clean"): no object is selected. Give "groups".')
+    return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
+
+
 _GROUPS: Mapping[str, Check] = {"groups": group_list}
 _ABOUT: Mapping[str, Check] = {"groups": group_list, "about": vector}
 _KINDS: Mapping[str, _Kind] = {
@@ -253,6 +262,7 @@ _KINDS: Mapping[str, _Kind] = {
     "duplicate": _Kind(_duplicate, {}, {**_GROUPS, "by": vector, "new_group": flag}),
     "rename": _Kind(_rename, {"name": name}, _GROUPS),
     "merge": _Kind(lambda s, op: edits.merge_groups(s, _groups(s, op)), {}, _GROUPS),
+    "clean": _Kind(_clean, {}, _GROUPS),
     "undo": _Kind(lambda _s, _o: None, {}, {"times": count}),
     "redo": _Kind(lambda _s, _o: None, {}, {"times": count}),
 }

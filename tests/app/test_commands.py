@@ -19,6 +19,7 @@ _ALWAYS = {
     "edit.preferences",
     "view.panels",
     "view.info",
+    "object.clean_first",
     "tool.rect_splats",
     "help.palette",
     "help.shortcuts",
@@ -36,9 +37,7 @@ def test_ids_titles_and_keys_are_unique() -> None:
 
 
 def test_keys_are_written_in_one_way_and_groups_are_known() -> None:
-    pattern = (
-        r"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,]|F\d|Delete|Backspace|Escape|Tab|Home|Left|Right)"
-    )
+    pattern = r"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,]|F\d|Delete|Backspace|Enter|Escape|Tab|Home|Left|Right)"
     for c in COMMANDS:
         assert c.group in GROUPS
         for keys in (c.shortcut, *c.aliases):
@@ -97,11 +96,11 @@ def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Comman
         session.select_group(int(group), "add")
     session.hide_selected()
     session.undo()
-    if wanted.id == "object.rename":
+    if wanted.id in {"object.rename", "object.clean"}:
         session.select_group(int(session.objects().ids[1]))
     reason = wanted.enabled(session)
     if reason:
-        assert wanted.id in {"job.cancel", "object.show_all"}
+        assert wanted.id in {"job.cancel", "object.show_all", "object.clean_apply"}
         return
     n_notices = len(session.notices)
     assert run(wanted.id, session)

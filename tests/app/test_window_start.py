@@ -67,7 +67,7 @@ def test_every_shortcut_is_a_key() -> None:
 
 def test_the_palette_finds_by_any_word() -> None:
     assert matching("undo")[0].id == "edit.undo"
-    assert {c.id for c in matching("export obj")} == {"file.export_objects"}
+    assert matching("export obj")[0].id == "file.export_objects"
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
 

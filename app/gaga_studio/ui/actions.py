@@ -25,6 +25,7 @@ ICONS = {
     "object.isolate": icons.ISOLATE,
     "object.rename": icons.RENAME,
     "object.merge": icons.MERGE,
+    "object.clean": icons.CLEAN,
     "view.frame_selected": icons.FOCUS,
     "view.frame_all": icons.HOME,
     "view.frusta": icons.FRUSTA,
@@ -44,6 +45,7 @@ SELECTION_BUTTONS = (
     ("edit.duplicate", "Duplicate"),
     ("edit.delete", "Delete"),
     ("file.export_selected", "Export…"),
+    ("object.clean", "Clean up"),
 )
 _OBJECT_MENU = (
     "view.frame_selected",
@@ -52,6 +54,7 @@ _OBJECT_MENU = (
     "",
     "edit.duplicate",
     "object.merge",
+    "object.clean",
     "edit.delete",
     "",
     "file.export_selected",

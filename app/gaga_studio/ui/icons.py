@@ -53,5 +53,6 @@ RESET = "\ue148"
 ROTATE = "\ue2ea"
 SCALE = "\ue2eb"
 MERGE = "\ue0e4"
+CLEAN = "\ue412"
 MORE = "\ue0b6"
 BLANK = "\u2003"  # as wide as an icon, so that menu texts align

@@ -8,7 +8,7 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio import placing
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, icons, theme, widgets
+from gaga_studio.ui import actions, cleaning, icons, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -31,6 +31,8 @@ def draw(session: Session, ui: UiState) -> None:
         widgets.empty_state(icons.BOX, "Nothing selected", hint)
         return
     _title(session, document, n_splats)
+    if cleaning.draw(session):
+        return
     _buttons(session)
     _properties(session, document, ui)
 
@@ -75,6 +77,7 @@ def _buttons(session: Session) -> None:
             imgui.same_line()
         icon = actions.ICONS[command] if width > em(7.2) else ""
         actions.command_button(session, command, label, Face(icon=icon, width=width))
+    cleaning.draw_choice(session, len(actions.SELECTION_BUTTONS) % columns > 0)
     imgui.pop_style_var()
 
 

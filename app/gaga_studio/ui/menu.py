@@ -20,6 +20,7 @@ _LINE_BEFORE = {
     "edit.preferences",
     "object.hide",
     "object.rename",
+    "object.clean",
     "view.frame_selected",
     "view.front",
     "view.next_photo",

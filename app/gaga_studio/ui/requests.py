@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from gaga_studio import cleaning
 from gaga_studio.document import Document
 from gaga_studio.session import Session
 from gaga_studio.ui import files, objects
@@ -63,12 +64,12 @@ def _writing(
     if request == "export_objects":
         title = "Export one .ply per object into a folder"
         dialog = _new_folder(title, start, f"{stem} objects", "Export", native)
-        return dialog, lambda path: session.export("objects", path)
+        return dialog, lambda path: cleaning.export(session, "objects", path)
     if request == "export_selected":
         groups = session.selected_groups()
         name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
         dialog = _save_ply("Export the selection", start, f"{name}.ply", native)
-        return dialog, lambda path: session.export("selected", path)
+        return dialog, lambda path: cleaning.export(session, "selected", path)
     if request == "export_scene":
         dialog = _save_ply("Export what is visible", start, f"{stem} edited.ply", native)
         return dialog, lambda path: session.export("scene", path)

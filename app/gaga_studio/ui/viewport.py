@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
+from gaga_studio import cleaning
 from gaga_studio.input import KeyState, PointerState
 from gaga_studio.session import Session
 from gaga_studio.tools.pointing import Pointing
@@ -166,15 +167,17 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
 
 def _on_the_picture(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
-    if session.view.mode.value != "color":
-        _badge(session, corner)
+    if cleaning.shown(session) is not None:
+        _badge("Preview of Clean up", corner)
+    elif session.view.mode.value != "color":
+        text = {"groups": "Group colors", "depth": "Depth: near is bright"}
+        _badge(text[session.view.mode.value], corner)
     offer.draw(session, ui, corner, size)
     compare.draw(session, ui, corner, size)
 
 
-def _badge(session: Session, corner: ImVec2) -> None:
+def _badge(text: str, corner: ImVec2) -> None:
     """Says that the colors are not the scene's own."""
-    text = {"groups": "Group colors", "depth": "Depth: near is bright"}[session.view.mode.value]
     pad = ImVec2(em(0.6), em(0.3))
     extent = imgui.calc_text_size(text)
     low = ImVec2(corner.x + em(0.7), corner.y + em(0.7))
