@@ -52,8 +52,9 @@ class Export:
     """Scene folder, .ply file or saved project."""
     out: Path
     """A .ply for --what scene, a folder otherwise."""
-    what: Literal["scene", "objects"] = "scene"
-    """scene: one .ply of all that is visible. objects: one .ply per group and groups.json."""
+    what: Literal["scene", "objects", "masks"] = "scene"
+    """scene: one .ply of all that is visible. objects: one .ply per group and groups.json.
+    masks: a 16-bit map of group ids for every view."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     groups: bool = False
@@ -72,6 +73,12 @@ class Export:
         scene = project.scene
         if self.identity:
             _add_identity(project)
+        if self.what == "masks":
+            from gaga_core.pipeline import export_masks
+
+            maps = out.follow(export_masks(project, self.out))
+            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
+            return 0
         if self.what == "scene":
             written = out.follow(export_scene_stage(scene, self.out, groups=self.groups))
             out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)

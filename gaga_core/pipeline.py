@@ -29,8 +29,11 @@ from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
+from gaga_core.project import Project
 from gaga_core.raster import choose
 from gaga_core.raster.base import LabelFrame, Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.export import exported_indices
 
 What = Literal["rgb", "groups", "depth"]
 VOID_BELOW = 0.3  # summed weight under which a pixel shows no group
@@ -118,6 +121,33 @@ def render_views(
             publish(staging, name, target)
     yield Progress(f"Render {what}", len(cameras), len(cameras), f"{len(written)} files")
     return tuple(target / name for name in written)
+
+
+def export_masks(
+    project: Project, out: Path, *, rasterizer: Rasterizer | None = None
+) -> Stage[tuple[Path, ...]]:
+    """Group maps of every view as the edited scene shows them: one uint16 <stem>.png a view.
+
+    Hidden and deleted splats take no part, and moved ones show where they stand. Raises
+    ``GagaError`` when the project has no views or nothing is visible.
+    """
+    if project.folder is None or not project.folder.cameras:
+        raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
+    shown = exported_indices(project.scene)
+    if len(shown) == 0:
+        raise GagaError("Nothing is visible, so there are no group maps to export.")
+    gaussians = yield from bake_stage(project.scene, indices=shown)
+    labels, engine = project.scene.labels[shown], rasterizer or choose()
+    cameras = project.folder.cameras
+    with staging_folder(out) as staging:
+        for i, camera in enumerate(cameras):
+            yield Progress("Export masks", i, len(cameras), camera.name)
+            path = staging / f"{Path(camera.name).stem}.png"
+            write_labels(path, splat_groups(engine, gaussians, camera, labels))
+        written = sorted(path.name for path in staging.iterdir())
+        for name in written:
+            publish(staging, name, out)
+    return tuple(out / name for name in written)
 
 
 def run_missing(

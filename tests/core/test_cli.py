@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gaga_core.cli import main
+from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
 from tests.app.folders import write_scene
 
@@ -119,6 +120,23 @@ def test_objects_are_exported_with_a_manifest(scene: Path, tmp_path: Path, capsy
     assert values["files"] == len(manifest["groups"])
     for entry in manifest["groups"]:
         assert len(read_ply(out / entry["file"])) == entry["count"]
+
+
+def test_masks_are_exported_as_the_edited_scene_shows_them(
+    scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    values = answer(capsys, "export", str(scene), "--what", "masks", "--out", str(tmp_path / "m"))
+    assert values["files"] == 8
+    rendered = tmp_path / "r"
+    answer(
+        capsys, "render", str(scene), "--what", "groups", "--views", "all", "--out", str(rendered)
+    )
+    for path in rendered.iterdir():
+        assert np.array_equal(read_labels(tmp_path / "m" / path.name), read_labels(path))
+    lone = str(scene / "point_cloud.ply")
+    assert "scene folder" in refusal(
+        capsys, "export", lone, "--what", "masks", "--out", str(tmp_path / "n")
+    )
 
 
 def test_info_counts(scene: Path, capsys: Capture) -> None:
