@@ -20,7 +20,7 @@ class Associate:
     model: Path | None = None
     """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
-    """robust: guarded, several passes. paper: the published method to the letter."""
+    """robust: groups by the consensus of all views. paper: the published method to the letter."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import MaskSet
 from gaga_core.pipeline import mask_path_of, read_model, select_views, splat_groups
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 
@@ -40,8 +39,6 @@ TITLES: Mapping[str, str] = {
     "true-maps": "true masks (upper bound)",
 }
 _BANKS = ("robust", "paper", "all-gaussians")
-_STEPS = 1000
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def compare_variants(
     for i, (variant, share, seed) in enumerate(runs):
         title = TITLES[variant] if share == 1.0 else f"{TITLES[variant]}, {share:.0%}"
         stage = _run(task, variant, share, seed)
-        rows.append((yield from _titled(stage, title, i, len(runs))))
+        rows.append((yield from part(stage, i, len(runs), "Compare variants", prefix=f"{title}: ")))
     table = VariantTable(folder.root.name, tuple(c.name for c in task.scored), tuple(rows))
     with staging_folder(folder.work) as staging:
         text = json.dumps(table.to_json(), indent=2) + "\n"
@@ -215,16 +212,3 @@ def _per_frame(task: _Task) -> Stage[VariantRow]:
 
 def _true_maps(task: _Task) -> list[IntArray]:
     return [task.truth.load(c.name, c.width, c.height) for c in task.scored]
-
-
-def _titled(stage: Stage[T], title: str, index: int, total: int) -> Stage[T]:
-    """The progress of one run as that of the whole comparison."""
-    while True:
-        try:
-            step = next(stage)
-        except StopIteration as end:
-            value: T = end.value
-            return value
-        done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
-        message = f"{title}: {step.message}"
-        yield Progress("Compare variants", done, total * _STEPS, message)

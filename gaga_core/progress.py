@@ -5,10 +5,11 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 T = TypeVar("T")
+_STEPS = 1000  # progress units of one part; parts differ in their number of steps
 
 
 @dataclass(frozen=True)
@@ -39,3 +40,19 @@ def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = 
             return value
         if on_progress is not None:
             on_progress(progress)
+
+
+def part(stage: Stage[T], index: int, n_parts: int, title: str, *, prefix: str = "") -> Stage[T]:
+    """Run ``stage``; its progress is passed on as that of one of ``n_parts`` parts of ``title``.
+
+    ``prefix`` stands before each message.
+    """
+    while True:
+        try:
+            step = next(stage)
+        except StopIteration as end:
+            value: T = end.value
+            return value
+        done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
+        message = prefix + step.message
+        yield replace(step, stage=title, done=done, total=n_parts * _STEPS, message=message)

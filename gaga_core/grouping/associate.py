@@ -25,13 +25,12 @@ from gaga_core.grouping.memory_bank import (
     groups_of_masks,
     views_per_group,
 )
-from gaga_core.grouping.parts import part
 from gaga_core.grouping.refine import decide_masks, fill_unseen, voting_labels
 from gaga_core.grouping.surface_points import DepthMaps
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
 STAGE = "Associate masks"

@@ -18,7 +18,6 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.consensus_kernels import count_pairs, find_partners, merge_clusters
-from gaga_core.grouping.parts import part
 from gaga_core.grouping.surface_points import (
     DepthMaps,
     LoadMasks,
@@ -26,7 +25,7 @@ from gaga_core.grouping.surface_points import (
     sample_points,
 )
 from gaga_core.kernels import run_chunks
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 
 STAGE = "Compare views"
 _ROWS = 64  # rows of pairs in one piece of work
