@@ -6,11 +6,11 @@ selection.
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, check_shape
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.raster.base import NEAR
 from gaga_core.scene.build_state import How
 from gaga_core.scene.objects import group_indices, selected_indices
+from gaga_core.scene.picture_shapes import rectangle
 from gaga_core.scene.scene import Scene, State
 
 __all__ = [
@@ -26,10 +26,6 @@ __all__ = [
     "selected_indices",
     "world_means",
 ]
-
-# A splat counts as visible surface up to this far behind the median depth, relative to depth:
-# centres of a surface's splats lie a little on both sides of it.
-SURFACE_SLACK = 0.02
 
 
 def selectable(scene: Scene) -> BoolArray:
@@ -74,12 +70,8 @@ def in_rectangle(
     With ``surface_depth`` (H, W), a picture's median depth at the camera's size, only the visible
     surface; without it, through everything.
     """
-    u0, v0, u1, v1 = corners
-    u0, u1, v0, v1 = min(u0, u1), max(u0, u1), min(v0, v1), max(v0, v1)
-    splats, pixels, depth = _projected(scene, camera)
-    u, v = pixels[:, 0], pixels[:, 1]
-    inside = (u >= u0) & (u <= u1) & (v >= v0) & (v <= v1)
-    return splats[_on_surface(camera, pixels, depth, inside, surface_depth)]
+    mask = rectangle(corners, camera.width, camera.height)
+    return in_mask(scene, camera, mask, surface_depth)
 
 
 def in_mask(
@@ -91,13 +83,12 @@ def in_mask(
     """Splats whose centre is drawn on a set pixel of ``mask`` (H, W): any lasso, polygon, brush.
 
     ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
+    A gesture that asks again and again keeps the `gaga_core.scene.screen.Screen`.
     """
-    check_shape("mask", mask, (camera.height, camera.width), np.bool_)
-    splats, pixels, depth = _projected(scene, camera)
-    inside = _inside_picture(camera, pixels)
-    columns, rows = pixels[inside].astype(np.int64).T
-    inside[inside] = mask[rows, columns]
-    return splats[_on_surface(camera, pixels, depth, inside, surface_depth)]
+    # Imported when first asked for: numba is a good part of the launch time.
+    from gaga_core.scene.screen import screen
+
+    return screen(scene, camera, surface_depth).inside(mask)
 
 
 def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:
@@ -122,39 +113,6 @@ def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
     result = means.copy()
     result[moved] = np.einsum("nij,nj->ni", matrix[:, :, :3], means[moved]) + matrix[:, :, 3]
     return result
-
-
-def _projected(scene: Scene, camera: Camera) -> tuple[IntArray, DoubleArray, DoubleArray]:
-    """Splats (K,) that can be selected and lie before the camera, their pixels and depths."""
-    splats = everything(scene)
-    pixels, depth = camera.project(world_means(scene, splats).astype(np.float64))
-    before = depth > NEAR
-    return splats[before], pixels[before], depth[before]
-
-
-def _inside_picture(camera: Camera, pixels: DoubleArray) -> BoolArray:
-    u, v = pixels[:, 0], pixels[:, 1]
-    inside: BoolArray = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    return inside
-
-
-def _on_surface(
-    camera: Camera,
-    pixels: DoubleArray,
-    depth: DoubleArray,
-    inside: BoolArray,
-    surface_depth: FloatArray | None,
-) -> BoolArray:
-    if surface_depth is None:
-        return inside
-    check_shape("surface_depth", surface_depth, (camera.height, camera.width))
-    inside = inside & _inside_picture(camera, pixels)
-    columns, rows = pixels[inside].astype(np.int64).T
-    surface = surface_depth[rows, columns]
-    # Median depth 0: the pixel never became half opaque, so nothing there hides anything.
-    seen = (surface == 0) | (depth[inside] <= surface * (1 + SURFACE_SLACK))
-    inside[inside] = seen
-    return inside
 
 
 def _rows(mask: BoolArray) -> IntArray:
