@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from gaga_core.scene.edit_json import encode_edit
 from gaga_core.scene.edit_placement import SetPlacement
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
@@ -41,6 +42,7 @@ class History:
         self._base_serial = 0  # of the state before the oldest step that is kept
         self._preview: Edit | None = None
         self._base: Scene | None = None
+        self._dropped: list[dict[str, object]] = []  # recorded form of what undo has forgotten
 
     # --- reading
 
@@ -104,6 +106,14 @@ class History:
             for i, step in enumerate(self._steps)
         )
 
+    def recorded(self) -> list[dict[str, object]]:
+        """All that is done since the scene was opened, as a script for ``gaga edit``.
+
+        What the byte budget has taken from undo is still here, in its packed form.
+        """
+        kept = [encode_edit(step.edit) for step in self._steps[: self._cursor]]
+        return [*self._dropped, *({"op": "edit", **edit} for edit in kept if edit is not None)]
+
     # --- changing
 
     def do(self, edit: Edit | None) -> bool:
@@ -145,8 +155,9 @@ class History:
             self.redo()
 
     def clear(self) -> None:
-        """Forget all entries; the scene stays as it is."""
+        """Forget all entries; the scene stays as it is, and so does the recording."""
         self.preview(None)
+        self._dropped = self.recorded()
         self._base_serial = self.state_id
         self._steps.clear()
         self._cursor = 0
@@ -197,5 +208,7 @@ class History:
             dropped += 1
         if dropped:
             self._base_serial = self._steps[dropped - 1].serial
+            packed = [encode_edit(step.edit) for step in self._steps[:dropped]]
+            self._dropped += [{"op": "edit", **edit} for edit in packed if edit is not None]
             del self._steps[:dropped]
         self._cursor = len(self._steps)

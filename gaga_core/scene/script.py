@@ -6,7 +6,8 @@ A script is a list of operations, each an object with ``op`` and its fields::
      {"op": "rotate", "groups": ["mug"], "axis": [0, 0, 1], "degrees": 45},
      {"op": "delete", "groups": [4, 5]}]
 
-``groups`` are ids or names; an operation on splats without it acts on the selection.
+``groups`` are ids or names; an operation on splats without it acts on the selection. What the
+window records (`History.recorded`) are operations "edit": exact, for the same file only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits, selection
 from gaga_core.scene.cleaned import clean_objects_stage, relabel
+from gaga_core.scene.edit_json import decode_edit
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import group_indices, group_name, selected_groups, selected_indices
@@ -51,6 +53,7 @@ class Op:
     at: int  # place in the script, from 1
     kind: str
     fields: Fields
+    edit: Edit | None = None  # of "edit": as recorded
 
 
 @dataclass(frozen=True)
@@ -85,16 +88,30 @@ def run_script(scene: Scene, content: object, history: History | None = None) ->
         if op.kind in ("undo", "redo"):
             title = _undo_redo(history, op)
         else:
-            edit = _KINDS[op.kind].build(scene, op)
-            title = edit.title if edit is not None and history.do(edit) else ""
+            edit = op.edit or _KINDS[op.kind].build(scene, op)
+            title = edit.title if edit is not None and _do(history, op, edit) else ""
         titles.append(title)
     return tuple(title for title in titles if title)
+
+
+def _do(history: History, op: Op, edit: Edit) -> bool:
+    try:
+        return history.do(edit)
+    except ValueError as error:
+        if op.edit is None:
+            raise
+        raise GagaError(
+            f"Operation {op.at} was recorded on another scene ({error}). "
+            "Replay it on the file that it was recorded on."
+        ) from error
 
 
 def _parsed(at: int, item: object) -> Op:
     if not isinstance(item, dict) or not isinstance(item.get("op"), str):
         raise GagaError(f'Operation {at} of the edit script must be an object with a field "op".')
     kind = item["op"]
+    if kind == "edit":
+        return Op(at, kind, {}, decode_edit(item))
     if kind not in _KINDS:
         known = ", ".join(sorted(_KINDS))
         raise GagaError(f'Operation {at}: "{kind}" is unknown; known are {known}.')
