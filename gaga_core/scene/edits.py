@@ -7,6 +7,7 @@ in any order, or a mask (N,) bool. The work is in ``build_*.py``, the edits are 
 from gaga_core.scene.build_copies import duplicate, free_group
 from gaga_core.scene.build_groups import merge_groups, rename, set_grouping, set_labels
 from gaga_core.scene.build_placement import recolor, transform
+from gaga_core.scene.build_split import separate, split
 from gaga_core.scene.build_state import (
     How,
     delete,
@@ -37,11 +38,13 @@ __all__ = [
     "rename",
     "restore",
     "select",
+    "separate",
     "set_grouping",
     "set_labels",
     "set_state",
     "show",
     "show_all",
+    "split",
     "together",
     "transform",
     "unlock",

@@ -128,6 +128,7 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
             else None
         ),
         "set_labels": relabel,
+        "separate": lambda r, c: edits.separate(c, s(r, c)),
         "set_grouping": regroup,
         "rename": lambda r, c: edits.rename(c, int(r.integers(1, 9)), f"name {r.integers(3)}"),
         "merge_groups": lambda r, c: edits.merge_groups(c, r.integers(1, 9, 3).tolist()),

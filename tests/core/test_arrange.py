@@ -1,0 +1,77 @@
+"""Mirror, ground and snapping by their axioms; a mirrored object is drawn as the mirror image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.arrange import ground_map, mirror_map, snapped, turn_between
+from gaga_core.scene.bake import bake
+from gaga_core.scene.scene import Scene
+from tests.scenes import orbit_cameras, random_gaussians
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_mirror_is_its_own_inverse_and_keeps_its_plane(axis: int) -> None:
+    about = np.array([0.3, -1.0, 2.0])
+    m = mirror_map(axis, about)
+    assert np.allclose(m[:, :3] @ about + m[:, 3], about)
+    square = np.vstack([m, [0, 0, 0, 1]])
+    assert np.allclose(square @ square, np.eye(4))
+    assert np.linalg.det(m[:, :3]) == pytest.approx(-1)
+
+
+def test_the_picture_of_a_mirrored_scene_is_the_mirror_image() -> None:
+    scene = Scene.of(random_gaussians(300, seed=3, sh_degree=2))
+    camera = orbit_cameras(3)[0]
+    # A mirror in the camera's own vertical middle plane flips its picture left to right.
+    camera = replace(
+        camera,
+        K=np.array([[80.0, 0, 40], [0, 80, 30], [0, 0, 1]]),
+        cam_from_world=np.block([[np.eye(3), np.array([[0], [0], [6.0]])], [np.zeros((1, 3)), 1]]),
+        width=80,
+        height=60,
+    )
+    plain = choose("cpu").render(scene.gaussians, camera)
+    edit = edits.transform(scene, np.arange(300), mirror_map(0, np.zeros(3)))
+    assert edit is not None
+    edit.apply(scene)
+    mirrored = choose("cpu").render(bake(scene), camera)
+    assert np.abs(mirrored.image - plain.image[:, ::-1]).max() < 2e-3
+
+
+def test_three_points_of_the_ground_come_to_height_0() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        points, up = rng.normal(size=(3, 3)), rng.normal(size=3)
+        up /= np.linalg.norm(up)
+        eye = rng.normal(size=3) * 5
+        m = ground_map(points, up, eye)
+        assert np.allclose(m[:, :3] @ m[:, :3].T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(m[:, :3]) == pytest.approx(1)
+        laid = points @ m[:, :3].T + m[:, 3]
+        assert np.abs(laid @ up).max() < 1e-9
+        assert (m[:, :3] @ eye + m[:, 3]) @ up > 0
+    with pytest.raises(GagaError, match="on a line"):
+        ground_map(np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), up, eye)
+
+
+def test_turns_take_one_direction_to_another_even_the_opposite() -> None:
+    rng = np.random.default_rng(4)
+    for a in rng.normal(size=(20, 3)):
+        start = a / np.linalg.norm(a)
+        for b in (rng.normal(size=3), start, -start):
+            stop = b / np.linalg.norm(b)
+            turn = turn_between(start, stop)
+            assert np.allclose(turn @ start, stop)
+            assert np.allclose(turn @ turn.T, np.eye(3))
+            assert np.linalg.det(turn) == pytest.approx(1)
+
+
+def test_snapping_is_idempotent_and_off_at_0() -> None:
+    assert snapped(0.37, 0.25) == 0.25
+    assert snapped(snapped(-0.4, 0.25), 0.25) == -0.5
+    assert snapped(0.37, 0) == 0.37
