@@ -21,7 +21,7 @@ from uuid import uuid4
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import AnyArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank
@@ -30,6 +30,8 @@ from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.ply import read_ply_stage
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene.build_groups import as_bytes
+from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.scene import Placements, Scene
 
 _FORMAT = 1
@@ -106,6 +108,11 @@ def save_project(project: Project, path: Path | None = None) -> Path:
     }
     if scene.bank is not None:
         arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
+    if scene.confidence is not None:
+        arrays["confidence"] = scene.confidence
+    for i, kept in enumerate(scene.sets.values()):
+        arrays[f"set_{i}"] = np.packbits(kept.mask())
+        arrays[f"length_{i}"] = np.array(kept.n)
     name = f"scene-{uuid4().hex[:12]}.npz"
     document = {
         "format": _FORMAT,
@@ -114,6 +121,7 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         "folder": _shown(project.folder.root, target) if project.folder else None,
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
+        "sets": list(scene.sets),
     }
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
@@ -151,7 +159,7 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
     labels = folder.work / "labels.npz"
     if labels.is_file():
-        scene.labels = _read_labels_npz(labels, len(gaussians))
+        scene.labels, scene.confidence = _read_labels_npz(labels, len(gaussians))
         bank = folder.work / "bank.npz"
         scene.bank = load_bank(bank) if bank.is_file() else None
     return Project(scene, folder.model_path, folder, model_fingerprint=digest)
@@ -180,6 +188,8 @@ def _open_saved(file: Path) -> Stage[Project]:
     gaussians = yield from read_ply_stage(model_path)
     scene = _read_scene(file.parent / str(document["scene"]), gaussians)
     scene.names = {int(group): str(text) for group, text in document["names"].items()}
+    kept = [scene.sets[f"{i}"] for i in range(len(scene.sets))]
+    scene.sets = dict(zip(map(str, document.get("sets", [])), kept, strict=False))
     return Project(scene, model_path, folder, file.parent, str(entry["fingerprint"]))
 
 
@@ -226,22 +236,49 @@ def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
             source=source,
             placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
             bank=bank_of(bank) if bank else None,
+            confidence=_read_confidence(arrays, len(gaussians)),
+            sets=_read_sets(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{file} is damaged. {_CURE}") from error
 
 
-def _read_labels_npz(path: Path, n_gaussians: int) -> IntArray:
+def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Array | None:
+    column = arrays.get("confidence")
+    if column is not None:
+        check_shape("confidence", column, (n_gaussians,), np.uint8)
+    return column
+
+
+def _read_sets(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
+    """Named selections, by number."""
+    sets: dict[str, IndexSet] = {}
+    while f"set_{len(sets)}" in arrays:
+        i = len(sets)
+        n = int(arrays[f"length_{i}"])
+        rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
+        sets[str(i)] = IndexSet.of(rows, n)
+    return sets
+
+
+def _read_labels_npz(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | None]:
+    """Groups (N,) and their confidence (N,), if it is there."""
     cure = "Run Associate again, or remove it."
-    labels = read_arrays(path, cure).get("labels", np.zeros(0, np.float32))
-    if labels.ndim != 1 or labels.dtype.kind not in "iu":
+    arrays = read_arrays(path, cure)
+    labels = arrays.get("labels", np.zeros(0, np.float32))
+    confidence = arrays.get("confidence")
+    is_right = labels.ndim == 1 and labels.dtype.kind in "iu"
+    if confidence is not None:
+        is_right &= confidence.shape == labels.shape and confidence.dtype.kind == "f"
+    if not is_right:
         raise GagaError(f"{path} is damaged. {cure}")
     if len(labels) != n_gaussians:
         raise GagaError(
             f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
             "Run Associate again, or remove it."
         )
-    return np.ascontiguousarray(labels, np.int32)
+    sure = None if confidence is None else as_bytes(confidence)
+    return np.ascontiguousarray(labels, np.int32), sure
 
 
 def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:

@@ -225,7 +225,10 @@ class Document:
     def group(self, found: Association) -> int:
         """Take the groups of an association over; how many objects there are now."""
         labels = found.labels[self.scene.source]  # duplicates follow their originals
-        self.do(edits.set_grouping(self._settled(), labels, found.bank))
+        grouping = edits.set_grouping(
+            self._settled(), labels, found.bank, confidence=found.confidence
+        )
+        self.do(grouping)
         return int((self.read.objects(None, False).ids > 0).sum())
 
     # --- selecting

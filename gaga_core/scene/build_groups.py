@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.scene.edit_values import Edit, SetBank, SetLabels, SetNames, together
+from gaga_core.scene.edit_values import Edit, SetBank, SetConfidence, SetLabels, SetNames, together
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.scene import Scene
 
@@ -53,8 +53,12 @@ def set_grouping(
     bank: MemoryBank | None,
     names: Mapping[int, str] | None = None,
     title: str = "Associate masks",
+    confidence: FloatArray | None = None,
 ) -> Edit | None:
-    """The result of an association: labels (N,), its bank, and names (default: none)."""
+    """The result of an association: labels (N,), its bank, and names (default: none).
+
+    ``confidence`` (M,) in 0..1 is by row of the opened file.
+    """
     after = dict(names or {})
     touched = sorted({*scene.names, *after})
     changed = [g for g in touched if scene.names.get(g) != after.get(g)]
@@ -68,9 +72,28 @@ def set_grouping(
         (
             set_labels(scene, np.ones(len(scene), np.bool_), labels, title),
             SetBank(title, scene.bank, bank) if bank is not scene.bank else None,
+            _set_confidence(scene, confidence, title),
             rename_all if changed else None,
         ),
     )
+
+
+def _set_confidence(
+    scene: Scene, confidence: FloatArray | None, title: str
+) -> SetConfidence | None:
+    after = None
+    if confidence is not None:
+        check_shape("confidence", confidence, ("M",))
+        after = as_bytes(confidence)
+    if after is scene.confidence:
+        return None
+    return SetConfidence(title, scene.confidence, after)
+
+
+def as_bytes(confidence: FloatArray) -> UInt8Array:
+    """Confidence (M,) in 0..1 as it is kept: 0..255."""
+    result: UInt8Array = np.rint(np.clip(np.nan_to_num(confidence), 0, 1) * 255).astype(np.uint8)
+    return result
 
 
 def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> Edit | None:

@@ -1,7 +1,8 @@
 """Edits as JSON and back, exactly: the operation "edit" of a script, which the window records.
 
 Numbers are written so that they are read back bit for bit, sets of splats as they are stored. The
-memory bank is no part of it: a script is replayed to write splats, not to explain their groups.
+memory bank, confidences and named selections are no part of it: a script is replayed to write
+splats.
 """
 
 import base64
@@ -15,7 +16,16 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.edit_placement import AppendCopies, SetPlacement
-from gaga_core.scene.edit_values import Edit, Edits, FlipState, SetBank, SetLabels, SetNames
+from gaga_core.scene.edit_values import (
+    Edit,
+    Edits,
+    FlipState,
+    SetBank,
+    SetConfidence,
+    SetKept,
+    SetLabels,
+    SetNames,
+)
 from gaga_core.scene.index_set import Form, IndexSet, PackedInts
 from gaga_core.scene.scene import Placements, State
 
@@ -24,11 +34,11 @@ _DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")
 
 
 def encode_edit(edit: Edit) -> dict[str, object] | None:
-    """``edit`` as values that `json.dumps` takes; None when it changes nothing but the bank.
+    """``edit`` as values that `json.dumps` takes; None when it changes no splat.
 
     Raises ``TypeError`` for a kind of edit that has no form here.
     """
-    if isinstance(edit, SetBank):
+    if isinstance(edit, SetBank | SetConfidence | SetKept):
         return None
     if isinstance(edit, Edits):
         parts = [part for part in map(encode_edit, edit.edits) if part is not None]

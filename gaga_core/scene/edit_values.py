@@ -197,6 +197,60 @@ class SetBank:
         scene.revision.labels += 1
 
 
+@dataclass(frozen=True, eq=False)
+class SetConfidence:
+    """How sure the splats are of their groups (a frozen column, by row of the opened file)."""
+
+    title: str
+    before: UInt8Array | None
+    after: UInt8Array | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return sum(column.nbytes for column in (self.before, self.after) if column is not None)
+
+    def apply(self, scene: Scene) -> None:
+        """Put the new column in place."""
+        scene.confidence = self.after
+        scene.revision.labels += 1
+
+    def revert(self, scene: Scene) -> None:
+        """Put the old column back."""
+        scene.confidence = self.before
+        scene.revision.labels += 1
+
+
+@dataclass(frozen=True, eq=False)
+class SetKept:
+    """A named selection; None = there is none of that name."""
+
+    title: str
+    name: str
+    before: IndexSet | None
+    after: IndexSet | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return sum(kept.nbytes for kept in (self.before, self.after) if kept is not None)
+
+    def apply(self, scene: Scene) -> None:
+        """Keep the new set."""
+        self._write(scene, self.after)
+
+    def revert(self, scene: Scene) -> None:
+        """Keep the old set."""
+        self._write(scene, self.before)
+
+    def _write(self, scene: Scene, kept: IndexSet | None) -> None:
+        sets = {name: splats for name, splats in scene.sets.items() if name != self.name}
+        if kept is not None:
+            sets[self.name] = kept
+        scene.sets = dict(sorted(sets.items()))
+        scene.revision.names += 1
+
+
 def check_length(scene: Scene, n: int) -> None:
     """Raise ``ValueError`` when an edit was made for a scene of another length."""
     if len(scene) != n:

@@ -7,6 +7,7 @@ in any order, or a mask (N,) bool. The work is in ``build_*.py``, the edits are 
 from gaga_core.scene.build_copies import duplicate, free_group
 from gaga_core.scene.build_groups import merge_groups, rename, set_grouping, set_labels
 from gaga_core.scene.build_placement import recolor, transform
+from gaga_core.scene.build_sets import forget_set, keep_set, kept_indices
 from gaga_core.scene.build_split import separate, split
 from gaga_core.scene.build_state import (
     How,
@@ -29,9 +30,12 @@ __all__ = [
     "How",
     "delete",
     "duplicate",
+    "forget_set",
     "free_group",
     "hide",
     "isolate",
+    "keep_set",
+    "kept_indices",
     "lock",
     "merge_groups",
     "recolor",

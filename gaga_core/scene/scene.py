@@ -12,6 +12,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.scene.index_set import IndexSet
 
 
 class State(IntFlag):
@@ -77,6 +78,9 @@ class Scene:
     placements: Placements
     names: dict[int, str] = field(default_factory=dict)  # only of groups that a person named
     bank: MemoryBank | None = None  # log of the association that gave the labels
+    # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.
+    confidence: UInt8Array | None = None
+    sets: dict[str, IndexSet] = field(default_factory=dict)  # selections that a person named
     revision: Revision = field(default_factory=Revision)
 
     def __len__(self) -> int:
@@ -99,6 +103,10 @@ class Scene:
         """Splats (N,) with any of these bits."""
         result: BoolArray = (self.state & np.uint8(bits)) != 0
         return result
+
+    def confidence_of(self) -> UInt8Array | None:
+        """Confidence (N,) of each splat in its group, 0..255; a duplicate has its original's."""
+        return None if self.confidence is None else self.confidence[self.source]
 
     @property
     def visible(self) -> BoolArray:

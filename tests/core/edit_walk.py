@@ -21,6 +21,7 @@ class Snapshot:
     columns: dict[str, tuple[str, bytes]]
     names: dict[int, str]
     bank: MemoryBank | None
+    sets: dict[str, bytes]
 
 
 def snapshot(scene: Scene) -> Snapshot:
@@ -29,12 +30,15 @@ def snapshot(scene: Scene) -> Snapshot:
         {name: (str(a.dtype), a.tobytes()) for name, a in columns(scene).items()},
         dict(scene.names),
         scene.bank,
+        {name: kept.mask().tobytes() for name, kept in scene.sets.items()},
     )
 
 
 def columns(scene: Scene) -> dict[str, AnyArray]:
     g, table = scene.gaussians, scene.placements
     extra = {f"extra {name}": column for name, column in g.extra.items()}
+    if scene.confidence is not None:
+        extra["confidence"] = scene.confidence
     return extra | {
         "means": g.means,
         "quats": g.quats,
@@ -108,7 +112,8 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
 
     def regroup(rng: np.random.Generator, scene: Scene) -> Edit | None:
         labels: IntArray = rng.integers(0, 9, len(scene)).astype(np.int32)
-        return edits.set_grouping(scene, labels, some_bank(rng, scene), {3: "bowl"})
+        sure = rng.random(400).astype(np.float32) if rng.random() < 0.7 else None
+        return edits.set_grouping(scene, labels, some_bank(rng, scene), {3: "bowl"}, "x", sure)
 
     return {
         "select": lambda r, c: edits.select(c, s(r, c), hows[r.integers(4)]),
@@ -127,6 +132,8 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
             if len(c) < 3000
             else None
         ),
+        "keep_set": lambda r, c: edits.keep_set(c, f"set {r.integers(3)}", s(r, c)),
+        "forget_set": lambda r, c: edits.forget_set(c, next(iter(c.sets), "none")),
         "set_labels": relabel,
         "separate": lambda r, c: edits.separate(c, s(r, c)),
         "set_grouping": regroup,

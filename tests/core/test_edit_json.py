@@ -8,13 +8,14 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edit_json import decode_edit, encode_edit
+from gaga_core.scene.edits import Edit
 from gaga_core.scene.history import History
 from gaga_core.scene.script import run_script
 from tests.core.edit_walk import Snapshot, builders, snapshot, walk_scene
 
 
 def _without_bank(shot: Snapshot) -> tuple[object, object]:
-    return shot.columns, shot.names
+    return {k: v for k, v in shot.columns.items() if k != "confidence"}, shot.names
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -42,15 +43,14 @@ def test_a_recorded_walk_replays_to_the_same_scene(seed: int, budget: int) -> No
 def test_every_kind_of_edit_comes_back_as_it_was() -> None:
     rng = np.random.default_rng(1)
     for name, build in builders().items():
+        if name in ("keep_set", "forget_set"):  # not of the splats: not recorded
+            continue
         scene = walk_scene(300)
-        edit = (
-            next(e for e in (build(rng, scene) for _ in range(50)) if e is not None)
-            if (name not in ("show", "show_all", "unlock", "restore"))
-            else edits.hide(scene, np.arange(3))
-        )
-        assert edit is not None
-        first = encode_edit(edit)
-        assert first is not None
+        if name in ("show", "show_all", "unlock", "restore"):  # nothing to show yet
+            tries: list[Edit | None] = [edits.hide(scene, np.arange(3))]
+        else:
+            tries = [build(rng, scene) for _ in range(50)]
+        first = next(filter(None, (encode_edit(e) for e in tries if e is not None)))
         assert encode_edit(decode_edit(json.loads(json.dumps(first)))) == first
 
 

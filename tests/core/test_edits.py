@@ -265,3 +265,37 @@ def test_the_mean_color_is_the_color_as_it_is_now() -> None:
     _do(scene, edits.recolor(scene, splats, 0.5 * np.eye(3, 4)))
     assert np.allclose(mean_color(scene, splats), 0.5 * before, atol=0.02)
     assert np.allclose(mean_color(scene, np.zeros(0, np.int32)), 0.5)
+
+
+def test_a_kept_selection_outlives_undone_copies_and_locks() -> None:
+    scene = walk_scene(100)
+    history = History(scene)
+    history.do(edits.duplicate(scene, np.arange(10)))
+    history.do(edits.keep_set(scene, "  my   set ", np.arange(90, 105)))
+    assert list(scene.sets) == ["my set"]
+    assert edits.keep_set(scene, "my set", np.arange(90, 105)) is None
+    history.do(edits.lock(scene, np.arange(95, 100)))
+    assert edits.kept_indices(scene, "my set").tolist() == [*range(90, 95), *range(100, 105)]
+    while history.undo():
+        pass
+    assert scene.sets == {}
+    with pytest.raises(GagaError, match='no kept selection "my set"'):
+        edits.kept_indices(scene, "my set")
+    history.go_to(2)
+    history.do(edits.forget_set(scene, "my set"))
+    assert scene.sets == {}
+    with pytest.raises(GagaError, match="needs a name"):
+        edits.keep_set(scene, "  ", np.arange(3))
+
+
+def test_confidence_belongs_to_rows_of_the_file_and_copies_share_it() -> None:
+    scene = walk_scene(100)
+    sure = np.linspace(0, 1, 100).astype(np.float32)
+    history = History(scene)
+    history.do(edits.set_grouping(scene, scene.labels, scene.bank, {}, confidence=sure))
+    history.do(edits.duplicate(scene, np.array([3, 99])))
+    values = scene.confidence_of()
+    assert values is not None
+    assert values[[0, 99, 100, 101]].tolist() == [0, 255, values[3], 255]
+    history.go_to(0)
+    assert scene.confidence_of() is None
