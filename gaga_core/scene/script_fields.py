@@ -24,6 +24,14 @@ def share(where: str, value: object) -> float:
     return checked
 
 
+def signed_share(where: str, value: object) -> float:
+    """A number -1..1."""
+    checked = number(where, value)
+    if not -1 <= checked <= 1:
+        raise GagaError(f"{where} must lie between -1 and 1, not {_short(value)}.")
+    return checked
+
+
 def count(where: str, value: object) -> int:
     """A whole number of at least 1."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
@@ -81,6 +89,13 @@ def matrix(where: str, value: object) -> Value:
     if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 4 for row in rows):
         raise GagaError(f"{where} must be 3 rows of 4 numbers, not {_short(value)}.")
     return tuple(tuple(number(where, item) for item in row) for row in rows)
+
+
+def points(where: str, value: object) -> Value:
+    """Three points of three finite numbers."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise GagaError(f"{where} must be 3 points, not {_short(value)}.")
+    return tuple(vector(where, item) for item in value)
 
 
 def group_list(where: str, value: object) -> Value:

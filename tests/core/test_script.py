@@ -91,14 +91,29 @@ def test_every_operation_runs() -> None:
         "select": {"groups": [3]},
         "show": {"groups": [3]},
         "unlock": {"groups": [3]},
+        "select_sphere": {"centre": [0, 0, 0], "radius": 1, "how": "add"},
+        "select_box": {"lo": [-1, -1, -1], "hi": [1, 1, 1]},
+        "select_range": {"column": "opacity", "low": 0.3},
+        "select_color": {"color": [0.5, 0.5, 0.5], "tolerance": 0.3},
+        "keep_set": {"name": "mine"},
+        "crop": {"lo": [-1, -1, -1], "hi": [1, 1, 1]},
+        "delete_floaters": {"strength": 4},
+        "grade": {"saturation": 0, "brightness": 0.1, "tint": [1, 0.5, 1]},
+        "mirror": {"axis": "x"},
+        "align_to_ground": {"points": [[0, 0, 0], [1, 0, 0], [0, 1, 1]], "seen_from": [0, 0, 9]},
+        "assign": {"groups": [3]},
     }
-    for kind in OPERATIONS:
+    apart = {"edit", "select_set"}  # see test_edit_json and below
+    for kind in set(OPERATIONS) - apart:
         scene = walk_scene()
         run_script(scene, [{"op": "select", "groups": [2]}])
         before = snapshot(scene)
         titles = run_script(scene, [{"op": kind, **extra.get(kind, {})}])
         assert bool(titles) == (snapshot(scene) != before), kind
     scene = walk_scene()
+    kept = [{"op": "keep_set", "name": "a", "groups": [2]}, {"op": "select_set", "name": "a"}]
+    run_script(scene, kept)
+    assert selected_indices(scene).tolist() == group_indices(scene, 2).tolist()
     run_script(scene, [{"op": "select_all"}, {"op": "invert"}])
     assert len(selected_indices(scene)) == 0
 
@@ -132,6 +147,16 @@ def test_every_operation_runs() -> None:
         ([{"op": "merge", "groups": [0, 3]}], r"unassigned"),
         ([{"op": "delete", "groups": [77]}], r'Operation 1 \("delete"\): there is no group 77'),
         ([{"op": "delete", "groups": ["cup"]}], r"there is no group 'cup'"),
+        ([{"op": "select_range", "column": "weight"}], r"'weight' is not one of opacity"),
+        ([{"op": "select_box", "lo": [0, 0, 0]}], r'give "lo" and "hi", or "matrix"'),
+        ([{"op": "crop", "lo": [0, 0, 0], "hi": [1, 0, 1]}], r"no length"),
+        ([{"op": "select_set", "name": "a"}], r'no kept selection "a"'),
+        ([{"op": "grade", "groups": [2], "temperature": 3}], r"between -1 and 1"),
+        ([{"op": "grade", "groups": [2], "saturation": 9}], r"saturation: expected 0..4, got 9"),
+        ([{"op": "mirror", "groups": [2], "axis": "up"}], r"must be x, y or z"),
+        ([{"op": "align_to_ground", "points": [[0, 0, 0]], "seen_from": [0, 0, 1]}], r"3 points"),
+        ([{"op": "separate"}], r"nothing is selected"),
+        ([{"op": "split", "groups": [2, 3]}], r"give one object"),
     ],
 )
 def test_mistakes_are_one_plain_sentence(content: object, sentence: str) -> None:
