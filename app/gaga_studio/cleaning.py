@@ -10,7 +10,7 @@ from gaga_core.progress import Stage
 from gaga_core.scene import cleaned
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
-from gaga_studio import tasks
+from gaga_studio import stages, tasks
 from gaga_studio.document import Document
 from gaga_studio.notices import Level
 from gaga_studio.session import Session
@@ -78,7 +78,7 @@ def export(session: Session, what: tasks.Export, path: Path) -> None:
     """`Session.export`; whole selected objects are cleaned first if that is wanted."""
     groups = _to_clean(session)
     if not groups:
-        session.export(what, path)
+        stages.export(session, what, path)
         return
     scene = replace(session.need().settled().scene)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.grouping.associate import Association, BankSnapshot
+from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
 from gaga_core.project import Project, open_path_stage
@@ -26,7 +26,7 @@ from gaga_studio.hovering import Hovering
 from gaga_studio.jobs import JobRunner
 from gaga_studio.notices import Level, Notice, Question, unsaved_question
 from gaga_studio.settings import Settings, load_settings, save_settings
-from gaga_studio.view import ImageSource, Mode, ToolName, ViewState
+from gaga_studio.view import ImageSource, ToolName, ViewState
 
 _MOST_NOTICES = 50
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
@@ -258,46 +258,6 @@ class Session:
         if self.document is None:
             raise GagaError("No scene is open. Open one first.")
         return self.document
-
-    # --- stages
-
-    def associate(self, provider: str | None = None, preset: str | None = None) -> None:
-        """Make groups from the masks of ``provider`` (default: the first), as one edit."""
-        chosen = provider or self.provider
-        self.attempt(lambda: self._associate(chosen, preset or self.settings.preset))
-
-    def _associate(self, provider: str, preset: str) -> None:
-        document = self.need()
-        self.provider, self.masks = tasks.masks_of(document.project, provider)
-        stage = tasks.associate_project_stage(document.project, self.masks, preset)
-        mode = self.view.mode
-
-        def progress(payload: object) -> None:
-            if isinstance(payload, BankSnapshot) and self.document is document:
-                self.view.mode = self.view.mode if self.live else Mode.GROUPS  # seen growing
-                self.live = payload
-
-        def done(result: Association) -> None:
-            self.notify(Level.INFO, f"Found {document.group(result)} objects.")
-            for note in result.notes:
-                self.notify(Level.WARNING, note)
-
-        def end() -> None:
-            self.view.mode = mode if self.live else self.view.mode
-            self.live = None
-
-        self.jobs.start("Associate masks", stage, progress, done, end)
-
-    def export(self, what: tasks.Export, path: Path, *, groups: bool = False) -> None:
-        """Write what is visible, the selection, or one .ply per (selected, else any) object.
-
-        ``path`` is a folder for "objects"; ``groups`` adds a column with the group to a .ply."""
-        if self.scene is None:
-            return
-        scene, chosen = self.need().settled().scene, self.selected_groups()
-        stage = tasks.export_stage(scene, what, path, chosen=chosen, groups=groups)
-        title = f"Export to {path.name}"
-        self.jobs.start(title, stage, on_done=lambda text: self.notify(Level.INFO, text))
 
     # --- edits: those of `Document`, with a notice where there is nothing to edit
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from gaga_studio import stages
 from gaga_studio.session import Session
 from gaga_studio.settings import Settings
 from tests.app.folders import write_scene
@@ -60,7 +61,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     made = Session(Settings(preset="paper"))
     made.open(folder)
     assert made.jobs.wait()
-    made.associate()
+    stages.associate(made)
     assert made.jobs.wait()
     made.save()
     assert made.jobs.wait()

@@ -13,7 +13,7 @@ from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.project import Project
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_studio import cleaning
+from gaga_studio import cleaning, stages
 from gaga_studio.commands import command, run
 from gaga_studio.document import Document
 from gaga_studio.placing import shift
@@ -237,7 +237,7 @@ def test_a_save_is_without_the_colors_of_the_preview(
     session, _ = floating
     preview(session)
     target = tmp_path / "all.ply"
-    session.export("scene", target)
+    stages.export(session, "scene", target)
     finish(session)
     np.testing.assert_array_equal(read_ply(target).sh, session.need().scene.gaussians.sh)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from gaga_studio import stages
 from gaga_studio.commands import COMMANDS, GROUPS, Command, command, for_shortcut, run
 from gaga_studio.session import Session
 from gaga_studio.view import Mode, ToolName
@@ -62,7 +63,7 @@ def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Sess
 
 
 def test_reasons_follow_the_selection(session: Session) -> None:
-    session.associate()
+    stages.associate(session)
     assert session.jobs.wait()
     first, second = session.objects().ids[1:3]
     assert "Nothing is selected" in command("edit.delete").enabled(session)
@@ -81,7 +82,7 @@ def test_reasons_follow_the_selection(session: Session) -> None:
 
 
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
-    session.associate()
+    stages.associate(session)
     assert "running" in command("file.save").enabled(session)
     assert not command("job.cancel").enabled(session)
     session.jobs.cancel()

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_studio import stages
 from gaga_studio.notices import Level
 from gaga_studio.session import Session
 from gaga_studio.settings import load_settings
@@ -87,7 +88,7 @@ def test_a_folder_without_masks_says_where_they_go(
     offer = session.stage_offer()
     assert offer is not None
     assert "masks/NAME" in offer.reason
-    session.associate()
+    stages.associate(session)
     assert "no masks" in session.notices[-1].text
     assert session.jobs.running is None
 
@@ -177,7 +178,7 @@ def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path
 
 def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     before = snapshot(scene_of(session))
-    session.associate()
+    stages.associate(session)
     assert session.stage_offer() is None
     seen: list[int] = []
     end = time.monotonic() + 60
@@ -213,7 +214,7 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
 
 def test_cancelled_association_leaves_everything(session: Session) -> None:
     before = snapshot(scene_of(session))
-    session.associate()
+    stages.associate(session)
     session.jobs.cancel()
     finish(session)
     session.tick(0)
@@ -230,12 +231,12 @@ def test_duplicates_follow_their_originals(associated: Session) -> None:
     scene = scene_of(associated)
     n_file = int(scene.source.max()) + 1
     assert len(scene) > n_file
-    associated.associate()
+    stages.associate(associated)
     finish(associated)
     np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
 
 
 def test_unknown_masks_are_a_sentence(session: Session) -> None:
-    session.associate("none")
+    stages.associate(session, "none")
     assert session.notices[-1].level is Level.ERROR
     assert "made" in session.notices[-1].text

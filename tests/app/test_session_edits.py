@@ -13,6 +13,7 @@ from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection import world_means
 from gaga_core.scene.tint import mean_color
+from gaga_studio import stages
 from gaga_studio.placing import shift
 from gaga_studio.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
@@ -47,7 +48,7 @@ def _colors(gaussians_sh: FloatArray) -> FloatArray:
 def test_the_whole_walk(
     session: Session, new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
 ) -> None:
-    session.associate()
+    stages.associate(session)
     finish(session)
     scene = scene_of(session)
     mug, bowl, doomed = objects_of(session)[:3]
@@ -84,7 +85,7 @@ def test_the_whole_walk(
     assert snapshot(scene) == final
 
     target = tmp_path / "out" / "scene.ply"
-    session.export("scene", target, groups=True)
+    stages.export(session, "scene", target, groups=True)
     finish(session)
     written = read_ply(target)
     assert len(written) == int(scene.visible.sum())
@@ -95,10 +96,10 @@ def test_the_whole_walk(
     np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
 
     session.select_group(copy)
-    session.export("selected", tmp_path / "copy.ply")
+    stages.export(session, "selected", tmp_path / "copy.ply")
     finish(session)
     assert len(read_ply(tmp_path / "copy.ply")) == len(group_indices(scene, copy))
-    session.export("objects", tmp_path / "objects")
+    stages.export(session, "objects", tmp_path / "objects")
     finish(session)
     assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == [
         "groups.json",

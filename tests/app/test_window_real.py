@@ -10,6 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import read_ply
 from gaga_core.scene.scene import State
+from gaga_studio import stages
 from gaga_studio.settings import Settings
 from gaga_studio.tour import go_to_view
 from tests.app.driver import KEY, Driver, drive
@@ -36,7 +37,7 @@ def test_the_table_from_masks_to_an_edited_file(
     seen: dict[str, int] = {}
 
     def walk(d: Driver) -> None:
-        d.session.associate(preset="paper")
+        stages.associate(d.session, preset="paper")
         d.settle()
         go_to_view(d.session, view)
         d.settle()
@@ -102,13 +103,13 @@ def test_the_garden_is_viewed_clicked_and_exported(
 
     def walk(d: Driver) -> None:
         assert d.pixels().std() > 20, "the garden is on the screen"
-        d.session.associate(preset="paper")
+        stages.associate(d.session, preset="paper")
         d.settle()
         width, height = d.size
         d.click_picture(width / 2, height * 0.6)
         assert d.session.selected_groups()
         count.append(len(d.session.selected_indices()))
-        d.session.export("selected", target)
+        stages.export(d.session, "selected", target)
         d.settle()
 
     drive(walk, path=folder)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from gaga_studio import cleaning
+from gaga_studio import cleaning, stages
 from gaga_studio.document import Document
 from gaga_studio.session import Session
 from gaga_studio.ui import files, objects
@@ -72,7 +72,7 @@ def _writing(
         return dialog, lambda path: cleaning.export(session, "selected", path)
     if request == "export_scene":
         dialog = _save_ply("Export what is visible", start, f"{stem} edited.ply", native)
-        return dialog, lambda path: session.export("scene", path)
+        return dialog, lambda path: stages.export(session, "scene", path)
     return None, None
 
 

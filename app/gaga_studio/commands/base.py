@@ -1,0 +1,45 @@
+"""What a command is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gaga_studio.session import Session
+
+Reason = Callable[[Session], str]
+
+
+def always(_: Session) -> str:
+    """No reason against it."""
+    return ""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Something that a person can do from anywhere.
+
+    Shortcuts are written as on the keys, by character: "Ctrl+Shift+Z", "Delete", "/"; modifiers in
+    the order Ctrl, Shift, Alt.
+    """
+
+    id: str
+    title: str
+    group: str  # of GROUPS: the menu
+    run: Callable[[Session], object]
+    shortcut: str = ""
+    aliases: tuple[str, ...] = ()
+    enabled: Reason = always  # "" when it can be run, else why not
+    is_on: Callable[[Session], bool] | None = None  # of what can be switched on and off
+    describe: Callable[[Session], str] | None = None  # title of the moment: "Undo Move mug"
+
+    def title_now(self, session: Session) -> str:
+        """Title for the menu at this moment."""
+        return self.describe(session) if self.describe is not None else self.title
+
+
+def ask(request: str) -> Callable[[Session], None]:
+    """Run: the window shows this dialog (see `Session.take_request`)."""
+
+    def run(session: Session) -> None:
+        session.request = request
+
+    return run

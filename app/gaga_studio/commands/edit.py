@@ -1,0 +1,46 @@
+"""Edit: undo, duplicate, delete, and what ends a gesture."""
+
+from gaga_studio import cleaning
+from gaga_studio.commands import acts, reasons
+from gaga_studio.commands.base import Command, ask
+
+EDIT_COMMANDS: tuple[Command, ...] = (
+    Command(
+        "edit.undo",
+        "Undo",
+        "Edit",
+        lambda s: s.undo(),
+        "Ctrl+Z",
+        enabled=reasons.no_undo,
+        describe=acts.undo_title,
+    ),
+    Command(
+        "edit.redo",
+        "Redo",
+        "Edit",
+        lambda s: s.redo(),
+        "Ctrl+Shift+Z",
+        ("Ctrl+Y",),
+        enabled=reasons.no_redo,
+        describe=acts.redo_title,
+    ),
+    Command(
+        "edit.duplicate",
+        "Duplicate",
+        "Edit",
+        lambda s: s.duplicate_selected(),
+        "Shift+D",
+        enabled=reasons.no_selection,
+    ),
+    Command(
+        "edit.delete",
+        "Delete",
+        "Edit",
+        cleaning.delete_selected,
+        "Delete",
+        ("Backspace",),
+        enabled=reasons.no_selection_to_clean,
+    ),
+    Command("edit.cancel", "Cancel", "Edit", acts.cancel, "Escape", enabled=reasons.no_cancel),
+    Command("edit.preferences", "Preferences…", "Edit", ask("preferences"), "Ctrl+,"),
+)

@@ -1,0 +1,9 @@
+"""Help: finding commands and keys."""
+
+from gaga_studio.commands.base import Command, ask
+
+HELP_COMMANDS: tuple[Command, ...] = (
+    Command("help.palette", "Find a command…", "Help", ask("palette"), "F3", ("Ctrl+P",)),
+    Command("help.shortcuts", "Keys and mouse", "Help", ask("shortcuts"), "F1"),
+    Command("help.about", "About gaga-studio", "Help", ask("about")),
+)

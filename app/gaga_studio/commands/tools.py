@@ -1,0 +1,50 @@
+"""Tools: the tool bar's tools, and the running task."""
+
+from collections.abc import Callable
+
+from gaga_studio.commands import acts, reasons
+from gaga_studio.commands.base import Command
+from gaga_studio.session import Session
+from gaga_studio.view import ToolName
+
+
+def _take(tool: ToolName) -> Callable[[Session], None]:
+    def run(session: Session) -> None:
+        session.tool = tool
+
+    return run
+
+
+def _tool(tool: ToolName, title: str, shortcut: str = "") -> Command:
+    return Command(
+        f"tool.{tool}",
+        title,
+        "Tools",
+        _take(tool),
+        shortcut,
+        enabled=reasons.no_scene,
+        is_on=lambda session: session.tool is tool,
+    )
+
+
+TOOLS_COMMANDS: tuple[Command, ...] = (
+    _tool(ToolName.PICK, "Pick objects"),
+    _tool(ToolName.RECT, "Select by rectangle", "R"),
+    _tool(ToolName.MOVE, "Move", "1"),
+    _tool(ToolName.ROTATE, "Rotate", "2"),
+    _tool(ToolName.SCALE, "Scale", "3"),
+    Command(
+        "tool.rect_splats",
+        "Rectangle takes single splats",
+        "Tools",
+        acts.toggle_rect_splats,
+        is_on=lambda s: s.view.rect_takes_splats,
+    ),
+    Command(
+        "job.cancel",
+        "Cancel the running task",
+        "Tools",
+        lambda s: s.jobs.cancel(),
+        enabled=reasons.idle,
+    ),
+)
