@@ -1,11 +1,12 @@
 """How the scene is shown: what panels set and the viewport reads."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene.edits import How
 
 
 class Mode(StrEnum):
@@ -21,9 +22,34 @@ class ToolName(StrEnum):
 
     PICK = "pick"
     RECT = "rect"
+    LASSO = "lasso"
+    POLYGON = "polygon"
+    BRUSH = "brush"
     MOVE = "move"
     ROTATE = "rotate"
     SCALE = "scale"
+
+
+REGION_TOOLS = (ToolName.RECT, ToolName.LASSO, ToolName.POLYGON, ToolName.BRUSH)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Corners that were clicked so far, pixels of the picture."""
+
+    points: tuple[tuple[float, float], ...]
+    width: int
+    height: int
+    how: How
+    pose: bytes  # of the camera; an outline belongs to one picture
+
+    def with_corner(self, corner: tuple[float, float]) -> "Outline":
+        """One corner more."""
+        return replace(self, points=(*self.points, corner))
+
+    def without_last(self) -> "Outline | None":
+        """One corner less; None when none is left."""
+        return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
 @dataclass
@@ -38,7 +64,10 @@ class ViewState:
     resolution_scale: float = 1.0  # of the viewport's own pixels
     show_panels: bool = True  # Tab hides everything but the picture
     show_info: bool = True  # splats, frame time and backend in the status bar
-    rect_takes_splats: bool = False  # else whole objects
+    takes_splats: bool = False  # of the tools that select regions; else whole objects
+    visible_only: bool = False  # they take the visible surface; else everything behind it too
+    brush_radius: float = 24.0  # pixels of the screen
+    outline: "Outline | None" = None  # of the polygon tool
 
 
 class ImageSource(Protocol):

@@ -8,7 +8,6 @@ from gaga_core.scene.build_groups import rename, set_labels
 from gaga_core.scene.edit_values import Edit, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.parts import connected_parts
 from gaga_core.scene.scene import Scene, State
 
 
@@ -39,6 +38,9 @@ def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Ed
 
     None when the group is in one piece; ``least`` as in `connected_parts`.
     """
+    # Imported when first asked for: search trees are a part of the launch time.
+    from gaga_core.scene.parts import connected_parts
+
     parts = connected_parts(scene, group_indices(scene, group), least)
     if len(parts) < 2:
         return None

@@ -42,6 +42,8 @@ def for_shortcut(keys: str, session: Session) -> Command | None:
     letters = keys.removeprefix("Shift+").removeprefix("Alt+")
     if session.rig.is_flying and letters in FLY_KEYS:
         return None
+    if keys == "Backspace" and session.view.outline is not None:
+        return _BY_ID["tool.remove_corner"]
     return _BY_SHORTCUT.get(keys)
 
 

@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
-from gaga_studio import tour
+from gaga_studio import cleaning, tour
 from gaga_studio.session import Session
+from gaga_studio.tools.polygon import close_outline
 from gaga_studio.view import Mode, ToolName
 
 # --- titles of the moment
@@ -30,6 +31,8 @@ def cancel(session: Session) -> None:
         session.cancel_preview()
     elif session.rig.is_flying:
         session.rig.is_flying = False
+    elif session.view.outline is not None:
+        session.view.outline = None
     elif session.tool is not ToolName.PICK:
         session.tool = ToolName.PICK
     else:
@@ -113,6 +116,35 @@ def toggle_info(session: Session) -> None:
     session.view.show_info = not session.view.show_info
 
 
-def toggle_rect_splats(session: Session) -> None:
-    """Rectangle: whole objects or single splats."""
-    session.view.rect_takes_splats = not session.view.rect_takes_splats
+def toggle_splats(session: Session) -> None:
+    """Tools that select regions: whole objects or single splats."""
+    session.view.takes_splats = not session.view.takes_splats
+
+
+def toggle_visible_only(session: Session) -> None:
+    """Tools that select regions: the visible surface or through everything."""
+    session.view.visible_only = not session.view.visible_only
+
+
+def smaller_brush(session: Session) -> None:
+    """Make the brush a quarter smaller."""
+    session.view.brush_radius = max(session.view.brush_radius / 1.25, 2.0)
+
+
+def larger_brush(session: Session) -> None:
+    """Make the brush a quarter larger."""
+    session.view.brush_radius = min(session.view.brush_radius * 1.25, 400.0)
+
+
+def confirm(session: Session) -> None:
+    """End what waits for a yes: the outline, the cleaning."""
+    if session.view.outline is not None:
+        close_outline(session)
+    else:
+        cleaning.apply(session)
+
+
+def remove_corner(session: Session) -> None:
+    """Take the last corner of the outline back."""
+    if session.view.outline is not None:
+        session.view.outline = session.view.outline.without_last()

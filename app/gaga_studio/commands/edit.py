@@ -41,6 +41,14 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         ("Backspace",),
         enabled=reasons.no_selection_to_clean,
     ),
+    Command(
+        "edit.confirm",
+        "Confirm",
+        "Edit",
+        acts.confirm,
+        "Enter",
+        enabled=reasons.nothing_to_confirm,
+    ),
     Command("edit.cancel", "Cancel", "Edit", acts.cancel, "Escape", enabled=reasons.no_cancel),
     Command("edit.preferences", "Preferences…", "Edit", ask("preferences"), "Ctrl+,"),
 )

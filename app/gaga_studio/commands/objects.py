@@ -54,7 +54,6 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Apply the cleaning",
         "Object",
         cleaning.apply,
-        "Enter",
         enabled=reasons.no_cleaning,
     ),
     Command(

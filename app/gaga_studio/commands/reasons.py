@@ -124,6 +124,20 @@ def no_redo(session: Session) -> str:
     return "" if history is not None and history.can_redo else "There is nothing to redo."
 
 
+def no_outline(session: Session) -> str:
+    """Needs an outline that is being drawn."""
+    if session.view.outline is not None:
+        return ""
+    return no_scene(session) or "No outline is being drawn. Take the polygon tool first."
+
+
+def nothing_to_confirm(session: Session) -> str:
+    """Needs an outline or the preview of a cleaning."""
+    if session.view.outline is not None or cleaning.shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is nothing to confirm."
+
+
 def no_cancel(session: Session) -> str:
     """Needs something that Escape ends."""
     leaves = session.tool is not ToolName.PICK or session.rig.is_flying

@@ -30,6 +30,17 @@ class RectShape:
     how: How
 
 
+@dataclass(frozen=True)
+class PathShape:
+    """A line over the picture, pixels; of one point with a radius: a circle."""
+
+    points: tuple[tuple[float, float], ...]
+    how: How
+    is_closed: bool = False
+    has_corners: bool = False  # shown as handles
+    radius: float = 0.0
+
+
 class Tool(Protocol):
     """A gesture shows what it does, commits one edit on release, and none on cancel (STYLE 12)."""
 
@@ -56,10 +67,18 @@ class Tool(Protocol):
         """Escape: everything is as before the press."""
         ...
 
-    def overlay(self) -> RectShape | None:
+    def overlay(self) -> RectShape | PathShape | None:
         """What to draw over the picture now."""
         ...
 
     def hint(self, session: Session) -> str:
         """What a click or drag does now, for the status line."""
         ...
+
+
+def region_hint(session: Session, act: str) -> str:
+    """What a gesture that selects a region does, in words."""
+    document, view = session.document, session.view
+    whole = not view.takes_splats and document is not None and document.read.has_groups()
+    what = "objects" if whole else "visible splats" if view.visible_only else "splats"
+    return f"{act} to select {what}; Shift adds, Ctrl removes. Middle drag orbits."

@@ -2,9 +2,12 @@
 
 from gaga_studio.input import Act, Action, Gestures, KeyState, PointerState, fly_move
 from gaga_studio.session import Session
-from gaga_studio.tools.base import Place, RectShape, Tool
+from gaga_studio.tools.base import PathShape, Place, RectShape, Tool
+from gaga_studio.tools.brush import BrushTool
+from gaga_studio.tools.lasso import LassoTool
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.tools.pick import PickTool
+from gaga_studio.tools.polygon import PolygonTool
 from gaga_studio.tools.rect import RectTool
 from gaga_studio.view import ToolName
 
@@ -19,13 +22,16 @@ class Pointing:
         self._tools: dict[ToolName, Tool] = {
             ToolName.PICK: PickTool(),
             ToolName.RECT: RectTool(),
+            ToolName.LASSO: LassoTool(),
+            ToolName.POLYGON: PolygonTool(),
+            ToolName.BRUSH: BrushTool(),
             **self.move_tools,
         }
         self._gestures = Gestures()
         self._active = ToolName.PICK
 
     @property
-    def overlay(self) -> RectShape | None:
+    def overlay(self) -> RectShape | PathShape | None:
         """What the tool draws over the picture now."""
         return self._tools[self._active].overlay()
 
@@ -79,14 +85,14 @@ def _move_camera(session: Session, action: Action) -> bool:
 
 
 def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) -> None:
-    size = (pointer.width, pointer.height)
-    place = Place(action.u, action.v, *size, action.how)
-    if action.act is Act.HOVER:
-        session.hover(action.u, action.v, *size)
-    elif action.act is Act.AWAY:
-        session.hovering.away()
+    place = Place(action.u, action.v, pointer.width, pointer.height, action.how)
+    if action.act in (Act.HOVER, Act.AWAY):
+        _rest(session, tool, place if action.act is Act.HOVER else None)
     elif action.act is Act.DOUBLE_CLICK:
-        session.focus_at(action.u, action.v, *size)
+        if isinstance(tool, PolygonTool):
+            tool.double_click(session, place)
+        else:
+            session.focus_at(place.u, place.v, place.width, place.height)
     elif action.act is Act.CLICK:
         tool.click(session, place)
     elif action.act is Act.TOOL_PRESS:
@@ -95,3 +101,13 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
         tool.drag(session, place)
     elif action.act is Act.TOOL_RELEASE:
         tool.release(session, place)
+
+
+def _rest(session: Session, tool: Tool, place: Place | None) -> None:
+    """The mouse rests at a place of the picture, or is elsewhere."""
+    if isinstance(tool, BrushTool | PolygonTool):
+        tool.hover(session, place)
+    elif place is not None:
+        session.hover(place.u, place.v, place.width, place.height)
+    if place is None:
+        session.hovering.away()

@@ -1,18 +1,20 @@
 """Drag a rectangle: what lies in it is selected, whole objects or single splats."""
 
-from gaga_core.scene import selection
+from gaga_core.scene import picture_shapes
 from gaga_studio.session import Session
-from gaga_studio.tools.base import Place, RectShape
+from gaga_studio.tools.base import Place, RectShape, region_hint
+from gaga_studio.tools.region import Region
 from gaga_studio.view import ToolName
 
 
 class RectTool:
-    """Selects through everything, not the visible surface only."""
+    """Two corners."""
 
     name = ToolName.RECT
     takes_drag = True
 
     def __init__(self) -> None:
+        self._region: Region | None = None
         self._from: Place | None = None
         self._to: Place | None = None
 
@@ -22,6 +24,7 @@ class RectTool:
 
     def press(self, session: Session, place: Place) -> None:
         """First corner."""
+        self._region = Region(session, place)
         self._from = self._to = place
 
     def drag(self, session: Session, place: Place) -> None:
@@ -30,23 +33,17 @@ class RectTool:
 
     def release(self, session: Session, place: Place) -> None:
         """Select what the rectangle holds, as one edit."""
-        first, document = self._from, session.document
-        self._from = self._to = None
-        if first is None or document is None:
+        region, first = self._region, self._from
+        self._region = self._from = self._to = None
+        if region is None or first is None:
             return
-        scene = document.scene
-        camera = session.rig.camera(place.width, place.height)
-        inside = selection.in_rectangle(scene, camera, (first.u, first.v, place.u, place.v))
-        if session.view.rect_takes_splats or not document.read.has_groups():
-            verb = "Deselect" if first.how == "remove" else "Select"
-            document.select(inside, first.how, f"{verb} {len(inside):,} splats")
-            return
-        groups = selection.groups_inside(scene, inside)
-        document.select_groups([int(g) for g in groups], first.how)
+        height, width = region.shape
+        corners = (first.u, first.v, place.u, place.v)
+        region.take(picture_shapes.rectangle(corners, width, height))
 
     def cancel(self, session: Session) -> None:
         """Forget the rectangle."""
-        self._from = self._to = None
+        self._region = self._from = self._to = None
 
     def overlay(self) -> RectShape | None:
         """The rectangle while it is drawn."""
@@ -56,5 +53,4 @@ class RectTool:
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""
-        what = "splats" if session.view.rect_takes_splats else "objects"
-        return f"Drag a rectangle to select {what}; Shift adds, Ctrl removes. Middle drag orbits."
+        return region_hint(session, "Drag a rectangle")

@@ -2,6 +2,9 @@
 
 PICK = "\ue1c3"
 RECT = "\ue1cb"
+LASSO = "\ue1ce"
+POLYGON = "\ue52b"
+BRUSH = "\ue1d3"
 MOVE = "\ue2e5"
 FOLDER = "\ue247"
 FILE = "\ue310"

@@ -26,7 +26,8 @@ _LINE_BEFORE = {
     "view.next_photo",
     "view.outline",
     "tool.move",
-    "tool.rect_splats",
+    "tool.splats",
+    "tool.visible_only",
     "job.cancel",
     "help.about",
 }

@@ -14,12 +14,22 @@ from gaga_studio.session import Session
 _NAMED = {
     "/": imgui.Key.slash,
     ",": imgui.Key.comma,
+    ".": imgui.Key.period,
+    "[": imgui.Key.left_bracket,
+    "]": imgui.Key.right_bracket,
     "Left": imgui.Key.left_arrow,
     "Right": imgui.Key.right_arrow,
     "Up": imgui.Key.up_arrow,
     "Down": imgui.Key.down_arrow,
 }
-_REPEATING = {"edit.undo", "edit.redo", "view.next_photo", "view.previous_photo"}
+_REPEATING = {
+    "edit.undo",
+    "edit.redo",
+    "view.next_photo",
+    "view.previous_photo",
+    "tool.smaller_brush",
+    "tool.larger_brush",
+}
 
 
 def key_of(name: str) -> imgui.Key:

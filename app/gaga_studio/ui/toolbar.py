@@ -3,16 +3,24 @@
 from imgui_bundle import imgui
 
 from gaga_studio import commands
-from gaga_studio.session import Session
+from gaga_studio.session import NO_GROUPS, Session
 from gaga_studio.ui import actions, icons, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
-from gaga_studio.view import Mode
+from gaga_studio.view import REGION_TOOLS, Mode
 
 _MODES = (
     (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
     (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
     (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
+)
+_TAKES = (
+    (False, "", "Objects", "Whole objects of which at least half lies in the region"),
+    (True, "", "Splats", "Single splats"),
+)
+_DEPTHS = (
+    (False, "", "Through", "Everything in the region, what is hidden behind it too"),
+    (True, "", "Visible surface", "Only what is seen from here"),
 )
 
 
@@ -20,9 +28,11 @@ def draw(session: Session, ui: UiState) -> None:
     """The whole bar, left to right; what does not fit a small window is left to the menus."""
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(("pick", "rect")):
+    for position, tool in enumerate(("pick", "rect", "lasso", "polygon", "brush")):
         _next(position)
         actions.command_icon(session, f"tool.{tool}")
+    if session.tool in REGION_TOOLS and width > em(50):
+        _what_regions_take(session)
     _rule()
     for position, tool in enumerate(("move", "rotate", "scale")):
         _next(position)
@@ -42,6 +52,29 @@ def draw(session: Session, ui: UiState) -> None:
     imgui.same_line()
     used = imgui.get_cursor_screen_pos().x - left
     _search(ui, width, used)
+
+
+def _what_regions_take(session: Session) -> None:
+    """In words, because "rings" and "centres" are what users of other editors stumble over."""
+    view = session.view
+    document = session.document
+    no_objects = "" if document and document.read.has_groups() else NO_GROUPS
+    imgui.same_line(0, em(0.5))
+    takes = widgets.segmented(
+        "What is selected",
+        _TAKES,
+        view.takes_splats or bool(no_objects),
+        why_not={False: no_objects},
+    )
+    imgui.same_line(0, em(0.4))
+    why_not = "" if takes else "An object is selected whole, what is seen of it and what is not."
+    depth = widgets.segmented(
+        "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
+    )
+    if not no_objects:
+        view.takes_splats = takes
+    if takes:
+        view.visible_only = depth
 
 
 def _modes(session: Session, *, with_text: bool) -> None:

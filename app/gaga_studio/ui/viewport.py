@@ -9,8 +9,9 @@ from gaga_core.camera import Camera
 from gaga_studio import cleaning
 from gaga_studio.input import KeyState, PointerState
 from gaga_studio.session import Session
+from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.pointing import Pointing
-from gaga_studio.ui import compare, offer, theme, welcome, widgets
+from gaga_studio.ui import compare, offer, shapes, theme, welcome, widgets
 from gaga_studio.ui.gizmo import Gizmo
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
@@ -119,15 +120,10 @@ class ViewportPanel:
 
     def _shapes(self, corner: ImVec2, density: ImVec2) -> None:
         shape = self.pointing.overlay
-        if shape is None:
-            return
-        a = ImVec2(corner.x + shape.u0 / density.x, corner.y + shape.v0 / density.y)
-        b = ImVec2(corner.x + shape.u1 / density.x, corner.y + shape.v1 / density.y)
-        low, high = ImVec2(min(a.x, b.x), min(a.y, b.y)), ImVec2(max(a.x, b.x), max(a.y, b.y))
-        drawing = imgui.get_window_draw_list()
-        color = theme.BAD if shape.how == "remove" else theme.ACCENT
-        drawing.add_rect_filled(low, high, theme.u32(color, 0.12))
-        drawing.add_rect(low, high, theme.u32(color, 0.9))
+        if isinstance(shape, RectShape):
+            shapes.rectangle(shape, corner, density)
+        elif shape is not None:
+            shapes.path(shape, corner, density)
 
 
 def _mouse_area(size: ImVec2, has_handles: bool) -> bool:

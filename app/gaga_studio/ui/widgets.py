@@ -121,7 +121,8 @@ def segmented(
         reason = why_not.get(value, "")
         _push_flat(value == current, rest=theme.RAISED)
         imgui.begin_disabled(bool(reason))
-        if imgui.button(f"{icon}  {label}###{label}" if with_text else f"{icon}###{label}"):
+        text = f"{icon}  {label}" if icon and with_text else icon or label
+        if imgui.button(f"{text}###{label}"):
             picked = value
         imgui.end_disabled()
         imgui.pop_style_color(4)
