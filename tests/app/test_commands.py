@@ -42,7 +42,7 @@ def test_ids_titles_and_keys_are_unique() -> None:
 
 def test_keys_are_written_in_one_way_and_groups_are_known() -> None:
     named = r"F\d|Delete|Backspace|Enter|Escape|Tab|Home|Left|Right"
-    pattern = rf"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,]|{named})"
+    pattern = rf"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,.[\]]|{named})"
     for c in COMMANDS:
         assert c.group in GROUPS
         for keys in (c.shortcut, *c.aliases):
