@@ -99,6 +99,9 @@ _NEEDS_MORE = {
     "object.clean_apply",
     "edit.confirm",
     "tool.remove_corner",
+    "object.unlock_all",
+    "object.split",
+    "select.alike",
 }
 
 

@@ -1,8 +1,19 @@
 """Edit: undo, duplicate, delete, and what ends a gesture."""
 
-from gaga_studio import cleaning
+from gaga_studio import arranging, cleaning
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command, ask
+
+
+def _mirror(axis: int) -> Command:
+    return Command(
+        f"edit.mirror_{'xyz'[axis]}",
+        f"Mirror across {'XYZ'[axis]}",
+        "Edit",
+        lambda session: arranging.mirror(session, axis),
+        enabled=reasons.no_selection,
+    )
+
 
 EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
@@ -40,6 +51,14 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "Delete",
         ("Backspace",),
         enabled=reasons.no_selection_to_clean,
+    ),
+    *(_mirror(axis) for axis in range(3)),
+    Command(
+        "edit.delete_floaters",
+        "Delete floaters",
+        "Edit",
+        arranging.delete_floaters,
+        enabled=reasons.no_scene,
     ),
     Command(
         "edit.confirm",

@@ -46,6 +46,13 @@ FILE_COMMANDS: tuple[Command, ...] = (
         enabled=reasons.not_exportable_objects,
     ),
     Command(
+        "file.save_script",
+        "Save the edits as a script…",
+        "File",
+        ask("save_script"),
+        enabled=reasons.no_edits,
+    ),
+    Command(
         "file.close", "Close", "File", lambda s: s.close(), "Ctrl+W", enabled=reasons.not_saveable
     ),
     Command("file.quit", "Quit", "File", lambda s: s.quit(), "Ctrl+Q"),

@@ -1,6 +1,6 @@
 """Object: what is done with objects."""
 
-from gaga_studio import cleaning, stages
+from gaga_studio import arranging, cleaning, stages
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command, ask
 
@@ -47,6 +47,29 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Object",
         acts.merge,
         enabled=reasons.not_several_objects,
+    ),
+    Command(
+        "object.separate",
+        "Separate into an object of its own",
+        "Object",
+        arranging.separate,
+        "Shift+P",
+        enabled=reasons.no_selection,
+    ),
+    Command(
+        "object.split",
+        "Split into parts that do not touch",
+        "Object",
+        arranging.split,
+        enabled=reasons.not_one_object,
+    ),
+    Command("object.lock", "Lock", "Object", arranging.lock, enabled=reasons.no_selection),
+    Command(
+        "object.unlock_all",
+        "Unlock all",
+        "Object",
+        arranging.unlock_all,
+        enabled=reasons.nothing_locked,
     ),
     Command("object.clean", "Clean up", "Object", cleaning.start, enabled=reasons.not_cleanable),
     Command(

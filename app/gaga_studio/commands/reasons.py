@@ -107,6 +107,31 @@ def nothing_hidden(session: Session) -> str:
     return "" if is_hidden else "Nothing is hidden."
 
 
+def nothing_locked(session: Session) -> str:
+    """Needs something locked."""
+    if session.scene is None:
+        return no_scene(session)
+    return "" if session.scene.has(State.LOCKED).any() else "Nothing is locked."
+
+
+def no_encodings(session: Session) -> str:
+    """Needs a selection of splats with identity encodings."""
+    reason = no_selection(session)
+    if reason or session.scene is None:
+        return reason
+    if "obj_dc_0" in session.scene.gaussians.extra:
+        return ""
+    return "The splats have no identity encodings. Run gaga lift on the scene and export them."
+
+
+def no_edits(session: Session) -> str:
+    """Needs something to record."""
+    history = session.history
+    if history is not None and history.can_undo:
+        return ""
+    return no_scene(session) or "Nothing has been edited yet."
+
+
 def no_photos(session: Session) -> str:
     """Needs cameras."""
     return no_scene(session) or ("" if session.cameras else "This scene has no photos.")

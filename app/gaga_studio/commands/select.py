@@ -1,5 +1,6 @@
 """Select: everything that changes the selection at once."""
 
+from gaga_studio import arranging
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command
 
@@ -23,5 +24,21 @@ SELECT_COMMANDS: tuple[Command, ...] = (
         acts.select_inverse,
         "Ctrl+I",
         enabled=reasons.no_scene,
+    ),
+    Command("select.grow", "Grow", "Select", arranging.grow, enabled=reasons.no_selection),
+    Command("select.shrink", "Shrink", "Select", arranging.shrink, enabled=reasons.no_selection),
+    Command(
+        "select.alike",
+        "Grow to what is alike (identity)",
+        "Select",
+        arranging.grow_by_identity,
+        enabled=reasons.no_encodings,
+    ),
+    Command(
+        "select.keep",
+        "Keep the selection",
+        "Select",
+        arranging.keep_next,
+        enabled=reasons.no_selection,
     ),
 )

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from gaga_studio import cleaning, stages
+from gaga_studio import arranging, cleaning, stages
 from gaga_studio.document import Document
 from gaga_studio.session import Session
 from gaga_studio.ui import files, objects
@@ -34,7 +34,7 @@ def take(session: Session, ui: UiState) -> None:
 
 def _dialog(
     session: Session, request: str, native: bool
-) -> tuple[FileDialog | None, Callable[[Path], None] | None]:
+) -> tuple[FileDialog | None, Callable[[Path], object] | None]:
     start = _start_folder(session)
     if request == "open_folder":
         dialog = FileDialog("Open a scene folder", Kind.OPEN_FOLDER, start, use_native=native)
@@ -55,7 +55,7 @@ def _dialog(
 
 def _writing(
     session: Session, document: Document, request: str, native: bool
-) -> tuple[FileDialog | None, Callable[[Path], None] | None]:
+) -> tuple[FileDialog | None, Callable[[Path], object] | None]:
     stem, start = Path(document.name).stem, _start_folder(session)
     if request == "save_as":
         title, action = "Save the project in a folder", "Save"
@@ -70,6 +70,17 @@ def _writing(
         name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
         dialog = _save_ply("Export the selection", start, f"{name}.ply", native)
         return dialog, lambda path: cleaning.export(session, "selected", path)
+    if request == "save_script":
+        dialog = FileDialog(
+            "Save the edits as a script",
+            Kind.SAVE_FILE,
+            start,
+            f"{stem} edits.json",
+            (".json",),
+            use_native=native,
+            action="Save",
+        )
+        return dialog, lambda path: arranging.save_script(session, path)
     if request == "export_scene":
         dialog = _save_ply("Export what is visible", start, f"{stem} edited.ply", native)
         return dialog, lambda path: stages.export(session, "scene", path)

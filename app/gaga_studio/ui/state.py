@@ -13,7 +13,7 @@ class UiState:
     """Open dialogs, half-typed texts, what is scrolled to."""
 
     dialog: FileDialog | None = None
-    on_path: Callable[[Path], None] | None = None  # what the dialog's answer is for
+    on_path: Callable[[Path], object] | None = None  # what the dialog's answer is for
     native_dialogs: bool = False
     renaming: int | None = None  # group whose name is a text field now
     rename_text: str = ""
