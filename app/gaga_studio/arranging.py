@@ -154,7 +154,8 @@ def delete_floaters(session: Session) -> bool:
         among = chosen if len(chosen) else selection.everything(scene)
         found = floaters(scene, among)
         if len(found) == 0:
-            raise GagaError("No splat stands alone here.")
+            session.notify(Level.INFO, "No splat stands alone here.")
+            return False
         return document.do(edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 
     return session.attempt(run)
