@@ -1,0 +1,118 @@
+"""Run lengths of masks as COCO writes them: column by column, zeros first, plain or compressed.
+
+The compressed form is that of the COCO API's ``rleToString``: each count as a little-endian number
+of 5-bit digits in characters from "0" on, from the fourth on as the difference to the last but one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, IntArray, LongArray, check_shape
+from gaga_core.errors import GagaError
+
+_FIRST = 48  # character code of digit 0
+_MORE, _SIGN, _BITS = 0x20, 0x10, 5
+_LONGEST = 8  # digits of a count: 40 bits
+
+
+def encode_rle(mask: BoolArray) -> list[int]:
+    """Counts of ``mask`` (H, W) bool: 0s, 1s, 0s, ... down the columns; their sum is H W."""
+    check_shape("mask", mask, ("H", "W"), np.bool_)
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    edges = np.concatenate([[0], changes, [flat.size]])
+    counts: list[int] = np.diff(edges).tolist()
+    return [0, *counts] if flat.size and flat[0] else counts
+
+
+def encode_labels(labels: IntArray) -> dict[int, list[int]]:
+    """Counts of every id > 0 of a label map (H, W) int32, as `encode_rle` of ``labels == id``.
+
+    One pass over the picture, whatever the number of ids.
+    """
+    check_shape("labels", labels, ("H", "W"), np.int32)
+    flat = labels.ravel(order="F")
+    if flat.size == 0:
+        return {}
+    starts = np.concatenate([[0], np.flatnonzero(flat[1:] != flat[:-1]) + 1])
+    ends = np.append(starts[1:], flat.size)
+    ids = flat[starts]
+    order = np.argsort(ids, kind="stable")
+    order = order[ids[order] > 0]
+    if len(order) == 0:
+        return {}
+    present, first = np.unique(ids[order], return_index=True)
+    counts = {}
+    for label, runs in zip(present, np.split(order, first[1:]), strict=True):
+        edges = np.empty(2 * len(runs), np.int64)
+        edges[0::2], edges[1::2] = starts[runs], ends[runs]
+        lengths: list[int] = np.diff(edges, prepend=0).tolist()
+        rest = flat.size - int(edges[-1])
+        counts[int(label)] = [*lengths, rest] if rest else lengths
+    return counts
+
+
+def decode_rle(counts: Sequence[int] | str | bytes, size: Sequence[int]) -> BoolArray:
+    """Mask (H, W) bool of plain or compressed ``counts``; ``size`` is (H, W), COCO's order.
+
+    Raises ``GagaError`` when the counts do not make such a picture.
+    """
+    if len(size) != 2 or min(size) < 0:
+        raise GagaError(
+            f"A run-length mask says its size is {tuple(size)}. It must be two numbers."
+        )
+    height, width = int(size[0]), int(size[1])
+    if isinstance(counts, str | bytes):
+        lengths = decompress_counts(counts)
+    else:
+        try:
+            lengths = np.asarray(counts, np.int64).reshape(-1)
+        except (ValueError, TypeError, OverflowError) as error:
+            raise GagaError("A run-length mask holds something else than counts.") from error
+    if lengths.min(initial=0) < 0 or int(lengths.sum()) != height * width:
+        raise GagaError(
+            f"A run-length mask covers {int(lengths.sum())} pixels, "
+            f"its picture has {height} x {width}. Make the file again."
+        )
+    values = np.arange(len(lengths)) % 2 == 1
+    return np.ascontiguousarray(np.repeat(values, lengths).reshape(width, height).T)
+
+
+def compress_counts(counts: Sequence[int]) -> str:
+    """The COCO API's string of ``counts``."""
+    values = np.asarray(counts, np.int64).reshape(-1)
+    values = np.concatenate([values[:3], values[3:] - values[1:-2]])
+    n_digits = np.ones(len(values), np.int64)
+    for n in range(1, _LONGEST):
+        limit = 1 << (_BITS * n - 1)
+        n_digits += (values < -limit) | (values >= limit)
+    ends = np.cumsum(n_digits)
+    place = np.arange(n_digits.sum()) - np.repeat(ends - n_digits, n_digits)
+    digits = (np.repeat(values, n_digits) >> (_BITS * place)) & 0x1F
+    digits[place < np.repeat(n_digits, n_digits) - 1] |= _MORE
+    text: str = (digits + _FIRST).astype(np.uint8).tobytes().decode("ascii")
+    return text
+
+
+def decompress_counts(text: str | bytes) -> LongArray:
+    """Counts (R,) int64 of the COCO API's string; ``GagaError`` when it is none."""
+    raw = text.encode("ascii", "replace") if isinstance(text, str) else text
+    digits = np.frombuffer(raw, np.uint8).astype(np.int64) - _FIRST
+    if len(digits) == 0:
+        return np.zeros(0, np.int64)
+    is_last = (digits & _MORE) == 0
+    if digits.min() < 0 or digits.max() > 0x3F or not is_last[-1]:
+        raise GagaError("A compressed run-length mask is damaged. Make the file again.")
+    ends = np.flatnonzero(is_last)
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    n_digits = ends - starts + 1
+    if n_digits.max() > _LONGEST:
+        raise GagaError("A compressed run-length mask is damaged. Make the file again.")
+    place = np.arange(len(digits)) - np.repeat(starts, n_digits)
+    values = np.add.reduceat((digits & 0x1F) << (_BITS * place), starts)
+    values -= np.where(digits[ends] & _SIGN, np.int64(1) << (_BITS * n_digits), 0)
+    # Undo the differences: counts 3, 5, ... add up from 1 on, counts 4, 6, ... from 2 on.
+    values[1::2] = np.cumsum(values[1::2])
+    values[2::2] = np.cumsum(values[2::2])
+    return values
