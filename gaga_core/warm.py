@@ -18,6 +18,8 @@ from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_sta
 from gaga_core.kernels import is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
+from gaga_core.query.digests import group_digests
+from gaga_core.query.facts import group_facts
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
@@ -54,6 +56,7 @@ def warm_up_stage() -> Stage[None]:
         ("votes", _vote),
         ("single pixels", _pixels),
         ("object list", _objects),
+        ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
     ]
     for i, (name, step) in enumerate(steps):
@@ -123,6 +126,11 @@ def _pixels(sample: _Sample) -> object:
 
 def _objects(sample: _Sample) -> object:
     return object_table(Scene.of(sample.gaussians, sample.labels))
+
+
+def _search(sample: _Sample) -> object:
+    scene = Scene.of(sample.gaussians, sample.labels)
+    return group_facts(scene, sample.cameras), group_digests(scene)
 
 
 def _association(preset: str) -> Callable[[_Sample], object]:

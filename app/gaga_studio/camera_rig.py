@@ -7,7 +7,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
-from gaga_studio.sights import common_target, estimate_up, upright_basis
+from gaga_core.scene.sights import common_target, estimate_up, upright_basis
 
 _JUMP_S = 0.35  # time of an animated jump
 _STEEPEST = np.radians(89.9)  # straight up and down has no heading

@@ -6,8 +6,8 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import look_at, quats_to_matrices
+from gaga_core.scene.sights import common_target, estimate_up, upright_basis
 from gaga_studio.camera_rig import CameraRig
-from gaga_studio.sights import common_target, estimate_up, upright_basis
 from tests.scenes import orbit_cameras
 
 _W, _H = 800, 600

@@ -1,0 +1,162 @@
+"""Passes over all splats that measure groups."""
+
+import math
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.kernels import kernel
+
+
+@kernel
+def weigh_splats(
+    rows: IntArray,  # (N,) row of each splat's group
+    state: UInt8Array,  # (N,) State bits
+    placement: IntArray,  # (N,)
+    matrix: DoubleArray,  # (P, 3, 4) frame_from_file
+    means: FloatArray,  # (N, 3)
+    log_scales: FloatArray,  # (N, 3)
+    logit_opacities: FloatArray,  # (N,)
+    points: FloatArray,  # (N, 3) out: positions in the frame
+    area: FloatArray,  # (N,) out: product of the two largest scales; -1 = does not count
+    weight: FloatArray,  # (N,) out: opacity
+    sums: DoubleArray,  # (G, 8) out: count, opacity, opacity x area, position xyz, squares, -
+) -> None:
+    """First pass: where splats stand, how much of each is seen, and sums by group."""
+    for i in range(rows.shape[0]):
+        area[i] = -1.0
+        if state[i] & 8:
+            continue
+        m = matrix[placement[i]]
+        x0 = float(means[i, 0])
+        y0 = float(means[i, 1])
+        z0 = float(means[i, 2])
+        x = m[0, 0] * x0 + m[0, 1] * y0 + m[0, 2] * z0 + m[0, 3]
+        y = m[1, 0] * x0 + m[1, 1] * y0 + m[1, 2] * z0 + m[1, 3]
+        z = m[2, 0] * x0 + m[2, 1] * y0 + m[2, 2] * z0 + m[2, 3]
+        a = log_scales[i, 0]
+        b = log_scales[i, 1]
+        c = log_scales[i, 2]
+        face = math.exp(min(60.0, a + b + c - min(a, b, c)))
+        opacity = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, float(logit_opacities[i])))))
+        if not math.isfinite(x + y + z + face + opacity):
+            continue
+        points[i, 0] = x
+        points[i, 1] = y
+        points[i, 2] = z
+        area[i] = face
+        weight[i] = opacity
+        s = sums[rows[i]]
+        s[0] += 1.0
+        s[1] += opacity
+        s[2] += opacity * face
+        s[3] += opacity * x
+        s[4] += opacity * y
+        s[5] += opacity * z
+        s[6] += opacity * (x * x + y * y + z * z)
+
+
+@kernel
+def tally_axes(
+    rows: IntArray,  # (N,)
+    points: FloatArray,  # (N, 3)
+    area: FloatArray,  # (N,) negative = does not count
+    weight: FloatArray,  # (N,)
+    lo: FloatArray,  # (G, 3) where the bins begin
+    per_unit: FloatArray,  # (G, 3) bins by length
+    bins: FloatArray,  # (G, 3, B) out: opacity in each bin; what lies outside is in the end bins
+) -> None:
+    """Histogram of positions by group and axis."""
+    last = bins.shape[2] - 1
+    for i in range(rows.shape[0]):
+        if area[i] < 0:
+            continue
+        g = rows[i]
+        for k in range(3):
+            at = (points[i, k] - lo[g, k]) * per_unit[g, k]
+            j = int(max(0.0, min(float(last), at)))
+            bins[g, k, j] += weight[i]
+
+
+@kernel
+def tally_looks(
+    rows: IntArray,  # (N,)
+    placement: IntArray,  # (N,)
+    recolor: DoubleArray,  # (P, 3, 4) affine in RGB
+    dc: FloatArray,  # (N, 3) SH coefficients of degree 0
+    points: FloatArray,  # (N, 3)
+    area: FloatArray,  # (N,)
+    weight: FloatArray,  # (N,)
+    lo: FloatArray,  # (G, 3) robust box
+    hi: FloatArray,  # (G, 3)
+    area_max: FloatArray,  # (G,) larger splats count as this large
+    table: FloatArray,  # (L^3, C) of colors
+    levels: int,
+    looks: DoubleArray,  # (G, C + 4) out: table's columns, then r g b, and the weight
+    moments: DoubleArray,  # (G, 10) out: weight, xyz, xx xy xz yy yz zz inside the box
+) -> None:
+    """Last pass: colors by what is seen of them, and the shape of what lies inside the box."""
+    n_columns = table.shape[1]
+    for i in range(rows.shape[0]):
+        if area[i] < 0:
+            continue
+        g = rows[i]
+        w = weight[i] * min(area[i], area_max[g])
+        m = recolor[placement[i]]
+        r0 = 0.5 + 0.28209479177387814 * dc[i, 0]
+        g0 = 0.5 + 0.28209479177387814 * dc[i, 1]
+        b0 = 0.5 + 0.28209479177387814 * dc[i, 2]
+        red = max(0.0, min(1.0, m[0, 0] * r0 + m[0, 1] * g0 + m[0, 2] * b0 + m[0, 3]))
+        green = max(0.0, min(1.0, m[1, 0] * r0 + m[1, 1] * g0 + m[1, 2] * b0 + m[1, 3]))
+        blue = max(0.0, min(1.0, m[2, 0] * r0 + m[2, 1] * g0 + m[2, 2] * b0 + m[2, 3]))
+        ir = min(levels - 1, int(red * levels))
+        ig = min(levels - 1, int(green * levels))
+        ib = min(levels - 1, int(blue * levels))
+        # What lies in shade says less of an object's color than its lit side.
+        w *= 0.1 + max(red, green, blue)
+        entry = table[(ir * levels + ig) * levels + ib]
+        s = looks[g]
+        for c in range(n_columns):
+            s[c] += w * entry[c]
+        s[n_columns] += w * red
+        s[n_columns + 1] += w * green
+        s[n_columns + 2] += w * blue
+        s[n_columns + 3] += w
+        x = float(points[i, 0])
+        y = float(points[i, 1])
+        z = float(points[i, 2])
+        inside = lo[g, 0] <= x <= hi[g, 0] and lo[g, 1] <= y <= hi[g, 1]
+        if not inside or z < lo[g, 2] or z > hi[g, 2]:
+            continue
+        q = moments[g]
+        o = float(weight[i])
+        x -= lo[g, 0]
+        y -= lo[g, 1]
+        z -= lo[g, 2]
+        q[0] += o
+        q[1] += o * x
+        q[2] += o * y
+        q[3] += o * z
+        q[4] += o * x * x
+        q[5] += o * x * y
+        q[6] += o * x * z
+        q[7] += o * y * y
+        q[8] += o * y * z
+        q[9] += o * z * z
+
+
+@kernel
+def hash_groups(
+    rows: IntArray,  # (N,)
+    state: UInt8Array,  # (N,)
+    words: LongArray,  # (N,) bits of what a splat looks like
+    digest: LongArray,  # (G,) out
+    counts: LongArray,  # (G,) out: splats
+) -> None:
+    """Digest of each group's splats: a sum of mixed numbers, so the order does not matter."""
+    for i in range(rows.shape[0]):
+        if state[i] & 8:
+            continue
+        v = words[i] + i * 7046029254386353131
+        v = (v ^ (v >> 30)) * -4658895280553007687
+        v = (v ^ (v >> 27)) * -7723592293110705685
+        digest[rows[i]] += v ^ (v >> 31)
+        counts[rows[i]] += 1

@@ -1,0 +1,267 @@
+"""The index of a scene: one vector a group, from its best views, and how texts are ranked by it.
+
+A group's vector is the mean of those of its crops, plain and with dimmed surroundings. Only groups
+whose splats have changed are looked at again. The relevancy of a text is its similarity against
+that of phrases that fit anything, the least favourable one (LERF, Kerr et al., ICCV 2023).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write
+from gaga_core.progress import Progress, Stage
+from gaga_core.query.crops import Shown, best_views, cut_out, shown_groups
+from gaga_core.query.embed import Embedder
+
+STAGE = "Index the objects"
+THUMBNAIL = 64  # pixels a side
+_CURE = "Remove it and build the index again."
+_ANYTHING = ("object", "things", "stuff", "texture")  # what every crop is a picture of
+_SHARPNESS = 50.0  # how fast relevancy grows with a difference of cosines
+_TEMPLATE = "a photo of a {}"
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What an index looks at."""
+
+    cameras: Sequence[Camera]
+    labels_of: Callable[[Camera], IntArray]  # group map (H, W) at the camera's size
+    picture_of: Callable[[Camera], UInt8Array]  # (H, W, 3) at the camera's size
+
+
+@dataclass(frozen=True)
+class IndexConfig:
+    """How groups are looked at."""
+
+    n_views: int = 4  # best views of a group
+    crop: int = 224  # pixels a side
+    batch: int = 4  # crops between two steps of progress
+
+    def __post_init__(self) -> None:
+        if min(self.n_views, self.crop, self.batch) < 1:
+            raise ValueError(f"index: numbers must be positive: {self}")
+
+
+@dataclass(frozen=True, eq=False)
+class GroupIndex:
+    """Vectors of groups, and what they were made from."""
+
+    model: str  # fingerprint of the embedder
+    groups: IntArray  # (G,) ascending
+    digests: LongArray  # (G,) of the splats of each group when it was looked at
+    vectors: FloatArray  # (G, D) length 1; 0 = no view shows the group
+    thumbnails: UInt8Array  # (G, THUMBNAIL, THUMBNAIL, 3)
+
+    def __len__(self) -> int:
+        return len(self.groups)
+
+
+def index_stage(
+    groups: IntArray,
+    digests: LongArray,
+    views: Views,
+    embedder: Embedder,
+    *,
+    previous: GroupIndex | None = None,
+    config: IndexConfig | None = None,
+) -> Stage[GroupIndex]:
+    """Index ``groups`` (G,), whose splats have ``digests`` (G,), as ``views`` show them.
+
+    What ``previous`` knows of the same splats with the same model is taken over. Yields between
+    views and between batches of crops; closing it leaves ``previous`` as it was.
+    """
+    config = config or IndexConfig()
+    known = _known(previous, embedder.fingerprint)
+    new = [int(g) for g, d in zip(groups, digests, strict=True) if int(d) not in known]
+    found: dict[int, tuple[FloatArray, UInt8Array]] = {}
+    if new:
+        found = yield from _look_at(new, views, embedder, config)
+    dim = max((len(v) for v, _ in (*found.values(), *known.values())), default=0)
+    nothing = (np.zeros(dim, np.float32), np.full((THUMBNAIL, THUMBNAIL, 3), 128, np.uint8))
+    rows = [
+        known[int(d)] if int(d) in known else found.get(int(g), nothing)
+        for g, d in zip(groups, digests, strict=True)
+    ]
+    n = len(rows)
+    # Of an index that saw no group at all the vectors are empty.
+    vectors = np.array([row[0] if len(row[0]) else nothing[0] for row in rows])
+    vectors = vectors.astype(np.float32).reshape(n, dim)
+    pictures = np.array([row[1] for row in rows], np.uint8)
+    thumbnails = pictures.reshape(n, THUMBNAIL, THUMBNAIL, 3)
+    return GroupIndex(embedder.fingerprint, groups, digests, vectors, thumbnails)
+
+
+def n_stale(index: GroupIndex | None, digests: LongArray, model: str = "") -> int:
+    """How many of the groups with these digests ``index`` does not know (yet, or any more)."""
+    if index is None or (model and index.model != model):
+        return len(digests)
+    return int((~np.isin(digests, index.digests)).sum())
+
+
+def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> DoubleArray:
+    """How well each indexed group (G,) fits a text's vector (D,), 0..1; 1/2 = as well as the
+    phrases ``anything`` (P, D) that fit all. A group that no view shows scores 0."""
+    own = index.vectors @ text
+    rival = index.vectors @ anything.T
+    ahead = _SHARPNESS * (own[:, None] - rival).min(axis=1).astype(np.float64)
+    seen = np.abs(index.vectors).max(axis=1, initial=0) > 0
+    result: DoubleArray = np.where(seen, 1 / (1 + np.exp(-np.clip(ahead, -60, 60))), 0.0)
+    return result
+
+
+class TextVectors:
+    """Vectors of texts by a model that is loaded when a text is new, kept in a file.
+
+    ``path`` None keeps them in memory only. ``load`` is called at most once.
+    """
+
+    def __init__(self, model: str, load: Callable[[], Embedder], path: Path | None = None) -> None:
+        self.model = model
+        self._load = load
+        self._path = path
+        self._embedder: Embedder | None = None
+        self._kept = _read_texts(path, model)
+
+    def of(self, texts: Sequence[str]) -> FloatArray:
+        """Vectors (n, D) of ``texts``."""
+        missing = [text for text in dict.fromkeys(texts) if text not in self._kept]
+        if missing:
+            self._embedder = self._embedder or self._load()
+            rows = self._embedder.texts(missing)
+            self._kept |= dict(zip(missing, rows, strict=True))
+            self._save()
+        return np.stack([self._kept[text] for text in texts])
+
+    def anything(self) -> FloatArray:
+        """Vectors (P, D) of phrases that fit any crop."""
+        return self.of([_TEMPLATE.format(word) for word in _ANYTHING])
+
+    def nouns(self, nouns: Sequence[str]) -> FloatArray:
+        """Vectors (n, D) of nouns, each in a sentence as the models were trained on."""
+        return self.of([_TEMPLATE.format(noun) for noun in nouns])
+
+    def _save(self) -> None:
+        if self._path is None:
+            return
+        names = sorted(self._kept)
+        vectors = np.stack([self._kept[name] for name in names])
+        with atomic_write(self._path) as temporary, temporary.open("wb") as file:
+            np.savez(file, model=np.array(self.model), texts=np.array(names), vectors=vectors)
+
+
+def save_index(path: Path, index: GroupIndex) -> None:
+    """Write ``index`` to an .npz in one step."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            model=np.array(index.model),
+            groups=index.groups,
+            digests=index.digests,
+            vectors=index.vectors,
+            thumbnails=index.thumbnails,
+        )
+
+
+def load_index(path: Path) -> GroupIndex | None:
+    """The index in ``path``; None when there is none yet. ``GagaError`` when it is damaged."""
+    if not path.is_file():
+        return None
+    arrays = read_arrays(path, _CURE)
+    try:
+        n = len(arrays["groups"])
+        shape = (n, THUMBNAIL, THUMBNAIL, 3)
+        fits = arrays["digests"].shape == (n,) and arrays["vectors"].shape[:1] == (n,)
+        if not fits or arrays["vectors"].ndim != 2 or arrays["thumbnails"].shape != shape:
+            raise ValueError("shapes")
+        return GroupIndex(
+            str(arrays["model"]),
+            arrays["groups"].astype(np.int32),
+            arrays["digests"].astype(np.int64),
+            arrays["vectors"].astype(np.float32),
+            arrays["thumbnails"].astype(np.uint8),
+        )
+    except (KeyError, ValueError, TypeError) as error:
+        raise GagaError(f"{path} is damaged. {_CURE}") from error
+
+
+def _known(previous: GroupIndex | None, model: str) -> dict[int, tuple[FloatArray, UInt8Array]]:
+    """Rows of the former index by digest; an id may have changed, the splats have not."""
+    if previous is None or previous.model != model:
+        return {}
+    rows = zip(previous.digests, previous.vectors, previous.thumbnails, strict=True)
+    return {int(digest): (vector, picture) for digest, vector, picture in rows}
+
+
+def _look_at(
+    groups: Sequence[int],
+    views: Views,
+    embedder: Embedder,
+    config: IndexConfig,
+) -> Stage[dict[int, tuple[FloatArray, UInt8Array]]]:
+    """Vector and thumbnail of each of ``groups`` that some view shows."""
+    wanted, cameras = set(groups), views.cameras
+    maps: list[IntArray] = []
+    shown: list[Shown] = []
+    total = 2 * len(cameras)
+    for i, camera in enumerate(cameras):
+        yield Progress(STAGE, i, total, f"Find objects in {camera.name}")
+        maps.append(views.labels_of(camera))
+        shown += [one for one in shown_groups(i, maps[i]) if one.group in wanted]
+    chosen = best_views(shown, config.n_views)
+    by_view: dict[int, list[Shown]] = {}
+    for best in chosen.values():
+        for one in best:
+            by_view.setdefault(one.view, []).append(one)
+    sums: dict[int, FloatArray] = {}
+    thumbnails: dict[int, UInt8Array] = {}
+    firsts = {(best[0].group, best[0].view) for best in chosen.values()}
+    for i, camera in enumerate(cameras):
+        ones = by_view.get(i, [])
+        picture = views.picture_of(camera) if ones else None
+        for start in range(0, len(ones), config.batch):
+            assert picture is not None
+            yield Progress(STAGE, len(cameras) + i, total, f"Look at objects in {camera.name}")
+            batch = ones[start : start + config.batch]
+            pairs = [cut_out(picture, maps[i], one, config.crop) for one in batch]
+            vectors = embedder.pictures([crop for pair in pairs for crop in pair])
+            for k, one in enumerate(batch):
+                both = vectors[2 * k] + vectors[2 * k + 1]
+                sums[one.group] = sums.get(one.group, np.zeros_like(both)) + both
+                if (one.group, one.view) in firsts:
+                    thumbnails[one.group] = _thumbnail(pairs[k][0])
+    yield Progress(STAGE, total, total, f"{len(sums)} objects")
+    return {g: (_unit(total_), thumbnails[g]) for g, total_ in sums.items()}
+
+
+def _thumbnail(crop: UInt8Array) -> UInt8Array:
+    from PIL import Image
+
+    side = (THUMBNAIL, THUMBNAIL)
+    return np.asarray(Image.fromarray(crop).resize(side, Image.Resampling.BICUBIC))
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    result: FloatArray = (vector / max(float(np.linalg.norm(vector)), 1e-12)).astype(np.float32)
+    return result
+
+
+def _read_texts(path: Path | None, model: str) -> dict[str, FloatArray]:
+    """Vectors kept in ``path`` by text; none when they are of another model or damaged."""
+    if path is None or not path.is_file():
+        return {}
+    try:
+        arrays: Mapping[str, FloatArray] = read_arrays(path, _CURE)
+    except GagaError:
+        return {}
+    if str(arrays.get("model", "")) != model or not {"texts", "vectors"} <= set(arrays):
+        return {}
+    rows = np.asarray(arrays["vectors"], np.float32)
+    return {str(text): row for text, row in zip(arrays["texts"], rows, strict=False)}
