@@ -16,6 +16,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.progress import Progress, Stage, run_stage
 
 BAND = 0.02  # width of the boundary band, share of the diagonal
 _SET = 128  # gray values above are inside
@@ -63,6 +64,13 @@ def evaluate_lerf_mask(
     Every true mask counts (or only those of ``views``, folder names). A missing prediction is 0 and
     named. A prediction of another size is resized (nearest). Raises ``GagaError`` without truth.
     """
+    return run_stage(lerf_mask_stage(pred, gt, views=views))
+
+
+def lerf_mask_stage(
+    pred: Path, gt: Path, *, views: Iterable[str] | None = None
+) -> Stage[LerfMaskReport]:
+    """`evaluate_lerf_mask` with a step of progress a true mask."""
     true_files = _list_masks(gt)
     if views is not None:
         wanted = set(views)
@@ -71,7 +79,8 @@ def evaluate_lerf_mask(
         raise GagaError(f"{gt} holds no masks <view>/<prompt>.png. Choose another folder.")
     predicted_files = _list_masks(pred)
     by_prompt: dict[str, list[tuple[float, float]]] = {}
-    for (view, prompt), path in true_files.items():
+    for i, ((view, prompt), path) in enumerate(true_files.items()):
+        yield Progress("Score", i, len(true_files), f"{view}/{prompt}")
         scores = (0.0, 0.0)
         if (view, prompt) in predicted_files:
             true = _read_mask(path)

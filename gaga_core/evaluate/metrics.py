@@ -18,6 +18,7 @@ from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.io.masks import list_label_files, read_labels
 from gaga_core.masks import resize_labels
+from gaga_core.progress import Progress, Stage, run_stage
 
 HIT = 0.5  # IoU above which a paired label counts as found
 UNANSWERED = -1  # predicted "label" of a whole missing map: pairs with nothing, not even void
@@ -88,7 +89,17 @@ def score_pairs(pairs: Iterable[tuple[IntArray, IntArray]]) -> tuple[Score, Scor
     A predicted `UNANSWERED` is no label in either counting. The maps are read once, one pair at a
     time.
     """
-    counts = [_count(true, predicted) for true, predicted in pairs]
+    return run_stage(score_stage(pairs, 0))
+
+
+def score_stage(
+    pairs: Iterable[tuple[IntArray, IntArray]], n_pairs: int
+) -> Stage[tuple[Score, Score]]:
+    """`score_pairs` with a step of progress a pair."""
+    counts = []
+    for true, predicted in pairs:
+        counts.append(_count(true, predicted))
+        yield Progress("Score", len(counts), n_pairs)
     return _score(counts), _score([_without_void(image) for image in counts])
 
 

@@ -1,4 +1,4 @@
-"""Reading ``.npz`` files of plain arrays, damaged ones included."""
+"""Reading ``.npz`` and ``.npy`` files of plain arrays, damaged ones included."""
 
 import tokenize
 import zipfile
@@ -27,6 +27,26 @@ _DAMAGED = (
     zlib.error,
     tokenize.TokenError,
 )
+
+
+def read_array(path: Path, cure: str) -> AnyArray:
+    """The array of an ``.npy``; never unpickles.
+
+    Raises ``GagaError`` when the file is missing, damaged, or holds Python objects: ``cure`` says
+    what to do then.
+    """
+    try:
+        with path.open("rb") as file:
+            stored = np.load(file, allow_pickle=False)
+            if isinstance(stored, np.ndarray):
+                return stored
+    except OSError as error:
+        if error.errno is None:
+            raise GagaError(f"{path} is damaged. {cure}") from error
+        raise GagaError(explain_os_error(error, path)) from error
+    except _DAMAGED as error:
+        raise GagaError(f"{path} is damaged or holds Python objects. {cure}") from error
+    raise GagaError(f"{path} is an archive of arrays, not one array. {cure}")
 
 
 def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:

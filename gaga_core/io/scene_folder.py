@@ -54,7 +54,9 @@ def is_scene_folder(path: Path) -> bool:
     """Whether ``path`` looks like a scene folder."""
     if not path.is_dir():
         return False
-    return (path / "images").is_dir() or _sparse_of(path) is not None or _model_of(path) is not None
+    return (
+        (path / "images").is_dir() or find_sparse(path) is not None or find_model(path) is not None
+    )
 
 
 def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
@@ -73,11 +75,11 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
         )
     if model is not None and not model.is_file():
         raise GagaError(f"{model} does not exist. Choose the .ply file of the splats.")
-    sparse = _sparse_of(root)
+    sparse = find_sparse(root)
     reading = ColmapReading(sparse) if sparse is not None else None
     try:
-        model_path = model or _model_of(root)
-        masks = _mask_folders(root)
+        model_path = model or find_model(root)
+        masks = find_mask_folders(root)
         cameras = reading.result().cameras if reading is not None else ()
     finally:
         if reading is not None:
@@ -87,12 +89,14 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     return SceneFolder(root, model_path, cameras, images, masks, train, test)
 
 
-def _sparse_of(root: Path) -> Path | None:
+def find_sparse(root: Path) -> Path | None:
+    """The folder of the scene's COLMAP model; None when there is none."""
     folders = (root / "sparse" / "0", root / "sparse", root / "colmap" / "sparse" / "0")
     return next((folder for folder in folders if has_colmap(folder)), None)
 
 
-def _model_of(root: Path) -> Path | None:
+def find_model(root: Path) -> Path | None:
+    """The splats of a scene or of a trained model's folder: the newest; None if there are none."""
     direct = root / "point_cloud.ply"
     if direct.is_file():
         return direct
@@ -105,7 +109,8 @@ def _model_of(root: Path) -> Path | None:
     return trained[-1] if trained else None
 
 
-def _mask_folders(root: Path) -> dict[str, Path]:
+def find_mask_folders(root: Path) -> dict[str, Path]:
+    """Folders of label maps in ``root/masks`` by name."""
     folder = root / "masks"
     if not folder.is_dir():
         return {}

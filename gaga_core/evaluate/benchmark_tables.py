@@ -1,0 +1,246 @@
+"""Results of a data set, scene by scene, as the tables that the paper prints."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from gaga_core.evaluate.metrics import Score
+from gaga_core.evaluate.published import INSTANCE, PROMPT_METRICS, PROMPTS, SPARSE_IOU
+from gaga_core.evaluate.sparse import iou_drop
+
+
+@dataclass(frozen=True)
+class PromptScores:
+    """Mean IoU and mean boundary IoU of text prompts, in 0..1."""
+
+    miou: float
+    mean_boundary_iou: float
+    by_prompt: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class InstanceScores:
+    """Algorithm 1 under both countings."""
+
+    with_void: Score
+    without_void: Score
+
+
+@dataclass(frozen=True)
+class BenchmarkRun:
+    """One run over one scene: all train views, or a share of them."""
+
+    share: float
+    scores: InstanceScores | PromptScores
+    n_views: int  # train views used
+    n_groups: int
+    seconds: float
+    missing: tuple[str, ...] = ()  # predictions that were not there: scored as 0
+    notes: tuple[str, ...] = ()  # sentences for people
+
+    @property
+    def headline(self) -> float:
+        """The data set's IoU in 0..1, with void where the published code counts it."""
+        if isinstance(self.scores, PromptScores):
+            return self.scores.miou
+        return self.scores.with_void.iou
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """All runs over one scene, the one with all train views first."""
+
+    scene: str
+    masks: str  # where the 2D masks come from
+    runs: tuple[BenchmarkRun, ...]
+    n_reused: int = 0  # runs taken from an earlier benchmark
+
+    def run(self, share: float) -> BenchmarkRun | None:
+        """The run with this share of the train views."""
+        return next((run for run in self.runs if run.share == share), None)
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of text, headings first."""
+
+    rows: tuple[tuple[str, ...], ...]
+
+    def table(self) -> list[list[str]]:
+        """The rows."""
+        return [list(row) for row in self.rows]
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class BenchmarkReport:
+    """A data set's results beside the published ones."""
+
+    dataset: str  # "replica"
+    title: str  # "Replica"
+    preset: str
+    scenes: tuple[SceneResult, ...]
+    failed: Mapping[str, str]  # scene -> why it has no result
+    out: str  # folder of the results
+    protocol: str = "instance"  # "lerf-mask", "3d-ovs"
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values; scores in 0..1, published figures in percent."""
+        values = asdict(self)
+        values["means"] = {str(share): self._mean_headline(share) for share in self._shares()}
+        values["tables"] = [table.table() for table in self.tables()]
+        return values
+
+    def sentences(self) -> list[str]:
+        """What a person should know beside the table."""
+        found = [f"{scene}: {reason}" for scene, reason in self.failed.items()]
+        sources = sorted({scene.masks for scene in self.scenes if scene.masks})
+        if sources:
+            found.append(f"Masks: {', '.join(sources)}.")
+        for scene in self.scenes:
+            whole = scene.runs[0]
+            found += [f"{scene.scene}: {note}" for note in whole.notes]
+            if whole.missing:
+                found.append(
+                    f"{scene.scene}: {len(whole.missing)} predictions are missing and count as 0 "
+                    f"({_listed(whole.missing)})."
+                )
+        reused = sum(scene.n_reused for scene in self.scenes)
+        if reused:
+            found.append(f"{reused} runs were finished before (--redo runs them again).")
+        return found
+
+    def tables(self) -> tuple[TextTable, ...]:
+        """The paper's table with ours in it, the scores without void, and the table of few views
+        if any was run."""
+        whole = [(s.scene, run) for s in self.scenes if (run := s.run(1.0)) is not None]
+        instance = self.protocol == "instance"
+        tables = [self._instance_table(whole) if instance else self._prompt_table(whole)]
+        if instance and whole:
+            tables.append(self._void_free_table(whole))
+        if len(self._shares()) > 1:
+            tables.append(self._sparse_table())
+        return tuple(tables)
+
+    def _instance_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """Counted as published: void is a label of both sides."""
+        names = ("IoU", "P", "R", "groups", "seconds", "missing")
+        rows: list[list[str]] = [[f"{self.title}, {self.preset}", *names]]
+        values = [_instance_figures(run, with_void=True)[:3] for _, run in whole]
+        counts = [(float(run.n_groups), run.seconds) for _, run in whole]
+        for (scene, run), figures, (groups, seconds) in zip(whole, values, counts, strict=True):
+            counted = [f"{groups:.0f}", f"{seconds:.1f}", str(len(run.missing))]
+            rows.append([scene, *_hundredths(figures), *counted])
+        rows += [[scene, *[""] * 5, "failed"] for scene in self.failed]
+        if values:
+            groups, seconds = np.mean(counts, axis=0)
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            mean = _hundredths(np.mean(values, axis=0).tolist())
+            counted = [f"{groups:.0f}", f"{seconds:.1f}", n_missing]
+            rows.append([self._mean_title(len(values)), *mean, *counted])
+        for p in INSTANCE.get(self.dataset, ()):
+            rows.append([f"published: {p.method}, {p.masks}", *_hundredths(p.values), "", "", ""])
+        return _table(rows)
+
+    def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """The same without pixels of true label 0."""
+        rows = [["void left out", "IoU", "P", "R", "pooled IoU"]]
+        values = [_instance_figures(run, with_void=False) for _, run in whole]
+        for (scene, _), figures in zip(whole, values, strict=True):
+            rows.append([scene, *_hundredths(figures)])
+        if values:
+            mean = np.mean(values, axis=0).tolist()
+            rows.append([self._mean_title(len(values)), *_hundredths(mean)])
+        return _table(rows)
+
+    def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
+        n, published = len(names), PROMPTS.get(self.dataset, {})
+        heads = [f"{self.title}, {self.preset}", *names, *(f"published {name}" for name in names)]
+        rows, ours, theirs = [], [], []
+        for scene, run in whole:
+            if isinstance(run.scores, PromptScores):
+                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
+                theirs.append(published.get(scene, ()))
+                missing = str(len(run.missing))
+                rows.append([scene, *_tenths(ours[-1], n), *_tenths(theirs[-1], n), missing])
+        for scene in self.failed:
+            rows.append([scene, *_tenths((), n), *_tenths(published.get(scene, ()), n), "failed"])
+        if ours:
+            # Means over the same scenes: a published one counts where ours does.
+            pairs = [(o, t) for o, t in zip(ours, theirs, strict=True) if t]
+            beside = np.mean([t for _, t in pairs], axis=0).tolist() if pairs else []
+            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            rows.append([self._mean_title(len(ours)), *mean, *_tenths(beside, n), n_missing])
+        return _table([[*heads, "missing"], *rows])
+
+    def _sparse_table(self) -> TextTable:
+        published = SPARSE_IOU.get(self.dataset, {})
+        heads = ["train views", "scenes", "IoU", "IoU drop"]
+        for masks in published:
+            heads += [f"published, {masks}", "drop"]
+        rows = []
+        for share in self._shares():
+            both = [s for s in self.scenes if s.run(share) is not None and s.run(1.0) is not None]
+            iou, whole = self._mean_of(both, share), self._mean_of(both, 1.0)
+            row = [f"{share:.0%}", str(len(both)), f"{100 * iou:.2f}", _drop(whole, iou, share)]
+            for figures in published.values():
+                theirs = figures.get(share)
+                if theirs is None:
+                    row += ["", ""]
+                else:
+                    row += [f"{theirs:.2f}", _drop(figures[1.0], theirs, share)]
+            rows.append(row)
+        return _table([heads, *rows])
+
+    def _shares(self) -> list[float]:
+        found = {run.share for scene in self.scenes for run in scene.runs}
+        return sorted(found, reverse=True)
+
+    def _mean_headline(self, share: float) -> float:
+        return self._mean_of([s for s in self.scenes if s.run(share) is not None], share)
+
+    @staticmethod
+    def _mean_of(scenes: Sequence[SceneResult], share: float) -> float:
+        found = [run.headline for scene in scenes if (run := scene.run(share)) is not None]
+        return float(np.mean(found)) if found else 0.0
+
+    def _mean_title(self, n: int) -> str:
+        total = len(self.scenes) + len(self.failed)
+        plural = "scene" if total == 1 else "scenes"
+        return f"mean of {n} {plural}" if n == total else f"mean of {n} of {total} {plural}"
+
+
+def _instance_figures(run: BenchmarkRun, *, with_void: bool) -> list[float]:
+    """Percent: IoU, precision, recall, pooled IoU."""
+    if isinstance(run.scores, PromptScores):
+        return []
+    score = run.scores.with_void if with_void else run.scores.without_void
+    values = (score.iou, score.precision, score.recall, score.pooled_iou)
+    return [100 * value for value in values]
+
+
+def _hundredths(values: Sequence[float]) -> list[str]:
+    return [f"{value:.2f}" for value in values]
+
+
+def _listed(names: Sequence[str], most: int = 5) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _tenths(values: Sequence[float], n: int) -> list[str]:
+    return [f"{value:.1f}" for value in values] or [""] * n
+
+
+def _drop(whole: float, sparse: float, share: float) -> str:
+    return "" if share == 1.0 else f"{100 * iou_drop(whole, sparse):.1f} %"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> TextTable:
+    return TextTable(tuple(tuple(row) for row in rows))

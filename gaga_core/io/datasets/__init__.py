@@ -1,0 +1,1 @@
+"""Benchmark data sets as they lie on disk: one reader a layout, one description for all."""

@@ -1,0 +1,73 @@
+"""Mip-NeRF 360 (Barron et al., CVPR 2022) and any scene with a COLMAP model.
+
+``<scene>/{images[_2|_4|_8], sparse/0}``; every 8th photo by name is a test view unless split.json
+says otherwise. Photos wider than 1600 pixels are used in a smaller folder, if there is one, as the
+3DGS trainer shrinks them. There are no true maps, except where ``gt/instance`` holds some (the
+layout of our own scenes).
+"""
+
+from functools import partial
+from pathlib import Path
+
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.io.datasets.base import (
+    DatasetScene,
+    Layout,
+    Views,
+    photos_of,
+    picture_size,
+    scene_of,
+)
+from gaga_core.io.masks import read_labels
+from gaga_core.io.scene_folder import open_scene_folder
+
+WIDEST = 1600  # pixels
+_FOLDERS = ("images", "images_2", "images_4", "images_8")
+
+
+def read_mipnerf360(root: Path, model: Path | None = None) -> DatasetScene:
+    """A scene with a COLMAP model; its true maps, if any, lie in gt/instance."""
+    folder = open_scene_folder(root, model)
+    if not folder.cameras:
+        raise GagaError(f"{root} has no COLMAP model in sparse/0. Copy it there.")
+    photos, size = _photos(root)
+    if not photos:
+        raise GagaError(f"{root} has no photos in images/. Copy them there.")
+    cameras = [_at_size(camera, size) for camera in folder.cameras]
+    stems = {Path(camera.name).stem: camera.name for camera in cameras}
+    found = {stems[path.stem]: path for path in photos.values() if path.stem in stems}
+    maps = photos_of(root / "gt" / "instance").values()
+    truth = {stems[path.stem]: partial(read_labels, path) for path in maps if path.stem in stems}
+    views = Views(cameras, found, folder.train, folder.test)
+    return scene_of(root, folder.model_path, "COLMAP", views, truth=truth)
+
+
+def _photos(root: Path) -> tuple[dict[str, Path], tuple[int, int]]:
+    """The widest photos that are not too wide, and their size; else the smallest there are."""
+    found: dict[str, Path] = {}
+    size = (0, 0)
+    for name in _FOLDERS:
+        photos = photos_of(root / name)
+        if photos:
+            found, size = photos, picture_size(next(iter(photos.values())))
+            if size[0] <= WIDEST:
+                break
+    return found, size
+
+
+def _at_size(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The camera at the size of the photos used; one of another shape stays as it is."""
+    width, height = size
+    same_shape = abs(camera.width * height - camera.height * width) <= camera.width + camera.height
+    return camera.resized(width, height) if same_shape else camera
+
+
+LAYOUTS = (
+    Layout(
+        "COLMAP",
+        "<scene>/images and sparse/0",
+        lambda root: (root / "sparse").is_dir() and (root / "images").is_dir(),
+        read_mipnerf360,
+    ),
+)

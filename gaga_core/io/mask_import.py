@@ -1,0 +1,226 @@
+"""Masks of other programs, in whatever form: recognised, and read one view at a time.
+
+A view's entry is a label map, or a list of masks that may overlap and may have scores. Nothing is
+ever unpickled. `mask_import_json` reads the JSON forms.
+"""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, BoolArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.io.arrays_file import read_array, read_arrays
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.images import IMAGE_SUFFIXES, open_image
+from gaga_core.io.mask_import_base import SCORE_KEYS, MaskList, MaskSource, ViewMasks
+from gaga_core.io.mask_import_json import recognise_json, recognise_json_folder
+from gaga_core.io.masks import list_label_files, read_labels
+
+MOST_COLORS = 4096  # a picture with more is a photo or an overlay, no label map
+_ARRAY_SUFFIXES = (".npz", ".npy")
+_LOSSY = (".jpg", ".jpeg")
+_LABEL_KEYS = ("labels", "label", "ins_2d_label_id", "instance", "mask", "seg", "arr_0")
+_MASK_KEYS = ("masks", "segmentation", "segmentations", "pred_masks", "mask", "arr_0")
+
+
+def recognise(source: Path) -> MaskSource:
+    """What the file or folder ``source`` holds; of the contents only a sample is read.
+
+    Known: label maps (8- and 16-bit, palette, RGB-coded; Gaga's raw_<method>_mask and
+    <method>_mask, Gaussian Grouping's object_mask, EntitySeg), lists of SAM's generator (JSON, npz,
+    npy), COCO and SA-1B JSON, one folder of binary masks a picture (with SAM's metadata.csv).
+    Raises ``GagaError`` with one sentence when it is none of these.
+    """
+    source = Path(source)
+    if source.is_file():
+        suffix = source.suffix.lower()
+        if suffix == ".json":
+            return recognise_json(source)
+        if suffix in _ARRAY_SUFFIXES:
+            return _arrays([source], source)
+        if suffix in IMAGE_SUFFIXES:
+            return _label_maps([source], source)
+        raise GagaError(f"{source.name} holds no masks: choose a .png, .npz, .npy or .json file.")
+    if not source.is_dir():
+        raise GagaError(f"{source} does not exist. Check the path.")
+    files = [p for p in sorted(source.iterdir()) if p.is_file() and p.name[0] != "."]
+    pictures = list_label_files(source)
+    jsons = [p for p in files if p.suffix.lower() == ".json" and p.name not in _NOT_MASKS]
+    arrays = [p for p in files if p.suffix.lower() in _ARRAY_SUFFIXES]
+    if pictures and len(pictures) >= max(len(jsons), len(arrays)):
+        return _label_maps(pictures, source)
+    if jsons and len(jsons) >= len(arrays):
+        return recognise_json_folder(jsons, source)
+    if arrays:
+        return _arrays(arrays, source)
+    return _inside(source)
+
+
+_NOT_MASKS = ("info.json", "import.json", "split.json", "transforms.json", "cameras.json")
+
+
+def _inside(source: Path) -> MaskSource:
+    """A folder of folders: one of binary masks a picture, or a scene that holds known ones."""
+    folders = [p for p in sorted(source.iterdir()) if p.is_dir() and p.name[0] != "."]
+    known = [p for p in folders if _method_of(p.name) or p.name == "object_mask"]
+    raw = [p for p in known if p.name.startswith("raw_")]
+    for choice in (raw, known):
+        if len(choice) == 1:
+            return recognise(choice[0])
+    if known:
+        names = ", ".join(p.name for p in known)
+        raise GagaError(f"{source} holds several folders of masks: {names}. Choose one of them.")
+    filled = [p for p in folders if _mask_files(p)]
+    if filled and len(np.unique(read_labels(_mask_files(filled[0])[0]))) > 2:
+        names = ", ".join(p.name for p in filled[:5])
+        raise GagaError(f"{source} holds folders of pictures: {names}. Choose one of them.")
+    if filled:
+        return _mask_folders(filled, source)
+    raise GagaError(
+        f"{source} holds no masks: choose a folder of label maps (.png), of lists (.json, .npz, "
+        ".npy), or of one folder of masks a picture."
+    )
+
+
+def _method_of(name: str) -> str:
+    """The segmenter in the name of a mask folder of Gaga (raw_sam_mask, sam_mask); else ""."""
+    method = name.removeprefix("raw_").removesuffix("_mask")
+    return method if name.endswith("_mask") and name != "object_mask" else ""
+
+
+def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
+    exact = [p for p in files if p.suffix.lower() not in _LOSSY]
+    if not exact:
+        raise GagaError(
+            f"{files[0].name} is a JPEG, which blurs ids at every edge. Save label maps as PNG."
+        )
+    files = exact  # a JPEG beside them is a preview
+    _check_labels(files[0])
+    kind, n = _bits(files[0]), f"{len(files)} label maps" if len(files) > 1 else "a label map"
+    folder = source if source.is_dir() else source.parent
+    method = _method_of(folder.name)
+    name, origin = "imported", ""
+    if folder.name == "object_mask":
+        name, origin = "object_mask", " of Gaussian Grouping, ids already tracked from view to view"
+    elif method and folder.name.startswith("raw_"):
+        name, origin = method, f" of Gaga's {method} masks, not associated yet"
+    elif method and (folder / "info.json").is_file():
+        name, origin = folder.name, f" of Gaga, {method} masks that it has associated already"
+    elif method or "entity" in folder.name.lower() or "cropformer" in folder.name.lower():
+        name = method or "entityseg"
+        origin = f" of {method or 'EntitySeg'}"
+    views = {path.stem: partial(_read_checked, path) for path in files}
+    return MaskSource("label maps", f"{n}{origin} ({kind}) in {folder.name}.", views, name)
+
+
+def _bits(path: Path) -> str:
+    mode = open_image(path).mode
+    known = {"L": "8-bit gray", "P": "palette", "1": "one bit", "I;16": "16-bit gray"}
+    return known.get(mode, "16-bit gray" if mode.startswith("I") else "RGB-coded")
+
+
+def _check_labels(path: Path) -> None:
+    """``GagaError`` when a picture is no label map but a photo or an overlay."""
+    image = open_image(path)
+    if image.mode in ("RGB", "RGBA") and image.getcolors(MOST_COLORS) is None:
+        raise GagaError(
+            f"{path.name} has more than {MOST_COLORS} colors: it is a photo or an overlay, not a "
+            "label map. Choose the folder of the label maps."
+        )
+
+
+def _read_checked(path: Path) -> IntArray:
+    _check_labels(path)
+    return read_labels(path)
+
+
+def _arrays(files: Iterable[Path], source: Path) -> MaskSource:
+    """Lists of masks, or label maps, as numpy saves them."""
+    files = list(files)
+    sample = _read_array_file(files[0])
+    what = "label maps" if isinstance(sample, np.ndarray) else "lists of masks"
+    views = {path.stem: partial(_read_array_file, path) for path in files}
+    said = f"{len(files)} numpy files with {what} in {source.name}."
+    return MaskSource("numpy", said, views)
+
+
+def _read_array_file(path: Path) -> ViewMasks:
+    """Label map or masks of a .npy or .npz; ``GagaError`` when it holds Python objects."""
+    cure = "Save masks as plain arrays: np.savez(file, masks=masks, scores=scores)."
+    if path.suffix.lower() == ".npy":
+        arrays = {"arr_0": read_array(path, cure)}
+    else:
+        arrays = read_arrays(path, cure)
+    for key in _MASK_KEYS:
+        if key in arrays and arrays[key].ndim in (3, 4):
+            return _mask_stack(path, arrays[key], arrays)
+    for key in _LABEL_KEYS:
+        if key in arrays and arrays[key].ndim == 2 and arrays[key].dtype.kind in "iub":
+            return np.maximum(arrays[key].astype(np.int64), 0).astype(np.int32)
+    found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
+    raise GagaError(f"{path.name} holds no masks (M, H, W) and no label map (H, W), but {found}.")
+
+
+def _mask_stack(path: Path, stack: AnyArray, arrays: Mapping[str, AnyArray]) -> MaskList:
+    if stack.ndim == 4 and stack.shape[1] == 1:
+        stack = stack[:, 0]
+    if stack.ndim != 3 or stack.dtype.kind not in "biuf":
+        raise GagaError(f"{path.name}: masks must be (M, H, W), these are {stack.shape}.")
+    scores = np.ones(len(stack))
+    for key in SCORE_KEYS:
+        if key in arrays:
+            scores = np.asarray(arrays[key], np.float64).reshape(-1)
+    if len(scores) != len(stack):
+        raise GagaError(f"{path.name} has {len(stack)} masks but {len(scores)} scores.")
+    return MaskList(
+        height=stack.shape[1],
+        width=stack.shape[2],
+        masks=(np.ascontiguousarray(mask > 0) for mask in stack),
+        scores=tuple(scores.tolist()),
+    )
+
+
+def _mask_files(folder: Path) -> tuple[Path, ...]:
+    return tuple(p for p in list_label_files(folder) if p.suffix.lower() not in _LOSSY)
+
+
+def _mask_folders(folders: Iterable[Path], source: Path) -> MaskSource:
+    folders = list(folders)
+    scored = sum((folder / "metadata.csv").is_file() for folder in folders)
+    with_scores = " with SAM's metadata.csv" if scored else ""
+    said = f"{len(folders)} folders of one binary mask a file{with_scores} in {source.name}."
+    views = {folder.name: partial(_read_mask_folder, folder) for folder in folders}
+    return MaskSource("mask folders", said, views)
+
+
+def _read_mask_folder(folder: Path) -> MaskList:
+    files = _mask_files(folder)
+    scores = _metadata(folder / "metadata.csv")
+    width, height = open_image(files[0]).size
+
+    def masks() -> Iterable[BoolArray]:
+        for path in files:
+            labels = read_labels(path)
+            if labels.shape != (height, width):
+                raise GagaError(f"{path} has another size than {files[0].name}. Make both again.")
+            yield labels > 0
+
+    found = tuple(scores.get(path.stem, 1.0) for path in files)
+    return MaskList(height, width, masks(), found)
+
+
+def _metadata(path: Path) -> dict[str, float]:
+    """Scores by mask of the table that SAM's command writes beside its masks."""
+    if not path.is_file():
+        return {}
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return {row["id"]: float(row["predicted_iou"]) for row in csv.DictReader(file)}
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
+        raise GagaError(f"{path} is damaged. Copy it again, or remove it.") from error
