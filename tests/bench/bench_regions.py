@@ -1,0 +1,142 @@
+"""Weights-free masks: how well they cover true objects, what a photo costs, what groups they make.
+
+The demo scene is made here; ycb_table is read where it lies (GAGA_TEST_DATA) and left out where it
+does not. Depth is rendered from the scene's splats. Best IoU: of each true object of each photo
+with the region that covers it best, meaned over all.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.demo import make_demo_stage
+from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.io.images import read_rgb
+from gaga_core.io.masks import read_labels
+from gaga_core.io.ply import read_ply_stage
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.masks import MaskSet
+from gaga_core.pipeline import select_views, splat_groups
+from gaga_core.progress import run_stage
+from gaga_core.providers.regions import regions
+from gaga_core.raster import choose
+from tests.bench.figures import Figure, cpu_median
+
+_STEP = 4  # every fourth photo
+_BARS = {"ycb_table": {"color": ">= 0.62", "depth": ">= 0.70"}}
+
+
+@dataclass(frozen=True, eq=False)
+class _Photo:
+    image: UInt8Array  # (H, W, 3)
+    depth: FloatArray  # (H, W)
+    truth: IntArray  # (H, W)
+
+
+def figures() -> list[Figure]:
+    """Cover, cost and groups of each scene that is there."""
+    found: list[Figure] = []
+    for name, folder in _scenes():
+        gaussians = _model(folder)
+        photos = [_photo(folder, gaussians, camera.name) for camera in folder.cameras[::_STEP]]
+        found += _covers(name, photos)
+        found += _costs(name, photos[0])
+        for kind in ("color", "depth"):
+            score = _groups(folder, gaussians, with_depth=kind == "depth")
+            title = f"regions: {name}, {kind}, robust groups"
+            found.append(Figure(f"{title}, IoU", score.iou, ""))
+            found.append(Figure(f"{title}, precision", score.precision, ""))
+            found.append(Figure(f"{title}, recall", score.recall, ""))
+    return found
+
+
+def _scenes() -> Iterator[tuple[str, SceneFolder]]:
+    with tempfile.TemporaryDirectory() as scratch:
+        yield "demo", open_scene_folder(run_stage(make_demo_stage(Path(scratch) / "demo")))
+    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
+    real = Path(os.environ.get("GAGA_TEST_DATA", shared)) / "ycb_table"
+    if real.is_dir():
+        yield "ycb_table", open_scene_folder(real)
+
+
+def _model(folder: SceneFolder) -> Gaussians:
+    assert folder.model_path is not None
+    return run_stage(read_ply_stage(folder.model_path))
+
+
+def _photo(folder: SceneFolder, gaussians: Gaussians, name: str) -> _Photo:
+    camera = next(camera for camera in folder.cameras if camera.name == name)
+    nothing = np.zeros((len(gaussians), 1), np.float32)
+    depth = choose("cpu").render(gaussians, camera, channels=nothing).median_depth
+    truth = read_labels(folder.root / "gt" / "instance" / f"{Path(name).stem}.png")
+    return _Photo(read_rgb(folder.require_image(name)), depth, truth)
+
+
+def _covers(scene: str, photos: list[_Photo]) -> list[Figure]:
+    found = []
+    for kind in ("color", "depth"):
+        best = []
+        for photo in photos:
+            labels = regions(photo.image, photo.depth if kind == "depth" else None)
+            best += _best_ious(photo.truth, labels)
+        bar = _BARS.get(scene, {}).get(kind, "")
+        found.append(Figure(f"regions: {scene}, {kind}, best IoU", float(np.mean(best)), "", bar))
+    return found
+
+
+def _best_ious(truth: IntArray, labels: IntArray) -> list[float]:
+    """Best IoU of every true id > 0 of the picture."""
+    n = int(labels.max()) + 1
+    pairs = truth.astype(np.int64) * n + labels
+    joint = np.bincount(pairs.ravel(), minlength=(int(truth.max()) + 1) * n).reshape(-1, n)
+    true_area, area = joint.sum(axis=1), joint.sum(axis=0)
+    best = (joint / np.maximum(true_area[:, None] + area - joint, 1)).max(axis=1)
+    return [float(best[k]) for k in np.flatnonzero(true_area) if k > 0]
+
+
+def _costs(scene: str, photo: _Photo) -> list[Figure]:
+    """Against a plain segmentation of the same picture at the same size."""
+    from skimage.segmentation import felzenszwalb
+
+    small = _shrunk(photo.image)
+    plain = cpu_median(lambda: felzenszwalb(small, scale=300))
+    color = cpu_median(lambda: regions(photo.image))
+    depth = cpu_median(lambda: regions(photo.image, photo.depth))
+    return [
+        Figure(f"regions: {scene}, a photo, color", color, "CPU-ms", "<= 1000"),
+        Figure(f"regions: {scene}, a photo, depth", depth, "CPU-ms", "<= 1000"),
+        Figure(f"regions: {scene}, a photo with depth to felzenszwalb", depth / plain, "x"),
+    ]
+
+
+def _shrunk(image: UInt8Array) -> UInt8Array:
+    """The photo at the 480 pixels width at which regions are made."""
+    from PIL import Image
+
+    height, width = image.shape[:2]
+    return np.array(Image.fromarray(image).resize((480, round(480 * height / width))))
+
+
+def _groups(folder: SceneFolder, gaussians: Gaussians, *, with_depth: bool) -> Score:
+    """Held-out views after associating the regions of the others, void left out."""
+    engine, train = choose("cpu"), select_views(folder, "train")
+    maps = {}
+    for camera in train:
+        photo = _photo(folder, gaussians, camera.name)
+        maps[camera.name] = regions(photo.image, photo.depth if with_depth else None)
+    masks = MaskSet({name: partial(maps.__getitem__, name) for name in maps}, "regions")
+    config = AssociateConfig.of("robust")
+    found = run_stage(associate_stage(gaussians, train, masks, engine, config))
+    pairs = []
+    for camera in select_views(folder, "test"):
+        truth = read_labels(folder.root / "gt" / "instance" / f"{Path(camera.name).stem}.png")
+        pairs.append((truth, splat_groups(engine, gaussians, camera, found.labels)))
+    return score_pairs(pairs)[1]
