@@ -124,6 +124,17 @@ class Session:
         """Open the demo scene; the first time it is made."""
         self._when_saved("before the demo is opened", lambda: self._start_opening(None))
 
+    def recover(self, folder: Path, home: Path | None, then: Callable[[], None]) -> None:
+        """Open an autosaved project as unsaved edits of the one saved at ``home``, if any."""
+
+        def opened(project: Project) -> None:
+            project.path = home
+            self._take(project)
+            self.need().changes.saved(-1)  # nothing of it is on disk
+            then()
+
+        self.jobs.start("Recover", open_path_stage(folder), on_done=opened)
+
     def close(self) -> None:
         """Close the scene, after asking about unsaved edits."""
         self._when_saved("before it is closed", self._forget)
@@ -175,15 +186,20 @@ class Session:
         stage = open_path_stage(path) if path else tasks.open_demo_stage(paths.demo_scene())
 
         def opened(project: Project) -> None:
-            found = tasks.masks_of(project)
-            self._forget()
-            self.document, (self.provider, self.masks) = Document(project), found
-            self.rig.frame_scene(*splat_box(project.scene), self.cameras)
-            self.active_view = 0 if self.cameras else None
+            self._take(project)
             if path is not None:
                 self.change_settings(self.settings.opened(path))
+            self.jobs.start_quiet("Prepare kernels", tasks.kernels_stage())
 
         self.jobs.start(title, stage, on_done=opened)
+
+    def _take(self, project: Project) -> None:
+        """Show ``project`` in place of what is open."""
+        found = tasks.masks_of(project)
+        self._forget()
+        self.document, (self.provider, self.masks) = Document(project), found
+        self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+        self.active_view = 0 if self.cameras else None
 
     def _forget(self) -> None:
         self.document = self.live = self.active_view = None

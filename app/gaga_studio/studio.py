@@ -8,7 +8,7 @@ import moderngl
 from imgui_bundle import imgui
 
 from gaga_core.camera import Camera
-from gaga_studio import cleaning, paths, window
+from gaga_studio import cleaning, paths, recovery, window
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
@@ -59,6 +59,7 @@ class Studio:
         self._ctx: moderngl.Context | None = None
         self._first: tuple[Path | None, bool] = (path, demo)
         self._pacing = Pacing()
+        self._autosave = recovery.Autosave()
         self._backend = ""
         self._document: object = None
         self.never_idle = False  # tests want every frame at once
@@ -112,6 +113,7 @@ class Studio:
         self.images = ImageStore(self._ctx)
         self.session.images = self.images
         path, demo = self._first
+        recovery.offer(self.session)
         if path is not None:
             self.session.open(path)
         elif demo:
@@ -120,6 +122,7 @@ class Studio:
     def _ending(self) -> None:
         """Give back every OpenGL object while the context is still there."""
         self.session.shut_down()
+        self._autosave.finish()
         self.session.images = None
         if self.images is not None:
             self.images.release()
@@ -131,6 +134,7 @@ class Studio:
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
+        self._autosave.tick(self.session)
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget()
