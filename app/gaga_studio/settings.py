@@ -22,6 +22,8 @@ class Settings:
     ui_scale: float = 1.0  # times what the screen asks for
     font_size: float = field(default=15.0)  # pixels at 96 dpi
     invert_zoom: bool = False
+    theme: str = "dark"  # or "light"
+    keys: str = "supersplat"  # or "blender": the profile of shortcuts
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
 
     def opened(self, path: Path) -> "Settings":

@@ -131,6 +131,7 @@ class Studio:
         self.viewport = self.images = None
 
     def _before_frame(self) -> None:
+        theme.use(self.session.settings.theme)
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)

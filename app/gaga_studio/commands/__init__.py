@@ -3,18 +3,31 @@
 A file each for the menus; a new command is one entry there.
 """
 
+from collections.abc import Mapping
+
 from gaga_studio.commands.base import Command
 from gaga_studio.commands.edit import EDIT_COMMANDS
 from gaga_studio.commands.file import FILE_COMMANDS
 from gaga_studio.commands.help import HELP_COMMANDS
 from gaga_studio.commands.objects import OBJECTS_COMMANDS
+from gaga_studio.commands.profiles import BLENDER, Keys
 from gaga_studio.commands.select import SELECT_COMMANDS
 from gaga_studio.commands.tools import TOOLS_COMMANDS
 from gaga_studio.commands.view import VIEW_COMMANDS
 from gaga_studio.input import FLY_KEYS
 from gaga_studio.session import Session
 
-__all__ = ["COMMANDS", "GROUPS", "Command", "command", "for_shortcut", "run"]
+__all__ = [
+    "COMMANDS",
+    "GROUPS",
+    "PROFILES",
+    "Command",
+    "command",
+    "for_shortcut",
+    "keys_of",
+    "run",
+    "shortcut_of",
+]
 
 GROUPS = ("File", "Edit", "Select", "Object", "View", "Tools", "Help")
 COMMANDS: tuple[Command, ...] = (
@@ -27,8 +40,19 @@ COMMANDS: tuple[Command, ...] = (
     *HELP_COMMANDS,
 )
 _BY_ID = {command.id: command for command in COMMANDS}
-_BY_SHORTCUT = {
-    keys: command for command in COMMANDS for keys in (command.shortcut, *command.aliases) if keys
+
+
+def _own_keys(chosen: Command) -> Keys:
+    return tuple(keys for keys in (chosen.shortcut, *chosen.aliases) if keys)
+
+
+PROFILES: Mapping[str, Mapping[str, Keys]] = {
+    "supersplat": {c.id: _own_keys(c) for c in COMMANDS},
+    "blender": {c.id: BLENDER.get(c.id, _own_keys(c)) for c in COMMANDS},
+}
+_BY_KEYS = {
+    profile: {keys: _BY_ID[id_] for id_, listed in table.items() for keys in listed}
+    for profile, table in PROFILES.items()
 }
 
 
@@ -39,12 +63,29 @@ def command(command_id: str) -> Command:
 
 def for_shortcut(keys: str, session: Session) -> Command | None:
     """The command of a shortcut. While flying, the fly keys are the camera's, Shift or not."""
+    profile = _profile(session)
     letters = keys.removeprefix("Shift+").removeprefix("Alt+")
     if session.rig.is_flying and letters in FLY_KEYS:
         return None
     if keys == "Backspace" and session.view.outline is not None:
         return _BY_ID["tool.remove_corner"]
-    return _BY_SHORTCUT.get(keys)
+    return _BY_KEYS[profile].get(keys)
+
+
+def keys_of(chosen: Command, session: Session) -> Keys:
+    """Every shortcut of a command in the profile that the user chose."""
+    return PROFILES[_profile(session)][chosen.id]
+
+
+def shortcut_of(chosen: Command, session: Session) -> str:
+    """The shortcut that is shown for a command; "" when it has none."""
+    keys = keys_of(chosen, session)
+    return keys[0] if keys else ""
+
+
+def _profile(session: Session) -> str:
+    wanted = session.settings.keys
+    return wanted if wanted in PROFILES else "supersplat"
 
 
 def run(command_id: str, session: Session) -> bool:

@@ -78,7 +78,7 @@ def command_button(
         face or Face(icon=ICONS.get(command_id, "")),
         why_not=why_not,
         hint=command.title_now(session),
-        shortcut=command.shortcut,
+        shortcut=commands.shortcut_of(command, session),
     )
     if clicked:
         commands.run(command_id, session)
@@ -93,7 +93,7 @@ def command_icon(session: Session, command_id: str) -> None:
         hint=command.title_now(session),
         why_not=command.enabled(session),
         on=command.is_on is not None and command.is_on(session),
-        shortcut=command.shortcut,
+        shortcut=commands.shortcut_of(command, session),
     )
     if clicked:
         commands.run(command_id, session)
@@ -106,7 +106,8 @@ def command_item(session: Session, command_id: str) -> None:
     icon = ICONS.get(command_id, icons.BLANK)
     label = f"{icon}  {command.title_now(session)}###{command.title}"
     is_on = command.is_on is not None and command.is_on(session)
-    if imgui.menu_item(label, command.shortcut, is_on, not why_not)[0]:
+    keys = commands.shortcut_of(command, session)
+    if imgui.menu_item(label, keys, is_on, not why_not)[0]:
         commands.run(command_id, session)
     widgets.tooltip(why_not)
 

@@ -22,6 +22,8 @@ MOUSE = (
     ("Wheel", "Zoom"),
     ("W A S D, Q, E", "Fly; Shift fast, Alt slow"),
 )
+_THEMES = (("dark", "Dark"), ("light", "Light"))
+_PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
 _MODAL = (
     imgui.WindowFlags_.no_resize
     | imgui.WindowFlags_.no_saved_settings
@@ -41,7 +43,7 @@ def draw(session: Session, ui: UiState) -> None:
         ui.open_popup = ""
         ui.palette_text, ui.palette_at = "", 0
     _palette(session, ui)
-    _shortcuts()
+    _shortcuts(session)
     _preferences(session)
     _about()
     _question(session)
@@ -161,7 +163,7 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
     widgets.tooltip(why_not)
     if is_current and moved:
         imgui.set_scroll_here_y()
-    right = command.shortcut or command.group
+    right = commands.shortcut_of(command, session) or command.group
     imgui.same_line(room - imgui.calc_text_size(right).x)
     with theme.text_color(theme.FAINT):
         imgui.text_unformatted(right)
@@ -180,7 +182,7 @@ def _searched(command: Command) -> str:
     return f"{command.group} {command.title} {command.id}".casefold()
 
 
-def _shortcuts() -> None:
+def _shortcuts(session: Session) -> None:
     if not _begin_modal("Keys and mouse", em(50)):
         return
     columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
@@ -192,16 +194,16 @@ def _shortcuts() -> None:
         for position, group in enumerate(GROUPS):
             if position == 3 and columns == 2:
                 imgui.table_next_column()
-            rows = [(_keys(c), c.title.rstrip("…")) for c in COMMANDS if c.group == group]
+            rows = [
+                (", ".join(commands.keys_of(c, session)), c.title.rstrip("…"))
+                for c in COMMANDS
+                if c.group == group
+            ]
             _sheet(group, [(keys, title) for keys, title in rows if keys])
         imgui.end_table()
     imgui.end_child()
     _close_row()
     imgui.end_popup()
-
-
-def _keys(command: Command) -> str:
-    return ", ".join(keys for keys in (command.shortcut, *command.aliases) if keys)
 
 
 def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]]") -> None:
@@ -230,6 +232,11 @@ def _preferences(session: Session) -> None:
     changed, speed = imgui.slider_float("Fly speed", settings.fly_speed, 0.1, 5.0, "%.1f×")
     if changed:
         settings = replace(settings, fly_speed=speed)
+    settings = replace(
+        settings,
+        theme=_choice("Theme", _THEMES, settings.theme),
+        keys=_choice("Keys as in", _PROFILES, settings.keys),
+    )
     changed, inverted = imgui.checkbox("The wheel zooms the other way", settings.invert_zoom)
     if changed:
         settings = replace(settings, invert_zoom=inverted)
@@ -238,6 +245,14 @@ def _preferences(session: Session) -> None:
         session.change_settings(settings)
     _close_row()
     imgui.end_popup()
+
+
+def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> str:
+    """A drop-down of (value, text)."""
+    names = [value for value, _ in choices]
+    at = names.index(current) if current in names else 0
+    changed, at = imgui.combo(label, at, [text for _, text in choices])
+    return names[at] if changed else current
 
 
 def _about() -> None:

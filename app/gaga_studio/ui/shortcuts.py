@@ -45,9 +45,9 @@ def all_keys() -> dict[str, imgui.Key]:
     """Every key that some command's shortcut ends with, by its name."""
     names = {
         keys.rpartition("+")[2]
-        for command in commands.COMMANDS
-        for keys in (command.shortcut, *command.aliases)
-        if keys
+        for profile in commands.PROFILES.values()
+        for listed in profile.values()
+        for keys in listed
     }
     return {name: key_of(name) for name in names}
 

@@ -1,4 +1,4 @@
-"""Colors, spacing and fonts: dark, neutral, one accent; the splats are the color in the picture.
+"""Colors, spacing and fonts: neutral, one accent; the splats are the color in the picture.
 
 Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
 """
@@ -15,27 +15,41 @@ BASE_SIZE = 15.0  # pixels of a line of text at 96 dpi
 Rgba = tuple[float, float, float, float]
 
 
-def _hex(code: str, alpha: float = 1.0) -> ImVec4:
-    red, green, blue = (int(code[i : i + 2], 16) / 255 for i in (0, 2, 4))
-    return ImVec4(red, green, blue, alpha)
+_BOTH: list[tuple[ImVec4, Rgba, Rgba]] = []  # every color with its dark and its light value
 
 
-ACCENT = _hex("5B9DF5")
-ACCENT_STRONG = _hex("3F7FD8")
-ACCENT_SOFT = _hex("5B9DF5", 0.28)
-TEXT = _hex("DFE1E6")
-DIM = _hex("9DA2AC")
-FAINT = _hex("6C717B")
-GOOD = _hex("6BBF8A")
-WARN = _hex("E3B34F")
-BAD = _hex("EA7068")
-PANEL = _hex("212328")
-BACK = _hex("1A1B1F")
-RAISED = _hex("2C2F36")
-HOT = _hex("343842")
-LINE = _hex("33363D")
-LINE_STRONG = _hex("474B54")
-POPUP = _hex("26282E", 0.99)
+def _both(dark: str, light: str, alpha: float = 1.0) -> ImVec4:
+    """A color of both themes; it changes in place, so that nobody holds an old one."""
+    values = [
+        (int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255, alpha)
+        for code in (dark, light)
+    ]
+    color = ImVec4(*values[0])
+    _BOTH.append((color, values[0], values[1]))
+    return color
+
+
+ACCENT = _both("5B9DF5", "2F74D0")
+ACCENT_STRONG = _both("3F7FD8", "2F74D0")
+ACCENT_SOFT = _both("5B9DF5", "2F74D0", 0.28)
+TEXT = _both("DFE1E6", "1E2126")
+DIM = _both("9DA2AC", "5A606B")
+FAINT = _both("6C717B", "858B96")
+GOOD = _both("6BBF8A", "23804A")
+WARN = _both("E3B34F", "9A6A00")
+BAD = _both("EA7068", "C03A32")
+PANEL = _both("212328", "F4F5F7")
+BACK = _both("1A1B1F", "E6E8EC")
+RAISED = _both("2C2F36", "FFFFFF")
+HOT = _both("343842", "E1E5EC")
+LINE = _both("33363D", "D5D8DE")
+LINE_STRONG = _both("474B54", "B4B9C2")
+HOVER = _both("FFFFFF", "000000", 0.10)
+PRESSED = _both("FFFFFF", "000000", 0.16)
+CLEAR = _both("000000", "000000", 0.0)
+ON_ACCENT = _both("FFFFFF", "FFFFFF")  # text on the accent
+CHOSEN = _both("FFFFFF", "123A70")  # text of what is switched on
+POPUP = _both("26282E", "FBFBFC", 0.99)
 
 _COLORS = {
     "text": TEXT,
@@ -43,70 +57,71 @@ _COLORS = {
     "text_selected_bg": ACCENT_SOFT,
     "text_link": ACCENT,
     "window_bg": PANEL,
-    "child_bg": _hex("212328", 0.0),
+    "child_bg": _both("212328", "F4F5F7", 0.0),
     "popup_bg": POPUP,
-    "modal_window_dim_bg": _hex("0C0D0F", 0.6),
+    "modal_window_dim_bg": _both("0C0D0F", "40444C", 0.6),
     "menu_bar_bg": BACK,
     "border": LINE,
-    "border_shadow": _hex("000000", 0.0),
-    "frame_bg": _hex("2C2F36"),
-    "frame_bg_hovered": _hex("353941"),
-    "frame_bg_active": _hex("3D424C"),
+    "border_shadow": _both("000000", "000000", 0.0),
+    "frame_bg": _both("2C2F36", "FFFFFF"),
+    "frame_bg_hovered": _both("353941", "E9EDF4"),
+    "frame_bg_active": _both("3D424C", "DCE3EE"),
     "title_bg": BACK,
     "title_bg_active": BACK,
     "title_bg_collapsed": BACK,
     "tab": BACK,
-    "tab_hovered": _hex("353941"),
+    "tab_hovered": _both("353941", "E9EDF4"),
     "tab_selected": PANEL,
-    "tab_selected_overline": _hex("5B9DF5", 0.0),
+    "tab_selected_overline": _both("5B9DF5", "2F74D0", 0.0),
     "tab_dimmed": BACK,
     "tab_dimmed_selected": PANEL,
-    "tab_dimmed_selected_overline": _hex("5B9DF5", 0.0),
-    "docking_preview": _hex("5B9DF5", 0.5),
+    "tab_dimmed_selected_overline": _both("5B9DF5", "2F74D0", 0.0),
+    "docking_preview": _both("5B9DF5", "2F74D0", 0.5),
     "docking_empty_bg": BACK,
-    "button": _hex("2F333B"),
-    "button_hovered": _hex("3A3F49"),
-    "button_active": _hex("454B57"),
-    "header": _hex("5B9DF5", 0.26),
-    "header_hovered": _hex("FFFFFF", 0.07),
-    "header_active": _hex("5B9DF5", 0.38),
+    "button": _both("2F333B", "FFFFFF"),
+    "button_hovered": _both("3A3F49", "EDF1F7"),
+    "button_active": _both("454B57", "DEE5F0"),
+    "header": _both("5B9DF5", "2F74D0", 0.26),
+    "header_hovered": _both("FFFFFF", "000000", 0.07),
+    "header_active": _both("5B9DF5", "2F74D0", 0.38),
     "check_mark": ACCENT,
-    "slider_grab": _hex("7C828E"),
+    "slider_grab": _both("7C828E", "8A919D"),
     "slider_grab_active": ACCENT,
     "separator": LINE,
-    "separator_hovered": _hex("5B9DF5", 0.6),
+    "separator_hovered": _both("5B9DF5", "2F74D0", 0.6),
     "separator_active": ACCENT,
-    "resize_grip": _hex("000000", 0.0),
-    "resize_grip_hovered": _hex("5B9DF5", 0.4),
+    "resize_grip": _both("000000", "000000", 0.0),
+    "resize_grip_hovered": _both("5B9DF5", "2F74D0", 0.4),
     "resize_grip_active": ACCENT,
-    "scrollbar_bg": _hex("000000", 0.0),
-    "scrollbar_grab": _hex("3D424C"),
-    "scrollbar_grab_hovered": _hex("4B515D"),
-    "scrollbar_grab_active": _hex("5B6270"),
+    "scrollbar_bg": _both("000000", "000000", 0.0),
+    "scrollbar_grab": _both("3D424C", "C3C8D0"),
+    "scrollbar_grab_hovered": _both("4B515D", "A9AFB9"),
+    "scrollbar_grab_active": _both("5B6270", "8F96A2"),
     "plot_histogram": ACCENT,
     "plot_histogram_hovered": ACCENT,
-    "table_header_bg": _hex("26282E"),
+    "table_header_bg": _both("26282E", "FBFBFC"),
     "table_border_strong": LINE,
-    "table_border_light": _hex("2A2D33"),
-    "table_row_bg": _hex("000000", 0.0),
-    "table_row_bg_alt": _hex("FFFFFF", 0.018),
+    "table_border_light": _both("2A2D33", "E0E3E8"),
+    "table_row_bg": _both("000000", "000000", 0.0),
+    "table_row_bg_alt": _both("FFFFFF", "000000", 0.018),
     "drag_drop_target": ACCENT,
     "nav_cursor": ACCENT,
     "input_text_cursor": TEXT,
 }
 
 
-class _Fonts:
-    """The loaded faces; filled once per window by ``load_fonts``."""
+class _Loaded:
+    """The loaded faces, filled once per window by ``load_fonts``, and the theme in use."""
 
     regular: imgui.ImFont | None = None
     strong: imgui.ImFont | None = None
+    theme: str = "dark"
 
 
 def load_fonts() -> None:
     """Load the text font with the icons merged in, and its heavier face for headings."""
-    _Fonts.regular = _load("Inter-Regular.otf")
-    _Fonts.strong = _load("Inter-SemiBold.otf")
+    _Loaded.regular = _load("Inter-Regular.otf")
+    _Loaded.strong = _load("Inter-SemiBold.otf")
 
 
 def _load(name: str) -> imgui.ImFont:
@@ -120,13 +135,29 @@ def _load(name: str) -> imgui.ImFont:
     return font
 
 
-def apply_style() -> None:
-    """Set every color and distance of the window."""
+def use(name: str) -> bool:
+    """Take the theme "dark" or "light"; whether that changed anything. Needs a window."""
+    if _Loaded.theme == name:
+        return False
+    _Loaded.theme = name
+    for color, dark, light in _BOTH:
+        color.x, color.y, color.z, color.w = light if name == "light" else dark
+    _apply_colors()
+    return True
+
+
+def _apply_colors() -> None:
     style = imgui.get_style()
     for name, color in _COLORS.items():
         index = getattr(imgui.Col_, name, None)
         if index is not None:
             style.set_color_(index, color)
+
+
+def apply_style() -> None:
+    """Set every color and distance of the window."""
+    _apply_colors()
+    style = imgui.get_style()
     style.window_padding = ImVec2(10, 9)
     style.frame_padding = ImVec2(8, 4)
     style.cell_padding = ImVec2(3, 3)
@@ -187,7 +218,7 @@ def text_color(color: ImVec4) -> Iterator[None]:
 @contextmanager
 def face(strong: bool = False, scale: float = 1.0) -> Iterator[None]:
     """Another weight or size of the text font inside the block."""
-    imgui.push_font(_Fonts.strong if strong else _Fonts.regular, BASE_SIZE * scale)
+    imgui.push_font(_Loaded.strong if strong else _Loaded.regular, BASE_SIZE * scale)
     try:
         yield
     finally:

@@ -1,7 +1,7 @@
 """The picture of the scene: mouse and keys over it, handles, and what to do while it is empty."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from imgui_bundle import ImVec2, imgui
 
@@ -100,6 +100,8 @@ class ViewportPanel:
             is_over=is_over and not self._on_handle,
         )
         keys = self._key_state()
+        if session.settings.keys == "blender" and not session.rig.is_flying:
+            keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
         self.pointing.update(session, pointer, keys, io.delta_time)
 

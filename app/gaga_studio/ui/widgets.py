@@ -48,7 +48,7 @@ def button(
         imgui.push_style_color(imgui.Col_.button, theme.ACCENT_STRONG)
         imgui.push_style_color(imgui.Col_.button_hovered, theme.ACCENT)
         imgui.push_style_color(imgui.Col_.button_active, theme.ACCENT)
-        imgui.push_style_color(imgui.Col_.text, ImVec4(1, 1, 1, 1))
+        imgui.push_style_color(imgui.Col_.text, theme.ON_ACCENT)
     imgui.begin_disabled(bool(why_not))
     text = face.text or label
     text = f"{face.icon}  {text}" if face.icon else text
@@ -133,11 +133,10 @@ def segmented(
 
 def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
     """Push the four colors of a flat toggle."""
-    clear = ImVec4(0, 0, 0, 0)
-    imgui.push_style_color(imgui.Col_.button, theme.ACCENT_SOFT if on else rest or clear)
-    imgui.push_style_color(imgui.Col_.button_hovered, ImVec4(1, 1, 1, 0.10))
-    imgui.push_style_color(imgui.Col_.button_active, ImVec4(1, 1, 1, 0.16))
-    imgui.push_style_color(imgui.Col_.text, ImVec4(1, 1, 1, 1) if on else theme.TEXT)
+    imgui.push_style_color(imgui.Col_.button, theme.ACCENT_SOFT if on else rest or theme.CLEAR)
+    imgui.push_style_color(imgui.Col_.button_hovered, theme.HOVER)
+    imgui.push_style_color(imgui.Col_.button_active, theme.PRESSED)
+    imgui.push_style_color(imgui.Col_.text, theme.CHOSEN if on else theme.TEXT)
 
 
 def dim(text: str, wrap: bool = False) -> None:
