@@ -134,7 +134,7 @@ class Window:
         bar = hello_imgui.EdgeToolbarOptions()
         bar.size_em = 2.55
         bar.window_padding_em = ImVec2(0.55, 0.4)
-        bar.window_bg = ImVec4(0.105, 0.108, 0.118, 1.0)
+        bar.window_bg = ImVec4(0.0, 0.0, 0.0, 0.0)  # `ui.toolbar` paints it in the theme's color
         callbacks.add_edge_toolbar(hello_imgui.EdgeToolbarType.top, hooks.tool_bar, bar)
 
     def _started(self) -> None:

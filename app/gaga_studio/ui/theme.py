@@ -143,6 +143,8 @@ def use(name: str) -> bool:
     for color, dark, light in _BOTH:
         color.x, color.y, color.z, color.w = light if name == "light" else dark
     _apply_colors()
+    # White fields on a bright ground need a line around them.
+    imgui.get_style().frame_border_size = 1 if name == "light" else 0
     return True
 
 

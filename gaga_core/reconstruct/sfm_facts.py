@@ -1,0 +1,127 @@
+"""What the checks need to know of a model: plain arrays, written by the worker beside pycolmap."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+
+_MATCHES = 100  # verified matches of a pair that are kept, evenly spread
+
+
+def write_facts(
+    path: Path, model: pycolmap.Reconstruction, database: Path, model_sizes: Sequence[int]
+) -> None:
+    """Write the arrays of `measures.SfmFacts` for ``model`` and the matches in ``database``."""
+    images = sorted(model.images.values(), key=lambda image: str(image.name))
+    images = [image for image in images if image.has_pose]
+    points = {int(key): i for i, key in enumerate(model.points3D)}
+    arrays = _model_arrays(model, images)
+    arrays |= _observations(model, images, points)
+    arrays |= _matches(model, images, points, database)
+    arrays["model_sizes"] = np.array(model_sizes, np.int64)
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+
+
+def _model_arrays(
+    model: pycolmap.Reconstruction, images: Sequence[pycolmap.Image]
+) -> dict[str, AnyArray]:
+    used = [model.cameras[image.camera_id] for image in images]
+    points = list(model.points3D.values())
+    focal = [(c.focal_length_x, c.focal_length_y) for c in used]
+    return {
+        "names": np.array([str(image.name) for image in images], np.str_),
+        "poses": np.array(
+            [image.cam_from_world().matrix() for image in images], np.float64
+        ).reshape(-1, 3, 4),
+        "focal": np.array(focal, np.float64).reshape(-1, 2),
+        "sizes": np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
+        "points": np.array([p.xyz for p in points], np.float64).reshape(-1, 3),
+        "track_lengths": np.array([p.track.length() for p in points], np.int64),
+    }
+
+
+def _observations(
+    model: pycolmap.Reconstruction, images: Sequence[pycolmap.Image], points: dict[int, int]
+) -> dict[str, AnyArray]:
+    """Which point is seen in which view, and how far from where it should be."""
+    columns: list[tuple[LongArray, LongArray, DoubleArray]] = []
+    for i, image in enumerate(images):
+        seen = [p for p in image.points2D if p.has_point3D()]
+        if not seen:
+            continue
+        rows = np.array([points[int(p.point3D_id)] for p in seen], np.int64)
+        xyz = np.array([model.points3D[int(p.point3D_id)].xyz for p in seen], np.float64)
+        pose = np.asarray(image.cam_from_world().matrix())
+        in_camera = xyz @ pose[:, :3].T + pose[:, 3]
+        found = np.array([p.xy for p in seen], np.float64)
+        expected = model.cameras[image.camera_id].img_from_cam(in_camera, check_cheirality=False)
+        errors = np.linalg.norm(np.asarray(expected) - found, axis=1)
+        columns.append((rows, np.full(len(rows), i, np.int64), errors))
+    empty: tuple[AnyArray, ...] = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    joined = [np.concatenate(c) for c in zip(*columns, strict=True)] if columns else list(empty)
+    return dict(zip(("seen_points", "seen_views", "seen_errors"), joined, strict=True))
+
+
+def _matches(
+    model: pycolmap.Reconstruction,
+    images: Sequence[pycolmap.Image],
+    points: dict[int, int],
+    database: Path,
+) -> dict[str, AnyArray]:
+    """A sample of the verified matches: their views, viewing rays and points (-1 = none)."""
+    view_of = {int(image.image_id): i for i, image in enumerate(images)}
+    opened = pycolmap.Database.open(database)
+    all_names = sorted(str(image.name) for image in opened.read_all_images())
+    name_of = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    ids = np.array([_pair_of(int(key)) for key in keys], np.int64).reshape(-1, 2)
+    inliers = [np.asarray(geometry.inlier_matches) for geometry in geometries]
+    counts = np.array([len(matches) for matches in inliers], np.int64)
+    place = {name: i for i, name in enumerate(all_names)}
+    rays = [_rays(model, image) for image in images]
+    seen = [_point_rows(image, points) for image in images]
+    rows: list[AnyArray] = []
+    ray_pairs: list[AnyArray] = []
+    for (a, b), matches in zip(ids, inliers, strict=True):
+        if len(matches) == 0 or int(a) not in view_of or int(b) not in view_of:
+            continue
+        chosen = matches[np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)]
+        va, vb = view_of[int(a)], view_of[int(b)]
+        ka, kb = chosen[:, 0], chosen[:, 1]
+        views = np.tile([va, vb], (len(chosen), 1))
+        rows.append(np.c_[views, seen[va][ka], seen[vb][kb]])
+        ray_pairs.append(np.stack([rays[va][ka], rays[vb][kb]], axis=1))
+    names_of_pairs = [[place[name_of[int(i)]] for i in pair] for pair in ids]
+    return {
+        "all_names": np.array(all_names, np.str_),
+        "pairs": np.array(names_of_pairs, np.int64).reshape(-1, 2),
+        "pair_matches": counts,
+        "match_views": np.concatenate(rows)[:, :2] if rows else np.zeros((0, 2), np.int64),
+        "match_points": np.concatenate(rows)[:, 2:] if rows else np.zeros((0, 2), np.int64),
+        "match_rays": np.concatenate(ray_pairs) if rows else np.zeros((0, 2, 3)),
+    }
+
+
+def _pair_of(key: int) -> tuple[int, int]:
+    """Image ids of COLMAP's pair id."""
+    low = key % 2147483647
+    return (key - low) // 2147483647, low
+
+
+def _rays(model: pycolmap.Reconstruction, image: pycolmap.Image) -> DoubleArray:
+    """Unit viewing directions (F, 3), camera frame, of all features of a view."""
+    pixels = np.array([p.xy for p in image.points2D], np.float64).reshape(-1, 2)
+    flat = np.asarray(model.cameras[image.camera_id].cam_from_img(pixels))
+    rays = np.c_[flat, np.ones(len(flat))]
+    result: DoubleArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return result
+
+
+def _point_rows(image: pycolmap.Image, points: dict[int, int]) -> LongArray:
+    return np.array(
+        [points[int(p.point3D_id)] if p.has_point3D() else -1 for p in image.points2D], np.int64
+    )

@@ -1,0 +1,243 @@
+"""``python -m gaga_core.reconstruct.sfm_worker SETTINGS.json``: one step of structure from motion.
+
+Run in a process of its own: pycolmap's C++ may abort, and ending the process is how a step is
+cancelled. Prints one JSON object a line: ``{"done": 3, "total": 11, "message": ".."}`` for
+progress, ``{"failed": ".."}`` for a failure (exit status 1), among the lines of COLMAP's log. All
+state is in the workspace folder, so a step that was ended is simply run again.
+"""
+
+import json
+import os
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+import pycolmap
+
+from gaga_core.reconstruct.sfm_facts import write_facts
+from gaga_core.reconstruct.sfm_pairs import similar_pairs
+
+_PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
+
+
+class CameraGroup(TypedDict):
+    """Photos of one camera: same size, same focal length."""
+
+    names: list[str]
+    width: int
+    height: int
+    focal: float | None  # pixels, from EXIF or the user
+    model: str  # COLMAP's name of the lens model
+
+
+class WorkerSettings(TypedDict):
+    """What the parent writes for the worker."""
+
+    step: str  # features, match, map, undistort
+    workspace: str
+    groups: list[CameraGroup]
+    feature_side: int  # pixels: photos are shrunk to this to look for features
+    n_features: int
+    doubled: bool  # features are looked for at twice the size too
+    pairs: str  # exhaustive, sequential or similar
+    neighbours: int  # of a photo among those that look alike
+    overlap: int  # of a frame in sequential matching
+    threads: int
+    seed: int
+    picture_side: int  # longest side of undistorted pictures
+
+
+def main() -> int:
+    """Run the step that the settings name."""
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    settings: WorkerSettings = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    workspace = Path(settings["workspace"])
+    pycolmap.set_random_seed(settings["seed"])
+    steps = {"features": _features, "match": _match, "map": _map, "undistort": _undistort}
+    try:
+        steps[settings["step"]](settings, workspace)
+    except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OSError) as error:
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        _say({"failed": said[:200]})
+        return 1
+    return 0
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended without ending it."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
+
+
+def _say(values: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(values) + "\n")
+    sys.stdout.flush()
+
+
+def _features(settings: WorkerSettings, workspace: Path) -> None:
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = settings["threads"]
+    options.max_image_size = settings["feature_side"]
+    options.sift.max_num_features = settings["n_features"]
+    options.sift.first_octave = -1 if settings["doubled"] else 0
+    database = workspace / "database.db"
+    for suffix in ("", "-wal", "-shm"):  # what an ended process left may be half-written
+        database.with_name(database.name + suffix).unlink(missing_ok=True)
+    pycolmap.Database.open(database).close()  # makes it
+    readers = []
+    for group in settings["groups"]:
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model = group["model"]
+        if group["focal"] is not None:
+            reader.camera_params = _camera_params(group)
+        readers.append((group["names"], reader))
+    single = pycolmap.CameraMode.SINGLE
+    for names, reader in readers:  # first, so that numbers do not depend on who is ready first
+        pycolmap.import_images(database, workspace / "photos", single, names, reader)
+    for names, reader in readers:
+        pycolmap.extract_features(
+            database,
+            workspace / "photos",
+            image_names=names,
+            camera_mode=single,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+
+
+def _camera_params(group: CameraGroup) -> str:
+    """COLMAP's parameter text of a camera without distortion."""
+    model, focal = group["model"], group["focal"]
+    cx, cy = group["width"] / 2, group["height"] / 2
+    tail = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2}
+    if model in tail:
+        values = [focal, cx, cy, *[0.0] * tail[model]]
+    else:
+        values = [focal, focal, cx, cy, *[0.0] * {"PINHOLE": 0, "OPENCV": 4}[model]]
+    return ",".join(str(value) for value in values)
+
+
+def _match(settings: WorkerSettings, workspace: Path) -> None:
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = settings["threads"]
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = settings["seed"]
+    device = pycolmap.Device.cpu
+    n = sum(len(group["names"]) for group in settings["groups"])
+    database = workspace / "database.db"
+    if settings["pairs"] == "sequential":
+        sequential = pycolmap.SequentialPairingOptions()
+        sequential.overlap = settings["overlap"]
+        pycolmap.match_sequential(database, matching, sequential, verification, device)
+    elif settings["pairs"] == "similar":
+        _write_similar(settings, workspace)
+        listed = pycolmap.ImportedPairingOptions()
+        listed.match_list_path = str(workspace / "pairs.txt")
+        listed.block_size = _PAIR_BLOCK
+        pycolmap.match_image_pairs(database, matching, listed, verification, device)
+    else:
+        exhaustive = pycolmap.ExhaustivePairingOptions()
+        exhaustive.block_size = max(4, min(50, n // 5))  # one block is one step of progress
+        pycolmap.match_exhaustive(database, matching, exhaustive, verification, device)
+
+
+def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
+    """Write the pairs of photos that look alike to pairs.txt."""
+    database = pycolmap.Database.open(workspace / "database.db")
+    images = sorted(database.read_all_images(), key=lambda image: str(image.name))
+    descriptors = [np.asarray(database.read_descriptors(i.image_id).data) for i in images]
+    database.close()
+    pairs = similar_pairs(descriptors, settings["neighbours"], settings["seed"])
+    lines = [f"{images[i].name} {images[j].name}\n" for i, j in pairs]
+    (workspace / "pairs.txt").write_text("".join(lines), encoding="utf-8")
+
+
+def _map(settings: WorkerSettings, workspace: Path) -> None:
+    """The largest model of an incremental mapping into model/, and facts.npz for the checks."""
+    n_photos = sum(len(group["names"]) for group in settings["groups"])
+    out = workspace / "mapping"
+    placed = 2
+
+    def next_photo() -> None:
+        nonlocal placed
+        placed += 1
+        _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
+
+    models: dict[int, pycolmap.Reconstruction] = {}
+    for relaxed in (False, True):
+        placed = 2
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
+        models = pycolmap.incremental_mapping(
+            workspace / "database.db",
+            workspace / "photos",
+            out,
+            _mapping_options(settings, n_photos, relaxed=relaxed),
+            next_image_callback=next_photo,
+        )
+        if models:
+            break
+    if not models:
+        raise ValueError("no model")
+    best = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    sizes = sorted((model.num_reg_images() for model in models.values()), reverse=True)
+    model = workspace / "model"
+    shutil.rmtree(model, ignore_errors=True)
+    model.mkdir()
+    best.write_binary(model)
+    write_facts(workspace / "facts.npz", best, workspace / "database.db", sizes)
+    shutil.rmtree(out, ignore_errors=True)
+
+
+def _mapping_options(
+    settings: WorkerSettings, n_photos: int, *, relaxed: bool
+) -> pycolmap.IncrementalPipelineOptions:
+    """COLMAP's defaults, with a seed; ``relaxed`` starts from a pair with fewer matches."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = settings["threads"]
+    options.random_seed = settings["seed"]
+    options.mapper.random_seed = settings["seed"]
+    options.triangulation.random_seed = settings["seed"]
+    options.min_model_size = max(2, min(10, n_photos // 3))
+    if relaxed:
+        options.mapper.init_min_num_inliers = 30
+        options.mapper.init_min_tri_angle = 4.0
+        options.mapper.abs_pose_min_num_inliers = 15
+    return options
+
+
+def _undistort(settings: WorkerSettings, workspace: Path) -> None:
+    """Pictures without distortion in undistorted/images, their model in undistorted/sparse/0."""
+    out = workspace / "undistorted"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    options = pycolmap.UndistortCameraOptions()
+    options.max_image_size = settings["picture_side"]
+    pycolmap.undistort_images(
+        out,
+        workspace / "model",
+        workspace / "photos",
+        undistort_options=options,
+        jpeg_quality=97,
+        num_threads=settings["threads"],
+    )
+    for entry in out.iterdir():
+        if entry.name not in ("images", "sparse"):
+            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+    (out / "sparse" / "0").mkdir()
+    for file in (out / "sparse").iterdir():
+        if file.is_file():
+            file.rename(out / "sparse" / "0" / file.name)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""Fixtures of the core's tests that are costly to make."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from gaga_core.camera import Camera
+from gaga_core.progress import run_stage
+from gaga_core.reconstruct.measures import SfmFacts
+from gaga_core.reconstruct.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.reconstruct.sfm import SfmConfig, run_sfm
+from tests.core.photo_scenes import write_photos
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedRoom:
+    """Photos of the corner of a room, placed by structure from motion."""
+
+    photos: PhotoSet
+    cameras: tuple[Camera, ...]  # true
+    workspace: Path
+    facts: SfmFacts
+
+
+ROOM_SFM = SfmConfig(feature_side=320, n_features=1500, threads=2)
+
+
+@pytest.fixture(scope="session")
+def placed_room(tmp_path_factory: pytest.TempPathFactory) -> PlacedRoom:
+    root = tmp_path_factory.mktemp("room")
+    cameras = write_photos(root / "in", 8)
+    workspace = root / "work"
+    workspace.mkdir()
+    photos = run_stage(
+        prepare_photos(
+            list_photos(root / "in"), workspace / "photos", root=root / "in", longest_side=320
+        )
+    )
+    facts = run_stage(run_sfm(photos, workspace, ROOM_SFM))
+    return PlacedRoom(photos, cameras, workspace, facts)
