@@ -14,16 +14,24 @@ from tyro.conf import arg, subcommand
 
 import gaga_core
 from gaga_core import cli_output as out
+from gaga_core.cli_benchmark import Benchmark
 from gaga_core.cli_files import Demo, Doctor, Edit, Export, Info
+from gaga_core.cli_masks import Masks
+from gaga_core.cli_query import Query
+from gaga_core.cli_reconstruct import Reconstruct
 from gaga_core.cli_scene import Associate, Compare, Evaluate, Lift, Render, Run
 from gaga_core.errors import GagaError
 
 Command = (
-    Annotated[Associate, subcommand("associate")]
+    Annotated[Reconstruct, subcommand("reconstruct")]
+    | Annotated[Associate, subcommand("associate")]
     | Annotated[Lift, subcommand("lift")]
     | Annotated[Render, subcommand("render")]
     | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[Compare, subcommand("compare")]
+    | Annotated[Benchmark, subcommand("benchmark")]
+    | Annotated[Query, subcommand("query")]
+    | Annotated[Masks, subcommand("masks")]
     | Annotated[Edit, subcommand("edit")]
     | Annotated[Export, subcommand("export")]
     | Annotated[Run, subcommand("run")]

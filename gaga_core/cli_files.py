@@ -55,6 +55,9 @@ class Export:
     what: Literal["scene", "objects", "masks"] = "scene"
     """scene: one .ply of all that is visible. objects: one .ply per group and groups.json.
     masks: a 16-bit map of group ids for every view."""
+    format: Literal["png", "coco", "dataset"] = "png"
+    """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
+    maps, colored previews, COCO instances and panoptic, and a list of the groups."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     groups: bool = False
@@ -74,11 +77,7 @@ class Export:
         if self.identity:
             _add_identity(project)
         if self.what == "masks":
-            from gaga_core.pipeline import export_masks
-
-            maps = out.follow(export_masks(project, self.out))
-            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
-            return 0
+            return self._masks(project)
         if self.what == "scene":
             written = out.follow(export_scene_stage(scene, self.out, groups=self.groups))
             out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
@@ -87,6 +86,21 @@ class Export:
         manifest = out.follow(stage)
         count = len(list(self.out.glob("*.ply")))
         out.result({"manifest": str(manifest), "files": count}, as_json=self.json)
+        return 0
+
+    def _masks(self, project: Project) -> int:
+        if self.format == "png":
+            from gaga_core.pipeline import export_masks
+
+            maps = out.follow(export_masks(project, self.out))
+            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
+            return 0
+        from gaga_core.consistent_masks import export_mask_dataset
+
+        made = out.follow(export_mask_dataset(project, self.out, self.format))
+        if made.without_photo:
+            out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
+        out.result(made.to_json(), as_json=self.json)
         return 0
 
 

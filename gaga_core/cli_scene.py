@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
 from gaga_core import cli_output as out
+from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from gaga_core.run_scene import RunConfig
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ class Lift:
     scene: Positional[Path]
     """Scene folder whose masks are associated."""
     mode: Literal["vote", "refine", "paper"] = "vote"
-    """vote: closed form, no training. refine: a few steps on top. paper: trained from zeros."""
+    """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -78,14 +82,14 @@ class Lift:
 
 @dataclass(frozen=True)
 class Render:
-    """Render views of a scene: color, group ids, or depth."""
+    """Render views of a scene: color, group ids, depth, or groups as the identities say."""
 
     scene: Positional[Path]
     """Scene folder."""
     out: Path
     """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
-    what: Literal["rgb", "groups", "depth"] = "rgb"
-    """What a pixel says."""
+    what: Literal["rgb", "groups", "depth", "identity"] = "rgb"
+    """What a pixel says. identity: group ids decoded from the rendered identity encodings."""
     views: tuple[str, ...] = ("test",)
     """train, test, all, or names of views."""
     model: Path | None = None
@@ -97,16 +101,20 @@ class Render:
 
     def run(self) -> int:
         """Write one picture a view."""
-        from gaga_core import pipeline
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.lift import render_identity
+        from gaga_core.pipeline import render_views
         from gaga_core.raster import choose
         from gaga_core.warm import after_warm_up
 
         folder = open_scene_folder(self.scene, model=self.model)
         engine = choose(self.backend)
-        stage = pipeline.render_views(
-            folder, self.out, what=self.what, views=self.views, rasterizer=engine
-        )
+        if self.what == "identity":
+            stage = render_identity(folder, self.out, views=self.views, rasterizer=engine)
+        else:
+            stage = render_views(
+                folder, self.out, what=self.what, views=self.views, rasterizer=engine
+            )
         written = out.follow(after_warm_up(stage))
         out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
         return 0
@@ -186,24 +194,54 @@ class Compare:
 
 @dataclass(frozen=True)
 class Run:
-    """Run every stage that is missing in a scene folder."""
+    """Run every stage that is missing in a scene folder: reconstruct, associate, lift, pictures."""
 
     scene: Positional[Path]
-    """Scene folder."""
+    """Scene folder; with --executor a folder of many."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
     """Preset of the association."""
+    quality: Literal["draft", "standard", "full"] = "draft"
+    """Of splats that are still to be trained."""
+    executor: Literal["none", "local", "dask", "ray"] = "none"
+    """Who runs a folder of many scenes: processes here, or workers of dask or ray."""
+    workers: int = 2
+    """Scenes at once, where the workers are started here."""
+    address: str = ""
+    """Of a dask scheduler or a ray cluster that is running; default: start one here."""
     json: bool = False
     """Print the result as JSON."""
 
     def run(self) -> int:
         """Bring the folder to the state that the window needs."""
-        from gaga_core import pipeline
         from gaga_core.grouping.associate import AssociateConfig
-        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.reconstruct_scene import ReconstructConfig
+        from gaga_core.run_scene import RunConfig, run_folder
         from gaga_core.warm import after_warm_up
 
-        folder = open_scene_folder(self.scene)
-        stage = pipeline.run_missing(folder, config=AssociateConfig.of(self.preset))
+        config = RunConfig(
+            reconstruct=ReconstructConfig(quality=self.quality),
+            masks=self.masks,
+            associate=AssociateConfig.of(self.preset),
+        )
+        if self.executor != "none":
+            return self._run_many(config, self.executor)
+        stage = run_folder(self.scene, config, model=self.model)
         done = out.follow(after_warm_up(stage))
         out.result({"scene": str(self.scene), "stages_run": list(done)}, as_json=self.json)
         return 0
+
+    def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:
+        from gaga_core.executors import EngineConfig, list_scenes, run_scenes
+        from gaga_core.warm import after_warm_up
+
+        if self.model is not None:
+            raise GagaError("--model is for one scene. Leave it out with --executor.")
+        workers = EngineConfig(engine, self.workers, address=self.address)
+        list_scenes(self.scene)  # before kernels are compiled for nothing
+        report = out.follow(after_warm_up(run_scenes(self.scene, config, workers)))
+        out.scores(report, as_json=self.json)
+        return 1 if report.failed else 0

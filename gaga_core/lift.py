@@ -1,6 +1,7 @@
 """The stage that lifts groups to identity encodings (section 3.3): SCENE/gaga/identity.npz."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -15,7 +16,7 @@ from gaga_core.grouping.bank_file import load_bank
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import LabelMap
-from gaga_core.identity.closed_form import ClosedForm, VoteConfig, Voted, vote_identity
+from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
 from gaga_core.identity.field import (
     Identity,
     IdentityField,
@@ -23,13 +24,15 @@ from gaga_core.identity.field import (
     load_identity,
     save_identity,
 )
+from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
 from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
-from gaga_core.io.masks import mask_folder
+from gaga_core.io.masks import mask_folder, write_labels
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.pipeline import (
     VOID_BELOW,
+    paint_views,
     read_groups,
     read_model,
     select_views,
@@ -51,6 +54,7 @@ class LiftConfig:
     """Settings of all modes; a mode reads its own."""
 
     vote: VoteConfig = field(default_factory=VoteConfig)
+    fit: FitConfig = field(default_factory=FitConfig)  # on top of the vote, also before refining
     refine: RefineConfig = field(default_factory=RefineConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     pseudo: Literal["masks", "bank"] = "masks"  # labels to train on: masks, or the splatted bank
@@ -67,12 +71,13 @@ class Figures:
     from_bank: int | None = None  # Gaussians labelled by the memory bank alone
     from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours
     max_cosine: float | None = None  # of the two closest codes
-    rows: int | None = None  # sampled pixels trained on
+    sweeps: int | None = None  # of the fit to the vote; 0 = the vote was not improved
+    rows: int | None = None  # sampled pixels fitted to or trained on
     steps: int | None = None
     best_step: int | None = None  # refine: 0 = the vote was not improved
     resumed_at: int | None = None  # paper: step that the run went on from
     accuracy_before: float | None = None  # right pixels, held out
-    accuracy: float | None = None  # refine: held out; paper: of the last views trained on
+    accuracy: float | None = None  # vote, refine: held out; paper: of the last views trained on
     loss_before: float | None = None  # refine: nats, held out; paper: over ln(classes)
     loss: float | None = None
 
@@ -120,9 +125,9 @@ def lift_scene(
 ) -> Stage[LiftReport]:
     """Encode the groups of an associated scene; write identity.npz and the report's entry "lift".
 
-    Mode "vote" is closed form, "refine" trains it a little, "paper" trains from zeros. The result
-    appears whole or not at all. A run of "paper" that is stopped leaves a checkpoint beside it
-    (and nothing else), from which the next run with the same settings goes on.
+    Mode "vote" is votes and least squares, "refine" trains that a little, "paper" from zeros. The
+    result appears whole or not at all. A run of "paper" that is stopped leaves a checkpoint beside
+    it (and nothing else), from which the next run with the same settings goes on.
     """
     if mode not in get_args(Mode):
         raise GagaError(f"There is no mode {mode!r}. Choose one of {', '.join(get_args(Mode))}.")
@@ -144,7 +149,10 @@ def lift_scene(
         seconds=round(time.perf_counter() - start, 3),
         figures=figures,
     )
-    entry = report.to_json() | {"config": asdict(getattr(config, mode))}
+    settings = asdict(getattr(config, mode))
+    if mode != "paper":
+        settings["fit"] = asdict(config.fit)
+    entry = report.to_json() | {"config": settings}
     with staging_folder(folder.work) as staging:
         save_identity(staging / path.name, identity)
         text = with_entry(folder.work / "report.json", "lift", entry)
@@ -175,6 +183,32 @@ def decode_groups(
 ) -> IntArray:
     """Group ids (H, W) of a view as the identity encodings say; 0 where little is drawn."""
     return decode_view(field, gaussians, camera, rasterizer, void_below=VOID_BELOW).labels
+
+
+def render_identity(
+    folder: SceneFolder,
+    out: Path | None = None,
+    *,
+    views: str | Sequence[str] = "test",
+    gaussians: Gaussians | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[tuple[Path, ...]]:
+    """Write the groups that the rendered encodings decode to: one uint16 <stem>.png a view.
+
+    Ids are those of `pipeline.render_views` with "groups", 0 = none. ``out`` is
+    ``folder.work / "renders" / "identity"`` unless given. Raises ``GagaError`` without a lift.
+    """
+    cameras = select_views(folder, views)
+    if gaussians is None:
+        gaussians = yield from read_model(folder)
+    model, engine = gaussians, rasterizer or choose()
+    field = read_identity(folder, len(model)).field
+
+    def paint(path: Path, camera: Camera) -> None:
+        write_labels(path, decode_groups(engine, model, camera, field))
+
+    target = out or folder.work / "renders" / "identity"
+    return (yield from paint_views(cameras, target, "identity", paint))
 
 
 def _task(
@@ -216,35 +250,47 @@ def _task(
 def _run(mode: Mode, task: _Task) -> Stage[tuple[Identity, Figures]]:
     if mode == "vote":
         voted = yield from _vote(task)
-        return voted.identity, _vote_figures(voted)
+        return voted.closed.identity, _vote_figures(voted)
     if mode == "refine":
         return (yield from _refine(task))
     return (yield from _paper(task))
 
 
-def _vote(task: _Task) -> Stage[ClosedForm]:
+def _vote(task: _Task) -> Stage[Fitted]:
+    closed = yield from vote_identity(
+        task.gaussians,
+        Voted(task.labels, task.confidence),
+        task.bank.group,
+        task.bank.n_groups,
+        task.cameras,
+        task.rasterizer,
+        task.config.vote,
+    )
     return (
-        yield from vote_identity(
-            task.gaussians,
-            Voted(task.labels, task.confidence),
-            task.bank.group,
-            task.bank.n_groups,
-            task.cameras,
-            task.rasterizer,
-            task.config.vote,
+        yield from fit_identity(
+            task.gaussians, closed, task.cameras, task.label_map, task.rasterizer, task.config.fit
         )
     )
 
 
-def _vote_figures(voted: ClosedForm) -> Figures:
-    return Figures(voted.n_from_bank, voted.n_from_neighbours, voted.max_cosine)
+def _vote_figures(voted: Fitted) -> Figures:
+    closed = voted.closed
+    return Figures(
+        from_bank=closed.n_from_bank,
+        from_neighbours=closed.n_from_neighbours,
+        max_cosine=closed.max_cosine,
+        sweeps=voted.sweeps,
+        accuracy_before=voted.before,
+        accuracy=voted.after,
+        rows=voted.n_rows,
+    )
 
 
 def _refine(task: _Task) -> Stage[tuple[Identity, Figures]]:
     voted = yield from _vote(task)
     refined = yield from refine_identity(
         task.gaussians,
-        voted,
+        voted.closed,
         task.cameras,
         task.label_map,
         task.rasterizer,

@@ -6,7 +6,7 @@ there at the end, so a stage that is cancelled or fails leaves the scene folder 
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, get_args
@@ -95,6 +95,7 @@ def render_views(
     One <stem>.png a view: "rgb" 8-bit color; "groups" uint16 group ids, 0 = none; "depth" uint16
     thousandths of the scene unit of the expected depth, 0 = nothing there, 65535 = that or more.
     ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay.
+    `lift.render_identity` renders what the identity encodings say.
     """
     if what not in get_args(What):
         kinds = ", ".join(get_args(What))
@@ -102,20 +103,30 @@ def render_views(
     cameras = select_views(folder, views)
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    labels = read_groups(folder, len(gaussians))[0] if what == "groups" else None
-    engine = rasterizer or choose()
-    target = out or folder.work / "renders" / what
+    model, engine = gaussians, rasterizer or choose()
+    labels = read_groups(folder, len(model))[0] if what == "groups" else np.zeros(0, np.int32)
+
+    def paint(path: Path, camera: Camera) -> None:
+        if what == "groups":
+            write_labels(path, splat_groups(engine, model, camera, labels))
+        elif what == "depth":
+            write_labels(path, _depth_thousandths(engine, model, camera))
+        else:
+            write_rgb(path, engine.render(model, camera).image)
+
+    return (yield from paint_views(cameras, out or folder.work / "renders" / what, what, paint))
+
+
+def paint_views(
+    cameras: Sequence[Camera], target: Path, what: str, paint: Callable[[Path, Camera], None]
+) -> Stage[tuple[Path, ...]]:
+    """``paint`` a <stem>.png of every camera and move them to ``target`` when all are done."""
     written = []
     with staging_folder(target) as staging:
         for i, camera in enumerate(cameras):
             yield Progress(f"Render {what}", i, len(cameras), camera.name)
             path = staging / f"{Path(camera.name).stem}.png"
-            if labels is not None:
-                write_labels(path, splat_groups(engine, gaussians, camera, labels))
-            elif what == "depth":
-                write_labels(path, _depth_thousandths(engine, gaussians, camera))
-            else:
-                write_rgb(path, engine.render(gaussians, camera).image)
+            paint(path, camera)
             written.append(path.name)
         for name in written:
             publish(staging, name, target)
@@ -148,38 +159,6 @@ def export_masks(
         for name in written:
             publish(staging, name, out)
     return tuple(out / name for name in written)
-
-
-def run_missing(
-    folder: SceneFolder,
-    masks: str | Path | None = None,
-    config: AssociateConfig | None = None,
-) -> Stage[tuple[str, ...]]:
-    """Run every stage whose result is not in the folder yet; returns the names of those run.
-
-    Today: associate, then group pictures of the test views (of all when none is set apart).
-    """
-    missing = missing_stages(folder)
-    gaussians = (yield from read_model(folder)) if missing else None
-    if "associate" in missing:
-        yield from associate_scene(folder, masks, config, gaussians=gaussians)
-    if "render" in missing:
-        views = "test" if folder.test else "all"
-        yield from render_views(folder, views=views, gaussians=gaussians)
-    return missing
-
-
-def missing_stages(folder: SceneFolder) -> tuple[str, ...]:
-    """Which of "associate" and "render" still have to run, in their order."""
-    labels = folder.work / "labels.npz"
-    if not labels.is_file():
-        return ("associate", "render")
-    wanted = folder.test or tuple(camera.name for camera in folder.cameras)
-    made = labels.stat().st_mtime_ns
-    pictures = [folder.work / "renders" / "groups" / f"{Path(name).stem}.png" for name in wanted]
-    # Pictures older than the labels show groups that are gone.
-    current = all(path.is_file() and path.stat().st_mtime_ns >= made for path in pictures)
-    return () if current else ("render",)
 
 
 def mask_path_of(folder: SceneFolder, masks: str | Path | None) -> Path:

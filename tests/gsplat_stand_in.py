@@ -14,9 +14,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from gaga_core.raster.reference import sh_basis
+from tests.torch_reference import sh_basis
 
 _ALPHA_MAX = 0.999
+_CHANNELS = (1, 2, 3, 4, 5, 8, 9, 16, 17, 32)  # 1.5 pads other counts, 1.6 refuses them
 
 
 def install(monkeypatch: pytest.MonkeyPatch, *, contributors: bool = False) -> ModuleType:
@@ -40,11 +41,12 @@ def install(monkeypatch: pytest.MonkeyPatch, *, contributors: bool = False) -> M
 def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
     assert dirs.shape == (len(coeffs), 3)
     assert coeffs.shape[1:] == ((degree + 1) ** 2, 3)
-    directions = dirs.double().numpy()
-    basis = sh_basis(directions / np.linalg.norm(directions, axis=1, keepdims=True))
-    return torch.einsum("ns,nsc->nc", torch.tensor(basis[:, : coeffs.shape[1]]).float(), coeffs)
+    directions = dirs.double()
+    basis = sh_basis(directions / directions.norm(dim=1, keepdim=True))
+    return torch.einsum("ns,nsc->nc", basis[:, : coeffs.shape[1]].float(), coeffs)
 
 
+@torch.no_grad()
 def isect_tiles(
     means2d: Tensor,
     radii: Tensor,
@@ -56,6 +58,7 @@ def isect_tiles(
     n_images: int,
 ) -> tuple[Tensor, Tensor, Tensor]:
     n = means2d.shape[1]
+    assert not means2d.requires_grad
     assert means2d.shape == radii.shape == (1, n, 2)
     assert depths.shape == (1, n)
     assert n_images == 1
@@ -98,6 +101,7 @@ def rasterize_to_pixels(
 ) -> tuple[Tensor, Tensor]:
     assert colors.shape[:2] == means2d.shape[:2]
     assert colors.is_contiguous()
+    assert colors.shape[-1] in _CHANNELS
     image = torch.zeros((height * width, colors.shape[-1]))
     alpha = torch.zeros(height * width)
     for pixels, ids, w in _tiles(

@@ -1,4 +1,4 @@
-"""Runs one stage at a time in a thread: progress, cancel, error.
+"""Runs one stage at a time in a thread: progress, cancel, error; and a quiet one beside it.
 
 The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
 which the main thread calls every frame (STYLE 14).
@@ -18,6 +18,7 @@ from gaga_studio.notices import Level
 T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
+_QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
 _LEAST_FOR_ETA = 0.03  # below this share of the work a rate says nothing
 
 
@@ -35,11 +36,15 @@ class Job:
 
 
 class JobRunner:
-    """One worker thread at most. ``notify`` gets the sentence when a job fails."""
+    """One worker thread at most, and one for a quiet job: preparation that nobody asked for.
+
+    ``notify`` gets the sentence when a job fails; a quiet one fails into the log.
+    """
 
     def __init__(self, notify: Notify) -> None:
         self._notify = notify
         self._worker: _Worker | None = None
+        self._quiet: _Worker | None = None
 
     @property
     def running(self) -> Job | None:
@@ -68,8 +73,26 @@ class JobRunner:
         self._worker.start()
         return True
 
+    @property
+    def quiet(self) -> Job | None:
+        """The quiet job that runs beside; it stops no other and cannot be cancelled by hand."""
+        return self._quiet.describe() if self._quiet is not None else None
+
+    def start_quiet(self, title: str, stage: Stage[object]) -> bool:
+        """Run ``stage`` in a thread of its own, without a result; False when one runs already."""
+        if self._quiet is not None:
+            stage.close()
+            return False
+        self._quiet = _Worker(title, _Delivery(stage, None, None, None))
+        self._quiet.start()
+        return True
+
     def poll(self) -> None:
         """Hand over what the worker has produced since the last call. Main thread only."""
+        if self._quiet is not None and not self._quiet.is_alive():
+            quiet, self._quiet = self._quiet, None
+            if quiet.error is not None:
+                _LOG.error("%s failed", quiet.title, exc_info=quiet.error)
         worker = self._worker
         if worker is None:
             return
@@ -97,10 +120,15 @@ class JobRunner:
 
     def shut_down(self, timeout_s: float = 5.0) -> None:
         """Cancel and wait, without delivering anything: the window is closing."""
-        if self._worker is not None:
-            self._worker.cancel()
-            self._worker.join(timeout_s)
-            self._worker = None
+        # A compiler that is cut off by the end of the process may abort it: wait for its step.
+        ending = ((self._worker, timeout_s), (self._quiet, _QUIET_STEP_S))
+        for worker, _ in ending:
+            if worker is not None:
+                worker.cancel()
+        for worker, seconds in ending:
+            if worker is not None:
+                worker.join(seconds)
+        self._worker = self._quiet = None
 
     def _finish(self, worker: "_Worker") -> None:
         error = worker.error

@@ -54,6 +54,7 @@ class Session:
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
         self.settings, problem = (settings, "") if settings else load_settings()
+        self.view.background = self.settings.background_color
         if problem:
             self.notify(Level.WARNING, problem)
 
@@ -77,6 +78,7 @@ class Session:
     def change_settings(self, settings: Settings) -> None:
         """Use and save these preferences."""
         self.settings = settings
+        self.view.background = settings.background_color
         self.attempt(lambda: save_settings(settings))
 
     def attempt(self, action: Callable[[], object]) -> bool:
@@ -347,7 +349,9 @@ class Session:
     def pick(self, u: float, v: float, width: int, height: int) -> Pick | None:
         """What is at a pixel; None if nothing is."""
         camera = self.rig.camera(width, height)
-        return pick(self.scene, camera, u, v) if self.scene is not None else None
+        if self.scene is None:
+            return None
+        return pick(self.scene, camera, u, v, antialiased=self.view.is_antialiased(self.scene))
 
     def click(self, u: float, v: float, width: int, height: int, how: How = "set") -> int:
         """Select the object at a pixel, add or remove it; its group, 0 for none.

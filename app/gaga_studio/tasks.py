@@ -30,6 +30,19 @@ def open_demo_stage(folder: Path) -> Stage[Project]:
     return project
 
 
+def kernels_stage() -> Stage[None]:
+    """Compile what pictures, clicks and associations run, so that none of them waits for it.
+
+    Once on a machine: later it ends at once.
+    """
+    from gaga_core.kernels import is_compiled
+
+    if not is_compiled():
+        from gaga_core.warm import warm_up_stage
+
+        yield from warm_up_stage()
+
+
 def save_stage(project: Project, path: Path | None) -> Stage[Path]:
     """Save the project as it is at the call; returns where it is now."""
     frozen = replace(project, scene=replace(project.scene))

@@ -2,6 +2,7 @@
 
 The label that the associated masks vote for is the least-squares optimum of the splatted label map
 (see `votes`); a code book turns labels into encodings and a layer that decode to them exactly.
+`fit` then adjusts the encodings to the pictures without touching the labels.
 """
 
 from collections.abc import Sequence
@@ -47,6 +48,7 @@ class ClosedForm:
     """Result of mode "vote" and what led to it."""
 
     identity: Identity
+    codes: FloatArray  # (G + 1, D) the code book
     max_cosine: float  # of the two closest codes
     n_from_bank: int  # Gaussians labelled by the memory bank alone
     n_from_neighbours: int  # Gaussians that no view shows and no mask claims
@@ -90,6 +92,7 @@ def vote_identity(
     )
     return ClosedForm(
         identity=Identity(field, labels, confidence, "vote"),
+        codes=book.codes,
         max_cosine=book.max_cosine,
         n_from_bank=int(from_bank.sum()),
         n_from_neighbours=int((hidden & (labels > 0)).sum()),

@@ -15,7 +15,14 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, IdentityField
-from gaga_core.identity.rows import Batch, RowConfig, ViewRows, mixed_batches, sample_rows
+from gaga_core.identity.rows import (
+    Batch,
+    RowConfig,
+    ViewRows,
+    held_out,
+    mixed_batches,
+    sample_rows,
+)
 from gaga_core.identity.training import (
     Fit,
     Gradients,
@@ -27,8 +34,6 @@ from gaga_core.identity.training import (
 )
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
-
-_HELD_OUT = 8  # one view in so many
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,10 @@ def refine_identity(
     config = config or RefineConfig()
     views = yield from sample_rows(gaussians, cameras, label_map, rasterizer, config.rows)
     n_rows = sum(len(view.labels) for view in views)
-    batches, held_out = _split(views, len(gaussians))
+    batches, tests = _split(views, len(gaussians))
     training = Training.of(start.identity.field)
     gradients = Gradients.zeros(training)
-    before = best = _fit(training, held_out)
+    before = best = _fit(training, tests)
     best_field, best_step, since = start.identity.field, 0, 0
     while training.step < config.steps and since < config.patience:
         batch = batches[batch_of_step(training.step, len(batches), config.rows.seed)]
@@ -90,7 +95,7 @@ def refine_identity(
         yield Progress("Refine identities", training.step, config.steps, message)
         if training.step % config.check_every and training.step < config.steps:
             continue
-        fit = _fit(training, held_out)
+        fit = _fit(training, tests)
         since += 1
         if fit.accuracy > best.accuracy:
             best, best_field, best_step, since = fit, training.field(), training.step, 0
@@ -106,7 +111,7 @@ def refine_identity(
 
 def _split(views: list[ViewRows], n_gaussians: int) -> tuple[list[Batch], list[Batch]]:
     """Training batches of mixed rows, and the held-out ones; a lone view is both."""
-    held = set(range(len(views) // 2 % _HELD_OUT, len(views), _HELD_OUT))
+    held = held_out(len(views))
     kept = [view for i, view in enumerate(views) if i not in held]
     tested = [view for i, view in enumerate(views) if i in held]
     views.clear()

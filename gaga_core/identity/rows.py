@@ -20,6 +20,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import PixelWeights, Rasterizer
 
 _TILE = 16
+_HELD_OUT = 8  # one view in so many judges
 _FEWEST = 256  # rows of a view, however little memory there is
 
 
@@ -111,6 +112,11 @@ def mixed_batches(views: Sequence[ViewRows], n_gaussians: int) -> list[Batch]:
             labels.append(view.labels[start:stop])
         batches.append(Batch(LinearRows.of(join_rows(parts), n_gaussians), np.concatenate(labels)))
     return batches
+
+
+def held_out(n_views: int) -> list[int]:
+    """Places of the views that are not trained on but judge: one in eight, the same ones always."""
+    return list(range(n_views // 2 % _HELD_OUT, n_views, _HELD_OUT))
 
 
 def _draw(

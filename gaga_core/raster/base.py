@@ -4,6 +4,11 @@ All backends share one image model (3D Gaussian Splatting, Kerbl 2023): EWA proj
 Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagonal of the 2D
 covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 are dropped; a pixel
 is done when its transmittance would fall under 1e-4; front to back by camera depth of the centres.
+
+Gaussians whose comments say so are drawn in the antialiased (mip) look: a splat's opacity is
+multiplied by sqrt(det of its covariance without the 0.3 / det with it), so that what is smaller
+than a pixel does not grow brighter (Yu 2024, Mip-Splatting; as gsplat and SuperSplat do it).
+Training knows the classic look only.
 """
 
 from collections.abc import Callable

@@ -97,6 +97,9 @@ def blend(gaussians: Gaussians, camera: Camera) -> Iterator[tuple[int, float, Do
     """For each Gaussian in view, front to back: index, depth and blending weights (H, W)."""
     index, depths, centres, covariances = project(gaussians, camera)
     opacities = 1 / (1 + np.exp(-gaussians.logit_opacities[index].astype(np.float64)))
+    if gaussians.is_antialiased:
+        plain = np.linalg.det(covariances - BLUR * np.eye(2))
+        opacities *= np.sqrt(np.maximum(0, plain) / np.linalg.det(covariances))
     u = np.arange(camera.width) + 0.5
     v = np.arange(camera.height)[:, None] + 0.5
     transmittance = np.ones((camera.height, camera.width))

@@ -151,3 +151,63 @@ def test_rate_gives_the_time_that_is_left() -> None:
     assert job.eta_s == pytest.approx(job.elapsed_s)
     gate.set()
     assert runner.wait()
+
+
+def test_a_quiet_job_runs_beside_another_and_stops_none() -> None:
+    runner, said = _runner()
+    go = threading.Event()
+    values: list[int] = []
+
+    def waits() -> Stage[None]:
+        yield Progress("Prepare kernels", 1, 4, "votes")
+        go.wait(10)
+
+    assert runner.start_quiet("Prepare kernels", waits())
+    assert not runner.start_quiet("Prepare kernels", waits())  # one is enough
+    assert runner.running is None
+    assert runner.start("Count", _count(5), on_done=values.append)
+    assert runner.wait()
+    assert values == [5]
+    assert runner.quiet is not None
+    assert (runner.quiet.stage, runner.quiet.fraction) == ("Prepare kernels", 0.25)
+    go.set()
+    _until_quiet_ends(runner)
+    assert said == []
+
+
+def test_a_quiet_job_fails_into_the_log_alone(caplog: pytest.LogCaptureFixture) -> None:
+    runner, said = _runner()
+
+    def fails() -> Stage[None]:
+        yield Progress("Prepare kernels", 0, 1)
+        raise OSError("the disk is full")
+
+    with caplog.at_level(logging.ERROR):
+        runner.start_quiet("Prepare kernels", fails())
+        _until_quiet_ends(runner)
+    assert said == []
+    assert "the disk is full" in caplog.text
+
+
+def test_shutting_down_ends_the_quiet_job() -> None:
+    runner, _ = _runner()
+    closed = threading.Event()
+
+    def endless() -> Stage[None]:
+        try:
+            yield from _count(10_000, 0.001)
+        finally:
+            closed.set()
+
+    runner.start_quiet("Prepare kernels", endless())
+    runner.shut_down()
+    assert closed.is_set()
+    assert runner.quiet is None
+
+
+def _until_quiet_ends(runner: JobRunner) -> None:
+    end = time.monotonic() + 10
+    while runner.quiet is not None:
+        assert time.monotonic() < end
+        time.sleep(0.002)
+        runner.poll()

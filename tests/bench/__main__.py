@@ -43,10 +43,11 @@ def main(
     if unknown:
         out.print(f"There is no benchmark {unknown[0]!r}. Choose from {', '.join(benchmarks)}.")
         return 2
-    measured, failed = _measure(asked.names or sorted(benchmarks), benchmarks, out)
-    out.print(_table(measured, read_record(record_path)))
+    before = read_record(record_path)
+    chosen = {name: benchmarks[name] for name in asked.names or sorted(benchmarks)}
+    measured, failed = _measure(chosen, record_path if asked.record else None, out)
+    out.print(_table(measured, before))
     if asked.record:
-        write_record(record_path, measured)
         out.print(f"Recorded in {record_path.name}.")
     missed = [f.name for figures in measured.values() for f in figures if not f.holds]
     for name in missed:
@@ -65,18 +66,24 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _measure(
-    names: Sequence[str], benchmarks: Mapping[str, Benchmark], out: Console
+    benchmarks: Mapping[str, Benchmark], record_path: Path | None, out: Console
 ) -> tuple[dict[str, list[Figure]], list[str]]:
-    """Figures of each benchmark that came to its end, and the names of those that did not."""
+    """Figures of each benchmark that came to its end, and the names of those that did not.
+
+    With a ``record_path`` each is recorded at its end, so that a run that is stopped keeps them.
+    """
     measured: dict[str, list[Figure]] = {}
     failed = []
-    for name in names:
+    for name, benchmark in benchmarks.items():
         start = time.perf_counter()
         try:
-            measured[name] = benchmarks[name]()
+            measured[name] = benchmark()
         except Exception:  # noqa: BLE001  whatever one benchmark raises must not cost the others
             failed.append(name)
             out.print(f"{name} failed:\n{traceback.format_exc()}", markup=False, highlight=False)
+        else:
+            if record_path is not None:
+                write_record(record_path, {name: measured[name]})
         out.print(f"{name}: {time.perf_counter() - start:.0f} s", style="dim", highlight=False)
     return measured, failed
 

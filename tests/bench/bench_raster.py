@@ -7,20 +7,21 @@ import tempfile
 from dataclasses import replace
 
 import numpy as np
+import torch
 
-from gaga_core.arrays import FloatArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.raster.cpu.prepare import TiledView, prepare
-from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, H, R, S, U, V
+from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import _blend, _colors
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene.picking import pick
 from gaga_core.scene.scene import Scene
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, cpu_median, one_thread
+from tests.bench.torch_tiles import torch_tile_loop
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
+_PIECE = 256  # splats of a torch operation: the fastest of 64 to all
 _COLD = """
 import time
 from gaga_core.raster import choose
@@ -72,11 +73,6 @@ def _speed() -> list[Figure]:
     cpu = CpuRasterizer()
     gaussians = surfaces(100_000)
     small, large = _camera(480, 270), _camera(960, 540)
-    view = prepare(gaussians, small)
-    colors = _colors(gaussians, small, view)
-    zero = np.zeros(3, np.float32)
-    blending = cpu_median(lambda: _blend(view, small, colors, zero, 3))
-    loop = cpu_median(lambda: numpy_tile_loop(view, small, colors), runs=1, warm_up=0)
     times = [cpu_median(lambda c=c: cpu.render(gaussians, c)) for c in (small, large)]  # type: ignore[misc]
     return [
         Figure(
@@ -85,7 +81,28 @@ def _speed() -> list[Figure]:
         Figure("raster: 100k, 480x270, whole", times[0], "ms"),
         Figure("raster: 100k, 960x540, whole", times[1], "ms"),
         Figure("raster: 960x540 to 480x270", times[1] / times[0], "x", "<= 3"),
-        Figure("raster: numpy tile loop to ours, 100k, 480x270", loop / blending, "x", ">= 15"),
+        *_torch(gaussians, small),
+    ]
+
+
+def _torch(gaussians: Gaussians, camera: Camera) -> list[Figure]:
+    """The same lists of tiles blended by torch, one thread each."""
+    view = prepare(gaussians, camera)
+    colors, black = _colors(gaussians, camera, view), np.zeros(3, np.float32)
+    n_threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with one_thread():
+            ours = cpu_median(lambda: _blend(view, camera, colors, black, 3))
+            want = _blend(view, camera, colors, black, 3).image
+            theirs = cpu_median(lambda: torch_tile_loop(view, camera, colors, _PIECE))
+            error = np.abs(torch_tile_loop(view, camera, colors, _PIECE) - want).mean()
+    finally:
+        torch.set_num_threads(n_threads)
+    return [
+        Figure("raster: 100k, 480x270, blend, one thread", ours, "ms"),
+        Figure("raster: pure-torch tile loop to that", theirs / ours, "x", ">= 20"),
+        Figure("raster: mean difference of their pictures", float(error), "", "<= 1e-5"),
     ]
 
 
@@ -122,27 +139,3 @@ def _cold_compile() -> Figure:
             text=True,
         )
     return Figure("raster: compile all kernels, once", float(run.stdout), "s", "<= 20")
-
-
-def numpy_tile_loop(view: TiledView, camera: Camera, colors: FloatArray) -> FloatArray:
-    """The same blending with numpy over (splats x pixels) of each tile: the fair slow way."""
-    n_tiles_x = -(-camera.width // TILE)
-    image = np.zeros((camera.height, camera.width, 3), np.float32)
-    for tile in range(view.n_tiles):
-        left, top = tile % n_tiles_x * TILE, tile // n_tiles_x * TILE
-        rows, columns = np.mgrid[
-            top : min(top + TILE, camera.height), left : min(left + TILE, camera.width)
-        ]
-        ids = view.ids[view.offsets[tile] : view.offsets[tile + 1]]
-        s = view.splats[ids][:, :, None]
-        dx = (columns.ravel() + np.float32(0.5)).astype(np.float32) - s[:, U]
-        dy = (rows.ravel() + np.float32(0.5)).astype(np.float32) - s[:, V]
-        power = -((s[:, S] * (dx - s[:, R] * dy)) ** 2) - s[:, H] * dy**2
-        alpha = np.minimum(np.float32(0.99), s[:, OPACITY] * np.exp(power))
-        alpha[alpha < 1 / 255] = 0
-        after = np.cumprod(1 - alpha, axis=0)
-        weights = np.where(after >= 1e-4, alpha * np.roll(after, 1, axis=0), 0)
-        if len(ids):
-            weights[0] = alpha[0]
-        image[rows, columns] = (weights.T @ colors[ids]).reshape(*rows.shape, 3)
-    return image

@@ -8,11 +8,14 @@ import torch
 
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
+from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.backward import _number_slots, _sum_tiles, _walk_back, forward
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import _colors
 from gaga_core.reconstruct.losses import photometric
+from gaga_core.reconstruct.optimizer import Rates, Splats, adam_step
+from gaga_core.reconstruct.settings import RateConfig
 from tests import torch_reference
 from tests.bench.bench_raster import surfaces
 from tests.bench.figures import Figure, cpu_median
@@ -81,6 +84,7 @@ def _whole() -> list[Figure]:
     cpu, found = CpuRasterizer(), []
     target = np.ascontiguousarray(cpu.render(gaussians, camera).image[::-1])
     render = cpu_median(lambda: cpu.render(gaussians, camera), 9)
+    rates = Rates.at(RateConfig(), 0.5, 1.0)
     for degree in (0, 3):
         n_rest = (degree + 1) ** 2 - 1
         rest = np.random.default_rng(0).normal(0, 0.05, (len(gaussians), n_rest, 3))
@@ -95,4 +99,11 @@ def _whole() -> list[Figure]:
             Figure(f"train: a step, 60k, 320x240, degree {degree}", took, "CPU-ms", "<= 75")
         )
         found.append(Figure(f"train: that step to a render, degree {degree}", took / render, "x"))
+        gradients = cpu.train_step(splats, camera, target, photometric).gradients
+        trained = Splats.of(splats)
+
+        def move(trained: Splats = trained, gradients: Gradients = gradients) -> None:
+            adam_step(trained, gradients, rates, 100)
+
+        found.append(Figure(f"train: Adam, 60k, degree {degree}", cpu_median(move, 9), "CPU-ms"))
     return found

@@ -1,8 +1,10 @@
 """What a benchmark reports: one figure, its bar, and how it was measured."""
 
+import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -34,3 +36,16 @@ def cpu_median(work: Callable[[], object], runs: int = 5, *, warm_up: int = 1) -
         work()
         times.append((time.process_time() - start) * 1e3)
     return statistics.median(times)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Kernels run in the calling thread, as they do with GAGA_THREADS=1."""
+    before = os.environ.get("GAGA_THREADS")
+    os.environ["GAGA_THREADS"] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop("GAGA_THREADS")
+        if before is not None:
+            os.environ["GAGA_THREADS"] = before

@@ -76,3 +76,15 @@ def test_a_wrong_name_is_said(tmp_path: Path) -> None:
 )
 def test_changes_in_words(value: float, last: float | None, said: str) -> None:
     assert change(value, last) == said
+
+
+def test_a_run_that_is_stopped_keeps_what_it_had_measured(tmp_path: Path) -> None:
+    path = tmp_path / "record.json"
+
+    def stopped() -> list[Figure]:
+        raise KeyboardInterrupt
+
+    benchmarks = {"first": lambda: [Figure("draw", 1.5, "ms")], "second": stopped}
+    with pytest.raises(KeyboardInterrupt):
+        main(["--record"], benchmarks, path, Console(file=io.StringIO()))
+    assert read_record(path) == {"first": {"draw": 1.5}}

@@ -35,8 +35,8 @@ def cuda(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bas
 def stand_in(monkeypatch: pytest.MonkeyPatch, *, contributors: bool = False) -> CudaRasterizer:
     """The backend on the processor, with several bands of pixels and pieces of Gaussians."""
     gsplat_stand_in.install(monkeypatch, contributors=contributors)
-    monkeypatch.setattr("gaga_core.raster.cuda.rasterizer._ENTRIES", 100_000)
-    monkeypatch.setattr("gaga_core.raster.cuda.rasterizer._ROWS", 300)
+    monkeypatch.setattr("gaga_core.raster.cuda.listing._ENTRIES", 100_000)
+    monkeypatch.setattr("gaga_core.raster.cuda.view._ROWS", 300)
     return CudaRasterizer("cpu")
 
 
@@ -70,7 +70,7 @@ def test_pictures_match_the_cpu(cuda: base.Rasterizer, sh_degree: int) -> None:
     assert differs.mean() < 0.01
 
 
-@pytest.mark.parametrize("n_channels", [1, 3, 31, 40])
+@pytest.mark.parametrize("n_channels", [1, 3, 6, 31, 40])
 def test_any_number_of_channels(cuda: base.Rasterizer, n_channels: int) -> None:
     scene = small()
     rng = np.random.default_rng(0)

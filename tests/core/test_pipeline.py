@@ -22,10 +22,8 @@ from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.pipeline import (
     associate_scene,
     mask_path_of,
-    missing_stages,
     read_groups,
     render_views,
-    run_missing,
     select_views,
 )
 from gaga_core.progress import run_stage
@@ -153,18 +151,6 @@ def test_cancelled_render_leaves_nothing(folder: SceneFolder, tmp_path: Path) ->
         next(stage)
     stage.close()
     assert not (tmp_path / "deep").exists()
-
-
-def test_run_missing_runs_each_stage_once(folder: SceneFolder) -> None:
-    assert missing_stages(folder) == ("associate", "render")
-    assert run_stage(run_missing(folder)) == ("associate", "render")
-    before = _contents(folder.root)
-    assert run_stage(run_missing(folder)) == ()
-    assert _contents(folder.root) == before
-    (folder.work / "renders" / "groups" / f"{Path(folder.test[0]).stem}.png").unlink()
-    assert run_stage(run_missing(folder)) == ("render",)
-    run_stage(associate_scene(folder))
-    assert missing_stages(folder) == ("render",)  # the pictures show groups of before
 
 
 def test_render_depth_and_rgb(folder: SceneFolder, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.jobs import Job
 from gaga_studio.session import Session
+from gaga_studio.status import backend
 from gaga_studio.ui import widgets
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -25,7 +26,7 @@ def draw(session: Session, hint: str, figures: Figures | None) -> None:
     right = _figures_text(session, figures)
     width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
     tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
-    job = session.jobs.running
+    job = session.jobs.running or session.jobs.quiet
     middle = min(em(30), width * 0.5) if job is not None else 0.0
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
@@ -40,10 +41,11 @@ def draw(session: Session, hint: str, figures: Figures | None) -> None:
         imgui.same_line(width - tail + em(1))
         imgui.align_text_to_frame_padding()
         widgets.dim(right)
+        widgets.tooltip(backend().sentence)
 
 
 def _job(session: Session, job: Job, width: float) -> None:
-    cancel = em(4.8)
+    cancel = em(4.8) if session.jobs.running is not None else 0.0
     bar = em(7) if width > em(24) else em(3.5)
     text = widgets.elided(_job_text(job), width - cancel - bar - em(1.8))
     imgui.align_text_to_frame_padding()
@@ -56,6 +58,9 @@ def _job(session: Session, job: Job, width: float) -> None:
     imgui.progress_bar(fraction, ImVec2(bar, em(0.35)), "")
     imgui.same_line(0, em(0.6))
     imgui.set_cursor_pos_y(top)
+    if not cancel:  # a quiet job: nothing waits for it
+        imgui.dummy(ImVec2(1, 1))
+        return
     why_not = "Already stopping" if job.is_cancelling else ""
     face = Face(width=cancel)
     if widgets.button("Cancel", face, why_not=why_not, hint="Stop; nothing is changed"):
@@ -86,6 +91,10 @@ def _figures_text(session: Session, figures: Figures | None) -> str:
     if figures is None or session.document is None or not session.view.show_info:
         return ""
     parts = [f"{figures.n_splats:,} splats"]
-    if imgui.get_main_viewport().size.x > em(60):
+    width = imgui.get_main_viewport().size.x
+    if width > em(60):
         parts += [f"{figures.frame_ms:.0f} ms", figures.backend]
+    if width > em(75):
+        compute = backend()
+        parts.append(f"{compute.name} ({compute.reason})" if width > em(130) else compute.name)
     return "   ".join(parts)

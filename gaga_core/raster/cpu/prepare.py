@@ -55,9 +55,13 @@ def for_kernel(array: AnyArray, dtype: type[np.generic]) -> AnyArray:
     return np.asarray(_Memory(ready))
 
 
-def prepare(gaussians: Gaussians, camera: Camera) -> TiledView:
-    """Project, sort by depth (ties by index) and list the splats of each tile."""
-    splats, depths, index, packed = _project(gaussians, camera)
+def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = None) -> TiledView:
+    """Project, sort by depth (ties by index) and list the splats of each tile.
+
+    ``antialiased``: the mip look; None = as the Gaussians' comments say.
+    """
+    look = gaussians.is_antialiased if antialiased is None else antialiased
+    splats, depths, index, packed = _project(gaussians, camera, look)
     rows = kernels.sort_by_depth(depths[packed].view(np.uint32), packed)
     n = len(rows)
     sorted_splats = np.empty((n, 8), np.float32)
@@ -83,15 +87,25 @@ def prepare(gaussians: Gaussians, camera: Camera) -> TiledView:
     return TiledView(sorted_splats, sorted_depths, order, offsets, ids)
 
 
-def pose_and_lens(camera: Camera) -> tuple[DoubleArray, DoubleArray]:
-    """The camera as `project` takes it: (3, 4) pose, and fx, fy, cx, cy, size, near, blur."""
+def pose_and_lens(camera: Camera, antialiased: bool = False) -> tuple[DoubleArray, DoubleArray]:
+    """The camera as `project` takes it: (3, 4) pose, and fx, fy, cx, cy, size, near, blur, look."""
     K = camera.K
-    lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], camera.width, camera.height, NEAR, BLUR]
+    lens = [
+        K[0, 0],
+        K[1, 1],
+        K[0, 2],
+        K[1, 2],
+        camera.width,
+        camera.height,
+        NEAR,
+        BLUR,
+        antialiased,
+    ]
     return np.array(camera.cam_from_world[:3], np.float64, order="C"), np.array(lens, np.float64)
 
 
 def _project(
-    gaussians: Gaussians, camera: Camera
+    gaussians: Gaussians, camera: Camera, antialiased: bool
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Projected columns with gaps, and the rows that are filled, in the order of the Gaussians."""
     n = len(gaussians)
@@ -99,7 +113,7 @@ def _project(
     quats = for_kernel(gaussians.quats, np.float32)
     log_scales = for_kernel(gaussians.log_scales, np.float32)
     logits = for_kernel(gaussians.logit_opacities, np.float32)
-    pose, lens = pose_and_lens(camera)
+    pose, lens = pose_and_lens(camera, antialiased)
     splats = np.empty((n, 8), np.float32)
     depths, index = np.empty(n, np.float32), np.empty(n, np.int32)
     counts = np.zeros((n + _CHUNK - 1) // _CHUNK, np.int64)

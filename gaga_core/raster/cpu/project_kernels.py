@@ -31,7 +31,7 @@ def project(
     log_scales: FloatArray,
     logits: FloatArray,
     pose: DoubleArray,  # (3, 4) cam_from_world
-    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur
+    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur, 1 = antialiased
     splats: FloatArray,
     depths: FloatArray,
     index: IntArray,
@@ -107,6 +107,11 @@ def project(
         det = cxx * cyy - cxy * cxy
         if not (det > 0.0 and cxx + cyy < 1e30):
             continue
+        if lens[8] > 0.0:  # as much as the blur adds to the area
+            plain = det - blur * (cxx + cyy) + blur * blur
+            opacity *= math.sqrt(max(0.0, plain) / det)
+            if opacity < 1.0 / 255.0:
+                continue
         cut = 2.0 * (math.log(opacity) + _CUT + _MARGIN)
         ex = math.sqrt(cut * cxx)
         ey = math.sqrt(cut * cyy)

@@ -156,7 +156,7 @@ def _forward(
     if background is not None:
         check_shape("background", background, (3,))
         behind[:] = background
-    view = prepare(gaussians, camera)
+    view = prepare(gaussians, camera, antialiased=False)  # trained in the classic look
     return forward(view, camera, _colors(gaussians, camera, view), behind)
 
 

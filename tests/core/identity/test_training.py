@@ -1,0 +1,177 @@
+"""Modes "refine" and "paper", on a scene with known groups."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.identity.closed_form import ClosedForm
+from gaga_core.identity.paper import PaperConfig, TimeEstimate, Trained, train_identity
+from gaga_core.identity.refine import RefineConfig, Refined, refine_identity
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.core.identity.noisy import ROWS, G, right_pixels
+from tests.scenes import Synthetic
+
+PAPER = PaperConfig(iterations=40, rows=ROWS, reg_samples=100, checkpoint_every=8)
+
+
+def _refined(
+    scene: Synthetic,
+    closed: ClosedForm,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+    config: RefineConfig,
+) -> Refined:
+    stage = refine_identity(scene.gaussians, closed, train, label_map, choose(), config)
+    return run_stage(stage)
+
+
+def test_refine_is_not_worse_than_the_vote(
+    scene: Synthetic,
+    closed: ClosedForm,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+) -> None:
+    config = RefineConfig(rows=ROWS)
+    refined = _refined(scene, closed, train, label_map, config)
+    assert refined.after.accuracy >= refined.before.accuracy
+    assert 1 <= refined.steps <= config.steps
+    before = right_pixels(scene, closed.identity.field)
+    assert right_pixels(scene, refined.identity.field) >= before - 0.002
+    identity = refined.identity
+    assert np.array_equal(identity.labels, identity.field.labels())
+    assert (identity.confidence >= 0).all()
+    assert (identity.confidence <= 1).all()
+    changed = identity.labels != closed.identity.labels
+    assert np.array_equal(identity.confidence[~changed], closed.identity.confidence[~changed])
+
+
+def test_refine_moves_and_stops_when_it_does_not_help(
+    scene: Synthetic,
+    closed: ClosedForm,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+) -> None:
+    """Steps a thousand times too long destroy the field: the closed form must come back."""
+    config = RefineConfig(rows=ROWS, patience=2, check_every=3)
+    wild = replace(config, rates=replace(config.rates, encodings=2.5, layer=0.5))
+    refined = _refined(scene, closed, train, label_map, wild)
+    assert refined.best_step == 0
+    assert refined.steps == 6
+    assert np.array_equal(refined.identity.field.encodings, closed.identity.field.encodings)
+
+
+def test_refine_is_deterministic(
+    scene: Synthetic,
+    closed: ClosedForm,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = RefineConfig(rows=ROWS, steps=10)
+    one = _refined(scene, closed, train, label_map, config)
+    monkeypatch.setenv("GAGA_THREADS", "1")
+    two = _refined(scene, closed, train, label_map, config)
+    assert np.array_equal(one.identity.field.encodings, two.identity.field.encodings)
+    assert np.array_equal(one.identity.field.weight, two.identity.field.weight)
+    assert one.after == two.after
+
+
+def _train(
+    scene: Synthetic,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+    config: PaperConfig,
+    checkpoint: Path | None = None,
+) -> Trained:
+    return run_stage(
+        train_identity(
+            scene.gaussians, G, train, label_map, choose(), config, checkpoint=checkpoint
+        )
+    )
+
+
+def test_training_from_zeros_learns_the_groups(
+    scene: Synthetic, train: Sequence[Camera], label_map: Callable[[Camera], IntArray]
+) -> None:
+    config = replace(PAPER, iterations=300)
+    trained = _train(scene, train, label_map, config)
+    assert trained.steps == 299
+    assert trained.last_loss < 0.6 * trained.first_loss
+    assert trained.accuracy > 0.75
+    assert right_pixels(scene, trained.identity.field) > 0.9
+    assert np.array_equal(trained.identity.labels, trained.identity.field.labels())
+    assert (trained.identity.labels > 0).all()  # class 0 was never trained
+
+
+def test_the_estimate_comes_first(
+    scene: Synthetic, train: Sequence[Camera], label_map: Callable[[Camera], IntArray]
+) -> None:
+    stage = train_identity(scene.gaussians, G, train, label_map, choose(), PAPER)
+    first = next(stage)
+    assert isinstance(first.payload, TimeEstimate)
+    assert (first.done, first.total) == (0, PAPER.iterations)
+    assert first.payload.seconds > PAPER.iterations * first.payload.seconds_per_step > 0
+    stage.close()
+
+
+@pytest.mark.parametrize("stop_at", [3, 8, 17, 31])
+def test_a_stopped_run_goes_on_as_if_it_never_stopped(
+    scene: Synthetic,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+    tmp_path: Path,
+    stop_at: int,
+) -> None:
+    whole = _train(scene, train, label_map, PAPER)
+    path = tmp_path / "run.npz"
+    stage = train_identity(scene.gaussians, G, train, label_map, choose(), PAPER, checkpoint=path)
+    for progress in stage:
+        if progress.stage == "Train identities" and progress.done == stop_at:
+            break
+    stage.close()
+    assert path.is_file()
+    resumed = _train(scene, train, label_map, PAPER, path)
+    assert resumed.resumed_at == stop_at
+    assert resumed.steps == whole.steps
+    for name in ("encodings", "weight", "bias"):
+        ours, theirs = getattr(resumed.identity.field, name), getattr(whole.identity.field, name)
+        assert np.array_equal(ours, theirs)
+
+
+def test_a_checkpoint_of_another_run_is_not_used(
+    scene: Synthetic,
+    train: Sequence[Camera],
+    label_map: Callable[[Camera], IntArray],
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.npz"
+    short = replace(PAPER, iterations=10)
+    _train(scene, train, label_map, short, path)
+    assert _train(scene, train, label_map, short, path).resumed_at == 8
+    assert _train(scene, train, label_map, replace(short, reg_factor=1.0), path).resumed_at == 0
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(GagaError, match=r"run\.npz is damaged"):
+        _train(scene, train, label_map, short, path)
+
+
+def test_the_regulariser_spreads_labels_to_hidden_gaussians(
+    train: Sequence[Camera], label_map: Callable[[Camera], IntArray], scene: Synthetic
+) -> None:
+    logits = scene.gaussians.logit_opacities.copy()
+    logits[::4] = -9
+    gaussians: Gaussians = replace(scene.gaussians, logit_opacities=logits)
+    truth = np.where(scene.labels > 0, scene.labels, G)
+    right = {}
+    for every in (0, 1):
+        config = replace(PAPER, iterations=200, reg_every=every, reg_samples=1000)
+        trained = run_stage(train_identity(gaussians, G, train, label_map, choose(), config))
+        right[every] = (trained.identity.labels == truth)[::4].mean()
+    assert right[1] > right[0] + 0.2
