@@ -1,0 +1,98 @@
+"""A training on disk: what it takes to go on as if it had never stopped."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write
+from gaga_core.reconstruct.densify import ScreenSums
+from gaga_core.reconstruct.exposure import Exposures
+from gaga_core.reconstruct.optimizer import COLUMNS, Splats, of_columns
+from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.views import TrainViews
+
+_FORMAT = 1
+_PARTS = ("values", "first", "second")
+_NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
+
+
+@dataclass(eq=False)
+class TrainState:
+    """A training between two iterations."""
+
+    iteration: int  # done so far
+    splats: Splats
+    sums: ScreenSums
+    exposures: Exposures
+    losses: FloatArray  # (iterations,) those to come are 0
+    measured: DoubleArray  # (M, 3) iteration, held-out PSNR in dB, SSIM
+
+
+def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_workers: int) -> str:
+    """Digest of all that a training starts from: equal only for the same training."""
+    settings = {k: v for k, v in asdict(config).items() if k not in _NO_EFFECT}
+    digest = hashlib.blake2b(json.dumps([_FORMAT, n_workers, settings]).encode())
+    for name in COLUMNS:
+        digest.update(np.ascontiguousarray(getattr(initial, name)).data)
+    for view in (*views.train, *views.test):
+        camera = view.camera
+        digest.update(camera.name.encode())
+        for array in (camera.K, camera.cam_from_world, view.picture):
+            digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def save_checkpoint(path: Path, state: TrainState, digest: str) -> None:
+    """Write ``state`` in place of what is there; ``GagaError`` when that is impossible."""
+    arrays: dict[str, AnyArray] = {
+        "digest": np.array(digest),
+        "iteration": np.array(state.iteration),
+    }
+    for part in _PARTS:
+        columns = getattr(state.splats, part)
+        arrays |= {f"{part}_{name}": getattr(columns, name) for name in COLUMNS}
+        arrays[f"exposures_{part}"] = getattr(state.exposures, part)
+    arrays |= {"gradient": state.sums.gradient, "n_views": state.sums.n_views}
+    arrays |= {"losses": state.losses, "measured": state.measured}
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def load_checkpoint(path: Path, digest: str) -> TrainState | None:
+    """The state of the training with this ``digest``; None when there is none, or of another.
+
+    Raises ``GagaError`` when the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    cure = "Remove it to train from the start."
+    arrays = read_arrays(path, cure)
+    try:
+        if str(arrays["digest"]) != digest:
+            return None
+        parts = [
+            of_columns([np.ascontiguousarray(arrays[f"{part}_{name}"]) for name in COLUMNS])
+            for part in _PARTS
+        ]
+        state = TrainState(
+            int(arrays["iteration"]),
+            Splats(*parts),
+            ScreenSums(arrays["gradient"], arrays["n_views"]),
+            Exposures(*(arrays[f"exposures_{part}"] for part in _PARTS)),
+            arrays["losses"],
+            arrays["measured"],
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{path} is damaged. {cure}") from error
+    n = len(state.splats)
+    lengths = (*map(len, parts), len(state.sums.gradient), len(state.sums.n_views))
+    if any(length != n for length in lengths) or not 0 <= state.iteration <= len(state.losses):
+        raise GagaError(f"{path} is damaged. {cure}")
+    return state

@@ -1,0 +1,129 @@
+"""Training on the CPU: draw a view, compare, step, control the density."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray
+from gaga_core.gaussians import Gaussians
+from gaga_core.raster.base import Gradients, TrainableRasterizer, TrainStep
+from gaga_core.reconstruct.checkpoint import TrainState
+from gaga_core.reconstruct.densify import ScreenSums, control_density, quota, reset_opacities
+from gaga_core.reconstruct.engine import (
+    Setting,
+    is_due_for_control,
+    is_due_for_reset,
+    step_exposures,
+    turns_of,
+)
+from gaga_core.reconstruct.losses import photometric
+from gaga_core.reconstruct.optimizer import Splats, adam_step
+from gaga_core.reconstruct.relocate import relocate_and_grow, walk
+from gaga_core.reconstruct.views import TrainView
+
+_SPLIT, _WALK = 1, 2  # what random numbers are drawn for
+
+
+class CpuEngine:
+    """`engine.Engine` that trains the state in place.
+
+    Everything random is drawn anew from seed and iteration, so that a state is all it takes to go
+    on.
+    """
+
+    def __init__(
+        self, state: TrainState, setting: Setting, rasterizer: TrainableRasterizer
+    ) -> None:
+        self._state, self._setting, self._rasterizer = state, setting, rasterizer
+
+    @property
+    def n_splats(self) -> int:
+        """How many splats there are now."""
+        return len(self._state.splats)
+
+    def copied(self, state: TrainState) -> Gaussians:
+        """A copy of the splats."""
+        return Splats.of(state.splats.values).values
+
+    def fetch(self, state: TrainState) -> None:
+        """Nothing: ``state`` is right at any time."""
+
+    def advance(self, state: TrainState) -> None:
+        """Do the next iteration of ``state``, in place."""
+        setting, config, i = self._setting, self._setting.config, state.iteration + 1
+        moment = i / config.iterations
+        degree = config.degree_at(moment)
+        if degree > state.splats.values.sh_degree:
+            state.splats = state.splats.with_degree(degree)
+        turns = turns_of(i - 1, setting)
+        index = turns[setting.team.rank].view
+        step, by_exposure = self._draw(state, setting.view(index, moment), index)
+        gradients = setting.team.mean(step.gradients, len(state.splats))
+        if config.exposure:
+            step_exposures(state, setting, turns, by_exposure)
+        state.losses[i - 1] = setting.team.mean_values(np.array([step.value]))[0]
+        _add_decay(state, gradients, setting)
+        adam_step(state.splats, gradients, setting.rates(moment), i)
+        state.sums.add(gradients)
+        _control(state, setting, i)
+        state.iteration = i
+
+    def _draw(
+        self, state: TrainState, view: TrainView, index: int
+    ) -> tuple[TrainStep, DoubleArray]:
+        """Draw a view and compare it; also the gradient (2, 3) by its exposure (0 without)."""
+        config = self._setting.config
+        by_exposure = np.zeros((2, 3))
+
+        def loss(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
+            return photometric(image, target, config.dissimilarity)
+
+        compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
+        step = self._rasterizer.train_step(
+            state.splats.values,
+            view.camera,
+            view.target(),
+            compare,
+            background=self._setting.background,
+        )
+        return step, by_exposure
+
+
+def _add_decay(state: TrainState, gradients: Gradients, setting: Setting) -> None:
+    """Gradients of the regularisers: mean opacity and mean standard deviation (MCMC)."""
+    config = setting.config
+    rows, values = gradients.indices, state.splats.values
+    if config.opacity_decay > 0:
+        o = 1 / (1 + np.exp(-values.logit_opacities[rows]))
+        gradients.logit_opacities[:] += np.float32(config.opacity_decay / len(values)) * o * (1 - o)
+    if config.scale_decay > 0:
+        weight = np.float32(config.scale_decay / (3 * len(values) * setting.extent))
+        gradients.log_scales[:] += weight * np.exp(values.log_scales[rows])
+
+
+def _control(state: TrainState, setting: Setting, i: int) -> None:
+    """Density control when it is due."""
+    config, density = setting.config, setting.config.density
+    moment = i / config.iterations
+    if density.strategy == "mcmc" and density.noise > 0:
+        decay = config.rates.means_end**moment
+        walk(state.splats, density, decay, setting.extent, setting.random(_WALK, i))
+    if is_due_for_control(i, config):
+        _change_density(state, setting, i)
+    if is_due_for_reset(i, config):
+        reset_opacities(state.splats, density.reset_opacity)
+
+
+def _change_density(state: TrainState, setting: Setting, i: int) -> None:
+    config, density, moment = setting.config, setting.config.density, i / setting.config.iterations
+    rng = setting.random(_SPLIT, i)
+    n_new = quota(density, len(state.splats), moment, density.every / config.iterations)
+    if density.strategy == "mcmc":
+        state.splats = relocate_and_grow(state.splats, density, n_new, rng)
+    else:
+        if moment <= density.reset_every:
+            density = replace(density, largest_size=0.0)  # large ones are still needed (Kerbl)
+        state.splats = control_density(
+            state.splats, state.sums, density, setting.extent, n_new, rng
+        )
+    state.sums = ScreenSums.empty(len(state.splats))

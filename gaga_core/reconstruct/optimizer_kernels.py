@@ -1,0 +1,38 @@
+"""Kernels of the optimiser."""
+
+import math
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.kernels import kernel
+
+_F = np.float32
+_BETA1, _BETA2, _EPSILON = _F(0.9), _F(0.999), _F(1e-15)
+_REST1, _REST2 = _F(1.0 - 0.9), _F(1.0 - 0.999)
+
+
+@kernel
+def adam_rows(
+    rows: IntArray,  # (n,) rows to change
+    gradient: FloatArray,  # (n, C)
+    values: FloatArray,  # (N, C) changed
+    first: FloatArray,  # (N, C) changed: running mean of the gradient
+    second: FloatArray,  # (N, C) changed: running mean of its square
+    rates: FloatArray,  # (C,) learning rate over the first bias correction
+    correction: float,  # 1 / the second bias correction
+    start: int,
+    stop: int,
+) -> None:
+    """One step of Adam (Kingma 2015) for rows[start:stop]; all other rows rest."""
+    n_columns = values.shape[1]
+    unbias = _F(correction)
+    for k in range(start, stop):
+        i = rows[k]
+        for c in range(n_columns):
+            g = gradient[k, c]
+            m = _BETA1 * first[i, c] + _REST1 * g
+            v = _BETA2 * second[i, c] + _REST2 * (g * g)
+            first[i, c] = m
+            second[i, c] = v
+            values[i, c] -= rates[c] * np.divide(m, _F(math.sqrt(v * unbias)) + _EPSILON)

@@ -1,0 +1,236 @@
+"""Training of Gaussians on posed photos: 3D Gaussian Splatting (Kerbl 2023), view by view.
+
+Deterministic from the seed: the same views and settings give the same splats, bit for bit, on any
+number of threads, and whether or not the training was stopped and taken up again in between.
+"""
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray
+from gaga_core.gaussians import Gaussians
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.raster.base import Rasterizer, TrainableRasterizer
+from gaga_core.reconstruct.checkpoint import (
+    TrainState,
+    digest_of,
+    load_checkpoint,
+    save_checkpoint,
+)
+from gaga_core.reconstruct.cpu_train import CpuEngine
+from gaga_core.reconstruct.densify import ScreenSums
+from gaga_core.reconstruct.engine import Engine, Setting
+from gaga_core.reconstruct.exposure import Exposures
+from gaga_core.reconstruct.metrics import Quality, quality_stage
+from gaga_core.reconstruct.optimizer import Splats, camera_extent, with_degree
+from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.team import ALONE, Team
+from gaga_core.reconstruct.views import TrainView, TrainViews
+
+STAGE = "Train splats"
+_REST = 20  # x the time that a checkpoint takes must pass before the next
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One point of the curves: quality of the held-out views after ``iteration``."""
+
+    iteration: int
+    psnr: float  # dB
+    ssim: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrainUpdate:
+    """Payload of the training's progress, for whoever watches."""
+
+    iteration: int
+    losses: FloatArray  # (iteration,) of the view of each iteration
+    n_splats: int
+    measured: tuple[Measured, ...]  # so far
+    gaussians: Gaussians | None = None  # a copy, every few seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """The end of a training."""
+
+    gaussians: Gaussians
+    quality: Quality | None  # on held-out views; None without any
+    losses: FloatArray  # (iterations,)
+    measured: tuple[Measured, ...]
+
+
+def train_stage(
+    initial: Gaussians,
+    views: TrainViews,
+    config: TrainConfig,
+    rasterizer: Rasterizer,
+    *,
+    checkpoint: Path | None = None,
+    team: Team = ALONE,
+) -> Stage[Trained]:
+    """Train ``initial`` on ``views.train``; measure on ``views.test``.
+
+    Each `Progress` carries a `TrainUpdate`. ``checkpoint`` is a file that is written every
+    `TrainConfig.checkpoint_seconds`, when the stage is closed (cancelled), and at the end; a later
+    call with the same views and settings goes on from it, to the same splats. It is not removed.
+    With a ``team`` each worker runs this with equal arguments and draws its own views; all return
+    the same splats. Raises ``GagaError`` when the checkpoint is damaged or cannot be written.
+    """
+    half = yield from _half_views(views.train, config)
+    state = _start(initial, views, config)
+    digest = ""
+    if checkpoint is not None:
+        digest = digest_of(initial, views, config, team.size)
+        _remove_leftovers(checkpoint, team)
+        found = load_checkpoint(checkpoint, digest)
+        if found is not None:
+            _log.info("%s: going on after iteration %d", checkpoint, found.iteration)
+        state = found or state
+    positions = np.array([view.camera.position for view in views.train])
+    setting = Setting(views.train, half, config, camera_extent(positions), team)
+    engine = _engine(state, setting, rasterizer)
+    keeper = _Keeper(
+        engine, checkpoint if team.rank == 0 else None, digest, config.checkpoint_seconds
+    )
+    watcher = _Watcher(engine, config.snapshot_seconds)
+    yield Progress(STAGE, state.iteration, config.iterations, "preparing")
+    try:
+        while True:
+            if team.rank == 0 and _is_due(state, config):
+                quality = yield from quality_stage(
+                    engine.copied(state), views.test, rasterizer, setting.background
+                )
+                _note(state, quality)
+            if state.iteration >= config.iterations:
+                break
+            engine.advance(state)
+            yield watcher.progress(state)
+            keeper.tick(state)
+    except GeneratorExit:
+        # Cancelled between two iterations. Any other end may lie within one: then what was written
+        # last stays.
+        keeper.save(state)
+        raise
+    keeper.save(state)
+    engine.fetch(state)
+    yield watcher.progress(state)
+    gaussians = with_degree(state.splats.values, config.sh_degree)
+    quality = yield from quality_stage(gaussians, views.test, rasterizer, setting.background)
+    return Trained(gaussians, quality, state.losses, _measured(state))
+
+
+def train(
+    initial: Gaussians, views: TrainViews, config: TrainConfig, rasterizer: Rasterizer
+) -> Trained:
+    """`train_stage` to its end."""
+    return run_stage(train_stage(initial, views, config, rasterizer))
+
+
+def _engine(state: TrainState, setting: Setting, rasterizer: Rasterizer) -> Engine:
+    """What trains where ``rasterizer`` draws."""
+    if rasterizer.name == "cuda":
+        # Loaded when CUDA was chosen: it imports torch.
+        from gaga_core.reconstruct.cuda_train import CudaEngine
+
+        return CudaEngine(state, setting)
+    if not hasattr(rasterizer, "train_step"):
+        raise ValueError(f"rasterizer: {rasterizer.name!r} does not train")
+    return CpuEngine(state, setting, cast("TrainableRasterizer", rasterizer))
+
+
+def _half_views(views: Sequence[TrainView], config: TrainConfig) -> Stage[tuple[TrainView, ...]]:
+    """The views at half size; none when the schedule has no use for them."""
+    half = []
+    for i, view in enumerate(views if config.half_until > 0 else ()):
+        yield Progress(STAGE, 0, config.iterations, f"half size {i + 1} of {len(views)}")
+        half.append(view.smaller(0.5))
+    return tuple(half)
+
+
+def _start(initial: Gaussians, views: TrainViews, config: TrainConfig) -> TrainState:
+    return TrainState(
+        iteration=0,
+        splats=Splats.of(with_degree(initial, min(initial.sh_degree, config.sh_degree))),
+        sums=ScreenSums.empty(len(initial)),
+        exposures=Exposures.neutral(len(views.train)),
+        losses=np.zeros(config.iterations, np.float32),
+        measured=np.zeros((0, 3)),
+    )
+
+
+def _is_due(state: TrainState, config: TrainConfig) -> bool:
+    """Whether the curves get a point here (the end in any case) and have none yet."""
+    i = state.iteration
+    every = max(1, config.at(config.measure_every))
+    if i == 0 or (i % every != 0 and i != config.iterations):
+        return False
+    return len(state.measured) == 0 or state.measured[-1, 0] != i
+
+
+def _remove_leftovers(checkpoint: Path, team: Team) -> None:
+    """Parts of checkpoints that a process was killed over."""
+    if team.rank == 0:
+        for part in checkpoint.parent.glob(f".{checkpoint.name}.*.part"):
+            part.unlink(missing_ok=True)
+
+
+def _note(state: TrainState, quality: Quality | None) -> None:
+    if quality is not None:
+        row = (state.iteration, quality.psnr, quality.ssim)
+        state.measured = np.concatenate([state.measured, [row]])
+
+
+def _measured(state: TrainState) -> tuple[Measured, ...]:
+    return tuple(Measured(int(i), float(p), float(s)) for i, p, s in state.measured)
+
+
+class _Watcher:
+    """Makes the progress reports, with a copy of the splats now and then."""
+
+    def __init__(self, engine: Engine, seconds: float) -> None:
+        self._engine, self._seconds = engine, seconds
+        self._last = -np.inf
+
+    def progress(self, state: TrainState) -> Progress:
+        now, copy = time.monotonic(), None
+        if now - self._last >= self._seconds:
+            self._last, copy = now, self._engine.copied(state)
+        losses = state.losses[: state.iteration]
+        n, measured = self._engine.n_splats, _measured(state)
+        message = f"{n:,} splats, loss {losses[-1]:.4f}"
+        if measured:
+            message += f", held-out {measured[-1].psnr:.1f} dB"
+        update = TrainUpdate(state.iteration, losses, n, measured, copy)
+        return Progress(STAGE, state.iteration, len(state.losses), message, update)
+
+
+class _Keeper:
+    """Writes checkpoints: every so many seconds, and when asked, if there is anything new."""
+
+    def __init__(self, engine: Engine, path: Path | None, digest: str, seconds: float) -> None:
+        self._engine = engine
+        self._path, self._digest, self._seconds = path, digest, seconds
+        self._last = time.monotonic()
+        self._saved = 0
+        self._took = 0.0
+
+    def tick(self, state: TrainState) -> None:
+        if time.monotonic() - self._last >= max(self._seconds, _REST * self._took):
+            self.save(state)
+
+    def save(self, state: TrainState) -> None:
+        if self._path is not None and state.iteration != self._saved:
+            start = time.monotonic()
+            self._engine.fetch(state)
+            save_checkpoint(self._path, state, self._digest)
+            self._last, self._saved = time.monotonic(), state.iteration
+            self._took = self._last - start

@@ -1,0 +1,51 @@
+"""A scene with known splats to train on."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, UInt8Array
+from gaga_core.gaussians import Gaussians
+from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.reconstruct.initial import initial_gaussians
+from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.views import TrainView, TrainViews
+from tests.scenes import objects_scene
+
+CPU = CpuRasterizer()
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene with pictures of all its views, and points as structure from motion finds them."""
+
+    truth: Gaussians
+    views: TrainViews
+    points: DoubleArray
+    colors: UInt8Array
+
+    @property
+    def initial(self) -> Gaussians:
+        return initial_gaussians(self.points, self.colors)
+
+
+def known_scene() -> Known:
+    """Four balls on a floor, 18 views to train on and 2 to measure on, 64 x 48 pixels."""
+    scene = objects_scene(4, 90, n_cameras=20)
+    views = []
+    for camera in scene.cameras:
+        small = replace(camera.resized(64, 48), name=camera.name)
+        image = np.clip(CPU.render(scene.gaussians, small).image, 0, 1)
+        views.append(TrainView(small, (image * 255 + 0.5).astype(np.uint8)))
+    rng = np.random.default_rng(0)
+    some = scene.gaussians.take(rng.permutation(len(scene.gaussians))[:400])
+    points = some.means + rng.normal(0, 0.02, (400, 3))
+    colors = np.clip((0.5 + 0.282 * some.sh[:, 0]) * 255, 0, 255).astype(np.uint8)
+    return Known(scene.gaussians, TrainViews(tuple(views[2:]), tuple(views[:2])), points, colors)
+
+
+def short(iterations: int = 150, **changes: object) -> TrainConfig:
+    """The draft settings for that scene."""
+    config = TrainConfig.of("draft")
+    density = replace(config.density, max_splats=700, every=20)
+    return replace(config, iterations=iterations, density=density, **changes)  # type: ignore[arg-type]
