@@ -280,6 +280,16 @@ class Document:
             return None
         return self.read.selected_box(self.history.is_previewing)
 
+    def selected_axes(self) -> DoubleArray:
+        """How the first selected splat's object was turned (3, 3): its own axes as columns."""
+        chosen = self.read.selected_indices()
+        if len(chosen) == 0:
+            return np.eye(3)
+        row = self.scene.placement[chosen[0]]
+        u, _, vt = np.linalg.svd(self.scene.placements.matrix[row][:, :3])
+        axes: DoubleArray = u @ vt
+        return axes if np.linalg.det(axes) > 0 else -axes
+
     def selected_centre(self) -> DoubleArray | None:
         """Where the handles stand (3,), world; None when nothing is selected."""
         box = self.selected_box()

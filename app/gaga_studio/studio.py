@@ -25,6 +25,7 @@ from gaga_studio.ui import (
     notices,
     objects,
     requests,
+    selecting,
     sheets,
     shortcuts,
     status,
@@ -101,6 +102,7 @@ class Studio:
             Panel("Viewport", lambda: self.picture.draw(session, ui), main, main, is_bare=True),
             Panel("Objects", lambda: objects.draw(session, ui), "Left", "Right"),
             Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
+            Panel("Select by", lambda: selecting.draw(session, ui), "Right", "RightBottom"),
             Panel("Memory bank", lambda: memory_bank.draw(session, ui), "RightDown", "RightBottom"),
             Panel("Views", lambda: views.draw(session, ui), "Bottom", "RightBottom"),
             Panel("History", lambda: history.draw(session, ui), "BottomRight", "RightBottom"),
@@ -110,6 +112,7 @@ class Studio:
         self._ctx = attach()
         self._backend = _backend(self._ctx)
         self.viewport = Viewport(self._ctx)
+        self._pacing.is_software = self.viewport.is_software
         self.images = ImageStore(self._ctx)
         self.session.images = self.images
         path, demo = self._first
@@ -188,7 +191,7 @@ class Studio:
         if self.viewport is None:
             return 0
         session = self.session
-        view = self._pacing.view_for(session.view, camera, self.viewport.is_software)
+        view = self._pacing.view_for(session.view, self._motion(camera), len(session.scene or ()))
         if cleaning.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview speaks in colors of its own
         before, start = self.viewport.n_draws, time.perf_counter()
@@ -198,6 +201,13 @@ class Studio:
             self._pacing.drew((time.perf_counter() - start) * 1000)
         return texture
 
+    def _motion(self, camera: Camera) -> tuple[object, ...]:
+        """What changes from frame to frame while the camera moves or an object is dragged."""
+        session = self.session
+        dragged = session.is_previewing and session.scene is not None
+        revision = session.scene.revision.placements if dragged and session.scene else 0
+        return (camera.cam_from_world.tobytes(), dragged, revision)
+
     def _overlays(self) -> Overlays:
         session = self.session
         return Overlays(
@@ -205,6 +215,7 @@ class Studio:
             active_camera=session.active_view,
             labels=session.live_labels,
             hovered_group=session.hovered_group,
+            focused_group=session.focus if session.view.mode is Mode.MASK else 0,
             pixel_scale=imgui.get_io().display_framebuffer_scale.x,
         )
 

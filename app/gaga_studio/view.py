@@ -7,6 +7,7 @@ from typing import Protocol
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.scene.edits import How
+from gaga_core.scene.scene import Scene
 
 
 class Mode(StrEnum):
@@ -15,6 +16,18 @@ class Mode(StrEnum):
     COLOR = "color"
     GROUPS = "groups"
     DEPTH = "depth"
+    CONFIDENCE = "confidence"  # how sure each splat is of its group
+    CENTRES = "centres"
+    RINGS = "rings"  # the rim of each ellipse
+    MASK = "mask"  # the object in the inspector, white on black
+
+
+class SplatLook(StrEnum):
+    """How splats that are smaller than a pixel are drawn."""
+
+    AUTO = "auto"  # as the file's comments ask
+    CLASSIC = "classic"  # every splat is widened by 0.3 pixels^2 (Kerbl 2023)
+    ANTIALIASED = "antialiased"  # and thinned out as much (Yu 2024, Mip-Splatting)
 
 
 class ToolName(StrEnum):
@@ -25,6 +38,7 @@ class ToolName(StrEnum):
     LASSO = "lasso"
     POLYGON = "polygon"
     BRUSH = "brush"
+    SPHERE = "sphere"
     MOVE = "move"
     ROTATE = "rotate"
     SCALE = "scale"
@@ -58,9 +72,11 @@ class ViewState:
 
     mode: Mode = Mode.COLOR
     background: tuple[float, float, float] = (0.11, 0.11, 0.12)
+    look: SplatLook = SplatLook.AUTO
     show_frusta: bool = False
     show_outline: bool = True
     splat_budget: int = 0  # 0 = no limit
+    coarse_budget: int = 0  # that a motion would begin with: its depth order is kept ready
     resolution_scale: float = 1.0  # of the viewport's own pixels
     show_panels: bool = True  # Tab hides everything but the picture
     show_info: bool = True  # splats, frame time and backend in the status bar
@@ -68,6 +84,15 @@ class ViewState:
     visible_only: bool = False  # they take the visible surface; else everything behind it too
     brush_radius: float = 24.0  # pixels of the screen
     outline: "Outline | None" = None  # of the polygon tool
+    snaps: bool = False  # handles move in steps
+    local_axes: bool = False  # handles stand along the object's own axes, else the world's
+    pivot: tuple[float, float, float] | None = None  # what turns and scales are about; None: middle
+
+    def is_antialiased(self, scene: Scene) -> bool:
+        """Whether the splats are drawn in the mip look: as the file says, unless overridden."""
+        if self.look is SplatLook.AUTO:
+            return scene.gaussians.is_antialiased
+        return self.look is SplatLook.ANTIALIASED
 
 
 class ImageSource(Protocol):

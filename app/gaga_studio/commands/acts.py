@@ -5,7 +5,7 @@ from dataclasses import replace
 from gaga_studio import cleaning, tour
 from gaga_studio.session import Session
 from gaga_studio.tools.polygon import close_outline
-from gaga_studio.view import Mode, ToolName
+from gaga_studio.view import ToolName
 
 # --- titles of the moment
 
@@ -57,12 +57,6 @@ def select_inverse(session: Session) -> None:
 def merge(session: Session) -> None:
     """Make the selected objects one."""
     session.attempt(lambda: session.need().merge_selected())
-
-
-def next_mode(session: Session) -> None:
-    """Color, groups, depth, and round again."""
-    modes = list(Mode)
-    session.view.mode = modes[(modes.index(session.view.mode) + 1) % len(modes)]
 
 
 def frame_selected(session: Session) -> None:
@@ -148,3 +142,24 @@ def remove_corner(session: Session) -> None:
     """Take the last corner of the outline back."""
     if session.view.outline is not None:
         session.view.outline = session.view.outline.without_last()
+
+
+def toggle_snap(session: Session) -> None:
+    """Handles: freely or in steps."""
+    session.view.snaps = not session.view.snaps
+
+
+def toggle_local_axes(session: Session) -> None:
+    """Handles: along the world's axes or the object's own."""
+    session.view.local_axes = not session.view.local_axes
+
+
+def set_pivot(session: Session) -> None:
+    """Turn and scale about the point that the camera turns around (double click sets it)."""
+    x, y, z = (float(value) for value in session.rig.pose.pivot)
+    session.view.pivot = (x, y, z)
+
+
+def reset_pivot(session: Session) -> None:
+    """Turn and scale about the middle of the selection."""
+    session.view.pivot = None

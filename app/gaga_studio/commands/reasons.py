@@ -68,6 +68,14 @@ def no_groups(session: Session) -> str:
     return "There are no groups yet. Use Find objects to make them."
 
 
+def no_confidence(session: Session) -> str:
+    """Needs to know how sure each splat is of its group."""
+    scene = session.scene
+    if scene is not None and scene.confidence is not None:
+        return ""
+    return no_scene(session) or "How sure the groups are is not known. Use Find objects."
+
+
 def not_exportable_objects(session: Session) -> str:
     """Needs objects and the job runner."""
     return no_groups(session) or busy(session)

@@ -2,22 +2,8 @@
 
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command
+from gaga_studio.commands.modes import MODE_COMMANDS
 from gaga_studio.session import Session
-from gaga_studio.view import Mode
-
-
-def _mode(mode: Mode, title: str) -> Command:
-    def run(session: Session) -> None:
-        session.view.mode = mode
-
-    return Command(
-        f"view.{mode}",
-        title,
-        "View",
-        run,
-        enabled=reasons.no_groups if mode is Mode.GROUPS else reasons.no_scene,
-        is_on=lambda session: session.view.mode is mode,
-    )
 
 
 def _axis(axis: str) -> Command:
@@ -31,12 +17,7 @@ def _axis(axis: str) -> Command:
 
 
 VIEW_COMMANDS: tuple[Command, ...] = (
-    _mode(Mode.COLOR, "Color"),
-    _mode(Mode.GROUPS, "Groups"),
-    _mode(Mode.DEPTH, "Depth"),
-    Command(
-        "view.next_mode", "Next render mode", "View", acts.next_mode, "M", enabled=reasons.no_scene
-    ),
+    *MODE_COMMANDS,
     Command(
         "view.frame_selected",
         "Focus the selection",

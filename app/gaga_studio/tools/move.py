@@ -34,7 +34,10 @@ class MoveTool:
         if centre is None:
             return None
         matrix = np.eye(4)
-        matrix[:3, 3] = centre
+        pivot = session.view.pivot
+        matrix[:3, 3] = centre if pivot is None else pivot
+        if session.view.local_axes and document is not None:
+            matrix[:3, :3] = document.selected_axes()
         return matrix
 
     def begin(self, session: Session) -> None:

@@ -9,6 +9,7 @@ from gaga_studio.tools.move import MoveTool
 from gaga_studio.tools.pick import PickTool
 from gaga_studio.tools.polygon import PolygonTool
 from gaga_studio.tools.rect import RectTool
+from gaga_studio.tools.sphere import SphereTool
 from gaga_studio.view import ToolName
 
 
@@ -25,6 +26,7 @@ class Pointing:
             ToolName.LASSO: LassoTool(),
             ToolName.POLYGON: PolygonTool(),
             ToolName.BRUSH: BrushTool(),
+            ToolName.SPHERE: SphereTool(),
             **self.move_tools,
         }
         self._gestures = Gestures()

@@ -41,8 +41,10 @@ class Gizmo:
             _matrix16(_GL_FROM_CV @ camera.cam_from_world),
             _matrix16(projection(camera, *_clip_range(camera, at[:3, 3]))),
             _OPERATIONS[tool.name],
-            _guizmo.MODE.world,
+            _guizmo.MODE.local if session.view.local_axes else _guizmo.MODE.world,
             values,
+            None,
+            _step(tool.name, camera, at) if session.view.snaps else None,
         )
         held = _guizmo.is_using()
         if held and not self._ignored:
@@ -60,6 +62,17 @@ class Gizmo:
         """Forget the drag until the button is released (Escape)."""
         self._ignored = self._matrix is not None
         self._matrix = None
+
+
+def _step(tool: ToolName, camera: Camera, at: DoubleArray) -> _guizmo.Matrix3:
+    """Steps of a drag: 15 degrees, tenths of a factor, a round length of some pixels."""
+    if tool is ToolName.ROTATE:
+        return _guizmo.Matrix3([15.0] * 3)
+    if tool is ToolName.SCALE:
+        return _guizmo.Matrix3([0.1] * 3)
+    depth = float(camera.cam_from_world[2] @ np.append(at[:3, 3], 1.0))
+    pixels = 20 * max(depth, 1e-9) / float(camera.K[0, 0])
+    return _guizmo.Matrix3([10.0 ** np.floor(np.log10(pixels))] * 3)
 
 
 def projection(camera: Camera, near: float, far: float) -> DoubleArray:

@@ -8,7 +8,7 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio import placing
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, cleaning, icons, theme, widgets
+from gaga_studio.ui import actions, cleaning, grade, icons, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -35,6 +35,7 @@ def draw(session: Session, ui: UiState) -> None:
         return
     _buttons(session)
     _properties(session, document, ui)
+    grade.draw(session, ui)
 
 
 def _title(session: Session, document: Document, n_splats: int) -> None:

@@ -4,8 +4,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_studio.grading import Grading
+from gaga_studio.selecting import Histograms
 from gaga_studio.ui.files import FileDialog
+
+
+@dataclass
+class SelectBy:
+    """What the "Select by" panel holds."""
+
+    histograms: Histograms = field(default_factory=Histograms)
+    column: str = ""
+    low: float = 0.0
+    high: float = 1.0
+    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    tolerance: float = 0.1
+    box: tuple[DoubleArray, DoubleArray] | None = None  # lo, hi (3,) world
+    name: str = ""  # half typed
 
 
 @dataclass
@@ -40,12 +57,15 @@ class UiState:
     turn: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees
     scale: float = 1.0
     color: tuple[float, float, float] | None = None  # being chosen, not applied yet
+    grade: Grading = field(default_factory=Grading)
+    select_by: SelectBy = field(default_factory=SelectBy)
 
     def forget(self) -> None:
         """Another scene was opened: nothing of the former one is remembered."""
         self.renaming = self.anchor = self.scroll_to = self.decision = self.color = None
         self.live_view, self.live_bank = "", None
         self.strip_seen, self.history_seen, self.last_selected = None, 0, ()
+        self.grade, self.select_by = Grading(), SelectBy()
         self.clear_placement()
 
     def clear_placement(self) -> None:

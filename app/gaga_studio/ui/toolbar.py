@@ -7,7 +7,7 @@ from gaga_studio.session import NO_GROUPS, Session
 from gaga_studio.ui import actions, icons, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
-from gaga_studio.view import REGION_TOOLS, Mode
+from gaga_studio.view import REGION_TOOLS, Mode, SplatLook
 
 _MODES = (
     (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
@@ -26,9 +26,10 @@ _DEPTHS = (
 
 def draw(session: Session, ui: UiState) -> None:
     """The whole bar, left to right; what does not fit a small window is left to the menus."""
+    _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(("pick", "rect", "lasso", "polygon", "brush")):
+    for position, tool in enumerate(("pick", "rect", "lasso", "polygon", "brush", "sphere")):
         _next(position)
         actions.command_icon(session, f"tool.{tool}")
     if session.tool in REGION_TOOLS and width > em(50):
@@ -52,6 +53,13 @@ def draw(session: Session, ui: UiState) -> None:
     imgui.same_line()
     used = imgui.get_cursor_screen_pos().x - left
     _search(ui, width, used)
+
+
+def _paint() -> None:
+    """The ground of the bar; the window's own color does not follow the theme."""
+    corner, size = imgui.get_window_pos(), imgui.get_window_size()
+    end = imgui.ImVec2(corner.x + size.x, corner.y + size.y)
+    imgui.get_window_draw_list().add_rect_filled(corner, end, theme.u32(theme.BACK))
 
 
 def _what_regions_take(session: Session) -> None:
@@ -78,12 +86,31 @@ def _what_regions_take(session: Session) -> None:
 
 
 def _modes(session: Session, *, with_text: bool) -> None:
-    why_not = {mode: commands.command(f"view.{mode}").enabled(session) for mode in Mode}
+    shown = [mode for mode, *_ in _MODES]
+    why_not = {mode: commands.command(f"view.{mode}").enabled(session) for mode in shown}
     picked = widgets.segmented(
         "Render mode", _MODES, session.view.mode, why_not=why_not, with_text=with_text
     )
     if picked is not session.view.mode:
         commands.run(f"view.{picked}", session)
+    imgui.same_line(0, theme.scaled(1))
+    if widgets.icon_button(
+        "More render modes",
+        icons.MORE,
+        hint="Confidence, centres, rings, a mask, and the look of small splats",
+        on=session.view.mode not in shown,
+    ):
+        imgui.open_popup("More modes")
+    if imgui.begin_popup("More modes"):
+        for mode in Mode:
+            if mode not in shown:
+                actions.command_item(session, f"view.{mode}")
+        imgui.separator()
+        for look in SplatLook:
+            actions.command_item(session, f"view.look_{look}")
+        imgui.separator()
+        actions.command_item(session, "view.background")
+        imgui.end_popup()
 
 
 def _search(ui: UiState, width: float, used: float) -> None:

@@ -1,0 +1,77 @@
+"""View: what the splats' color says, how they are drawn, and what is behind them."""
+
+from dataclasses import replace
+
+from gaga_studio.commands import reasons
+from gaga_studio.commands.base import Command
+from gaga_studio.session import Session
+from gaga_studio.view import Mode, SplatLook
+
+_BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray, white
+
+
+def next_mode(session: Session) -> None:
+    """The next mode that has something to show, and round again."""
+    modes = [command for command in _MODES if not command.enabled(session)]
+    current = [command.id for command in modes].index(f"view.{session.view.mode}")
+    modes[(current + 1) % len(modes)].run(session)
+
+
+def next_background(session: Session) -> None:
+    """Dark, black, gray, white; remembered like every preference."""
+    now = session.settings.background
+    at = _BACKGROUNDS.index(now) if now in _BACKGROUNDS else -1
+    color = _BACKGROUNDS[(at + 1) % len(_BACKGROUNDS)]
+    session.change_settings(replace(session.settings, background=color))
+
+
+def _mode(mode: Mode, title: str) -> Command:
+    def run(session: Session) -> None:
+        session.view.mode = mode
+
+    needs = {
+        Mode.GROUPS: reasons.no_groups,
+        Mode.MASK: reasons.no_groups,
+        Mode.CONFIDENCE: reasons.no_confidence,
+    }
+    return Command(
+        f"view.{mode}",
+        title,
+        "View",
+        run,
+        enabled=needs.get(mode, reasons.no_scene),
+        is_on=lambda session: session.view.mode is mode,
+    )
+
+
+def _look(look: SplatLook, title: str) -> Command:
+    def run(session: Session) -> None:
+        session.view.look = look
+
+    return Command(
+        f"view.look_{look}",
+        title,
+        "View",
+        run,
+        enabled=reasons.no_scene,
+        is_on=lambda session: session.view.look is look,
+    )
+
+
+_MODES = (
+    _mode(Mode.COLOR, "Color"),
+    _mode(Mode.GROUPS, "Groups"),
+    _mode(Mode.DEPTH, "Depth"),
+    _mode(Mode.CONFIDENCE, "Confidence"),
+    _mode(Mode.CENTRES, "Centres"),
+    _mode(Mode.RINGS, "Rings"),
+    _mode(Mode.MASK, "Mask of the object"),
+)
+MODE_COMMANDS: tuple[Command, ...] = (
+    *_MODES,
+    Command("view.next_mode", "Next render mode", "View", next_mode, "M", enabled=reasons.no_scene),
+    _look(SplatLook.AUTO, "Look that the file asks for"),
+    _look(SplatLook.CLASSIC, "Classic look"),
+    _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),
+    Command("view.background", "Next background color", "View", next_background),
+)
