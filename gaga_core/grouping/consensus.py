@@ -18,6 +18,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.consensus_kernels import count_pairs, find_partners, merge_clusters
+from gaga_core.grouping.contacts import contacts_of, surface_normals
 from gaga_core.grouping.surface_points import (
     DepthMaps,
     LoadMasks,
@@ -71,14 +72,16 @@ def consensus_stage(
     first points.
     """
     sample = sample_points(views, load_masks, depths, config.per_mask, config.max_points)
-    points = yield from part(sample, 0, 3, STAGE)
-    mask_of = yield from part(masks_of_points(points, views, load_masks, depths), 1, 3, STAGE)
+    points = yield from part(sample, 0, 4, STAGE)
+    mask_of = yield from part(masks_of_points(points, views, load_masks, depths), 1, 4, STAGE)
+    normal = surface_normals(points, mask_of, views, load_masks, depths)
+    contacts = contacts_of(points, (yield from part(normal, 2, 4, STAGE)))
     sizes = [load_masks(camera).ids.size for camera in views]
-    cluster = yield from part(_linked(mask_of, config), 2, 3, STAGE)
+    cluster = yield from part(_linked(mask_of, config), 3, 4, STAGE)
     while True:
         yield Progress(STAGE, 1, 1, f"{cluster.max(initial=0)} clusters")
         tables = point_tables(mask_of, cluster, sizes)
-        joined = _join_best(tables, config)
+        joined = _join_best(tables, contacts.prior(cluster), config)
         if joined is None:
             break
         cluster = _renumbered(joined[cluster])
@@ -145,14 +148,17 @@ def _roots(parent: IntArray) -> IntArray:
     return root
 
 
-def _join_best(tables: Sequence[LongArray], config: ConsensusConfig) -> IntArray | None:
+def _join_best(
+    tables: Sequence[LongArray], prior: DoubleArray, config: ConsensusConfig
+) -> IntArray | None:
     """The cluster (C + 1,) that each one becomes when those join that agree most with each other;
     None when no two agree enough.
 
     Here every view has one voice: the chance that a point of a and one of b show in one mask. Its
-    weight grows with the points that it sees of both, towards 1.
+    weight grows with the points that it sees of both, towards 1. ``prior`` (C + 1, C + 1), what the
+    surface says of two clusters, has the voice of ``doubt`` views.
     """
-    agreement = _view_agreement(tables, config)
+    agreement = _view_agreement(tables, prior, config)
     best, value = agreement.argmax(axis=1), agreement.max(axis=1)
     a = np.arange(len(best))
     mutual = (best[best] == a) & (a < best) & (value > config.view_agreement)
@@ -163,7 +169,9 @@ def _join_best(tables: Sequence[LongArray], config: ConsensusConfig) -> IntArray
     return joined.astype(np.int32)
 
 
-def _view_agreement(tables: Sequence[LongArray], config: ConsensusConfig) -> DoubleArray:
+def _view_agreement(
+    tables: Sequence[LongArray], prior: DoubleArray, config: ConsensusConfig
+) -> DoubleArray:
     """Agreement (C + 1, C + 1) of clusters, 0 where too little is seen of two at once."""
     width = tables[0].shape[1]
     same, voice = np.zeros((width, width)), np.zeros((width, width))
@@ -173,7 +181,7 @@ def _view_agreement(tables: Sequence[LongArray], config: ConsensusConfig) -> Dou
         share = table / np.maximum(seen, 1) * weight
         same += share.T @ share
         voice += weight[:, None] * weight[None, :]
-    agreement = (same + 0.5 * config.doubt) / (voice + config.doubt)
+    agreement = (same + prior * config.doubt) / (voice + config.doubt)
     agreement[voice < config.min_voice] = 0
     np.fill_diagonal(agreement, 0)
     agreement[0], agreement[:, 0] = 0, 0

@@ -128,7 +128,7 @@ def _pixels_to_add(
 ) -> LongArray:
     """Flat indices (P,) of up to ``wanted`` pixels of each mask, sorted by mask: well inside it and
     where depth is smooth, or what there is."""
-    depth = _full_size(camera, depths)
+    depth = full_size(camera, depths)
     rough = ndimage.maximum_filter(depth, 3) - ndimage.minimum_filter(depth, 3)
     usable = _inner(masks, 2) & (depth > 0)
     smooth = usable & (rough < _FLAT * depth)
@@ -142,8 +142,8 @@ def _pixels_to_add(
     return chosen
 
 
-def _full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
-    """The kept depths of a view, at its size."""
+def full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
+    """The kept depths (H, W) of a view, at its size; 0 = nothing there."""
     rows, columns = np.arange(camera.height), np.arange(camera.width)
     return depths.at(camera.name, rows[:, None], columns[None, :])
 

@@ -28,7 +28,8 @@ from tests.bench.figures import Figure
 from tests.bench.rooms import Bench, Kind, bench_scene
 
 KINDS: tuple[Kind, ...] = ("room", "table")
-TUNING = (0, 1, 2)
+TUNING = (0, 1, 2, 3, 4, 5)
+CHECKING = (21, 22, 23, 24, 25)  # what was tuned had to hold on these before it was kept
 REPORTING = (11, 12, 13, 14, 15)
 SPARSE_SEEDS = REPORTING[:2]
 SPARSE_VIEWS = 80
