@@ -8,6 +8,9 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray, check_shape
 
+# What Brush, SuperSplat and others write into the header of a PLY file.
+_MIP_HINTS = ("splatrendermode: mip", "antialiased 1", "antialiased: 1")
+
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
@@ -47,6 +50,11 @@ class Gaussians:
     def sh_degree(self) -> int:
         """Degree of the view-dependent color: 0 to 4."""
         return {1: 0, 4: 1, 9: 2, 16: 3, 25: 4}[self.sh.shape[1]]
+
+    @property
+    def is_antialiased(self) -> bool:
+        """Whether the comments ask for the antialiased (mip) look: see `raster.base`."""
+        return any(hint in comment.lower() for comment in self.comments for hint in _MIP_HINTS)
 
     @property
     def scales(self) -> FloatArray:

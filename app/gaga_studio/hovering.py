@@ -38,8 +38,17 @@ class Hovering:
         """The mouse left the picture, or a drag or a jump is on."""
         self.group, self._wanted, self._asked = 0, None, None
 
-    def update(self, scene: Scene, camera_of: Callable[[int, int], Camera], pose: object) -> None:
-        """Take an answer, ask the next question. ``pose`` tells whether the camera moved."""
+    def update(
+        self,
+        scene: Scene,
+        camera_of: Callable[[int, int], Camera],
+        pose: object,
+        antialiased: bool | None = None,
+    ) -> None:
+        """Take an answer, ask the next question. ``pose`` tells whether the camera moved.
+
+        ``antialiased`` is the look that the person sees, as in `pick`.
+        """
         if self._answer is not None:
             if not self._answer.done():
                 return
@@ -56,13 +65,17 @@ class Hovering:
         self._asked, self._asked_at = asked, now
         camera = camera_of(wanted[2], wanted[3])
         # Edits replace columns, never change them in place: this is the scene as it is now.
-        self._answer = self._pool.submit(_group_at, replace(scene), camera, wanted[0], wanted[1])
+        self._answer = self._pool.submit(
+            _group_at, replace(scene), camera, (wanted[0], wanted[1]), antialiased
+        )
 
     def shut_down(self) -> None:
         """End the thread."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _group_at(scene: Scene, camera: Camera, u: float, v: float) -> int:
-    found = pick(scene, camera, u, v)
+def _group_at(
+    scene: Scene, camera: Camera, at: tuple[float, float], antialiased: bool | None
+) -> int:
+    found = pick(scene, camera, *at, antialiased=antialiased)
     return found.group if found is not None else 0

@@ -3,10 +3,12 @@
 uniform usampler2D u_order;        // splat of each rank
 uniform sampler2D u_means;         // xyz
 uniform usampler2D u_shape;        // 8 x 16 bit: quaternion wxyz, log scales, opacity
-uniform sampler2DArray u_sh;       // N_SH x 3 halfs, four a layer
+uniform sampler2D u_color;         // DC coefficients; scale of the others
+uniform usampler2DArray u_sh;      // the others as shares of the scale, eight bytes a layer
 uniform usampler2D u_state;
 uniform isampler2D u_labels;
-uniform isampler2D u_placement;
+uniform usampler2D u_placement;
+uniform usampler2D u_confidence;   // 0..255, in mode 3 only
 uniform sampler2D u_placements;    // 16 texels a row, 128 rows a line
 uniform sampler2D u_palette;       // color of each label
 
@@ -16,15 +18,21 @@ uniform vec3 u_eye;                // world
 uniform vec4 u_lens;               // fx, fy, cx, cy in pixels of the target
 uniform vec2 u_size;               // target in pixels
 uniform vec2 u_log_scale;          // fixed point of log scales: low end, range
-uniform int u_mode;                // 0 color, 1 groups, 2 depth
+uniform int u_mode;                // 0 color, 1 groups, 2 depth, 3 confidence, 4 centres, 5 rings, 6 mask
 uniform int u_hovered;             // label, 0 = none
+uniform int u_focus;               // label that is white in mode 6
+uniform int u_antialiased;         // 1: the blur of a picture takes as much opacity as it adds area
+uniform float u_threshold;         // see importance() in sort_kernels.py
+uniform float u_point;             // radius of a centre in pixels
 
-layout(location = 0) out vec4 o_ellipse;   // centre in pixels, long half-axis of the quad
-layout(location = 1) out uvec4 o_look;     // short half-axis, (r, g) or depth, (b, opacity), flags
+// Of a splat that is not seen, all words are 0; of any other the opacity is not.
+layout(location = 0) out uvec4 o_ellipse;  // centre (2 floats), long half-axis, (short one, opacity)
+layout(location = 1) out uvec2 o_look;     // (r, g) or depth, (b, flags)
 
 const float NEAR = 0.01;
 const float BLUR = 0.3;
 const float ALPHA_MIN = 1.0 / 255.0;
+const float MOST_GROWTH = 0.5;  // log of how much a splat grows that stands for others
 
 vec4 placement_texel(int row, int column)
 {
@@ -78,24 +86,36 @@ vec3 sh_color(int id, vec3 d)
     basis[23] = -1.7701307697799304 * x * z * (xx - 3.0 * yy);
     basis[24] = 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy));
 #endif
-    float sums[N_LAYERS * 4 + 3];
+    vec4 first = texelFetch(u_color, texel_of(id), 0);
+    vec3 color = 0.5 + basis[0] * first.rgb;
+#if N_SH > 1
+    float shares[N_LAYERS * 8];
     for (int layer = 0; layer < N_LAYERS; ++layer) {
-        vec4 four = texelFetch(u_sh, ivec3(texel_of(id), layer), 0);
-        sums[layer * 4] = four.x;
-        sums[layer * 4 + 1] = four.y;
-        sums[layer * 4 + 2] = four.z;
-        sums[layer * 4 + 3] = four.w;
+        uvec2 words = texelFetch(u_sh, ivec3(texel_of(id), layer), 0).rg;
+        for (int k = 0; k < 4; ++k) {
+            shares[layer * 8 + k] = float(int(words.x << (24 - 8 * k)) >> 24);
+            shares[layer * 8 + 4 + k] = float(int(words.y << (24 - 8 * k)) >> 24);
+        }
     }
-    vec3 color = vec3(0.5);
-    for (int k = 0; k < N_SH; ++k)
-        color += basis[k] * vec3(sums[3 * k], sums[3 * k + 1], sums[3 * k + 2]);
+    vec3 rest = vec3(0.0);
+    for (int k = 0; k < N_SH - 1; ++k)
+        rest += basis[k + 1] * vec3(shares[3 * k], shares[3 * k + 1], shares[3 * k + 2]);
+    color += rest * (first.a / 127.0);
+#endif
     return color;
+}
+
+// Red is unsure, blue is sure, with light yellow between: told apart by color-blind eyes too.
+vec3 heat(float t)
+{
+    const vec3 low = vec3(0.84, 0.19, 0.12), middle = vec3(1.0, 0.93, 0.62), high = vec3(0.16, 0.42, 0.74);
+    return t < 0.5 ? mix(low, middle, 2.0 * t) : mix(middle, high, 2.0 * t - 1.0);
 }
 
 void main()
 {
-    o_ellipse = vec4(0.0);
-    o_look = uvec4(0u);
+    o_ellipse = uvec4(0u);
+    o_look = uvec2(0u);
     int rank = int(gl_FragCoord.y) * 2048 + int(gl_FragCoord.x);
     if (rank >= u_count) return;
     int id = int(texelFetch(u_order, texel_of(rank), 0).r);
@@ -103,7 +123,7 @@ void main()
     uint state = texelFetch(u_state, at, 0).r;
     if ((state & (HIDDEN | DELETED)) != 0u) return;
 
-    int row = texelFetch(u_placement, at, 0).r;
+    int row = int(texelFetch(u_placement, at, 0).r);
     vec4 m0 = placement_texel(row, 0), m1 = placement_texel(row, 1), m2 = placement_texel(row, 2);
     uvec4 words = texelFetch(u_shape, at, 0);
     vec2 tail = unpack_unit(words.w);
@@ -118,6 +138,9 @@ void main()
     // Covariance of the ellipse = T T^t + BLUR, with T = J W A R S (2 x 3).
     vec4 quat = normalize(vec4(unpack_unit(words.x), unpack_unit(words.y)) * 2.0 - 1.0);
     vec3 log_scales = u_log_scale.x + u_log_scale.y * vec3(unpack_unit(words.z), tail.x);
+    float area = dot(log_scales, vec3(1.0)) - min(log_scales.x, min(log_scales.y, log_scales.z));
+    float share = 0.5 * (area + log(max(tail.y, 1e-6))) - u_threshold;  // log of p
+    log_scales += clamp(-0.5 * share, 0.0, MOST_GROWTH);
     mat3 axes = rotation_of(quat);
     vec3 scales = exp(log_scales);
     mat3 placed = transpose(mat3(m0.xyz, m1.xyz, m2.xyz));
@@ -134,6 +157,13 @@ void main()
     // |tx x ty|^2 is the determinant without the cancellation of a d - b b (needles).
     vec3 normal = cross(tx, ty);
     float det = dot(normal, normal) + BLUR * (dot(tx, tx) + dot(ty, ty)) + BLUR * BLUR;
+    if (u_antialiased != 0) opacity *= sqrt(dot(normal, normal) / det);
+    if (u_mode == 4) {
+        float variance = u_point * u_point;
+        a = variance; b = 0.0; d = variance; det = variance * variance;
+        opacity = 0.99;
+    }
+    if (!(opacity >= ALPHA_MIN)) return;
     float mid = 0.5 * (a + d);
     float long_variance = mid + length(vec2(0.5 * (a - d), b));
     float short_variance = det / long_variance;
@@ -143,17 +173,24 @@ void main()
     axis = axis_length > 1e-12 ? axis / axis_length : vec2(1.0, 0.0);
 
     // The quad ends where alpha falls under 1/255.
-    float reach = sqrt(2.0 * max(0.0, log(opacity * 255.0)));
+    float reach = u_mode == 4 ? 1.0 : sqrt(2.0 * max(0.0, log(opacity * 255.0)));
     vec2 centre = focal * p_cam.xy * iz + u_lens.zw;
     vec2 box = reach * sqrt(vec2(a, d));
     if (any(lessThan(centre + box, vec2(0.0))) || any(greaterThan(centre - box, u_size))) return;
 
     int label = max(0, texelFetch(u_labels, at, 0).r);
     uint flags = ((state & SELECTED) != 0u ? 1u : 0u) | (label > 0 && label == u_hovered ? 2u : 0u);
-    o_ellipse = vec4(centre, axis * (reach * sqrt(long_variance)));
-    o_look = uvec4(floatBitsToUint(reach * sqrt(short_variance)), 0u, 0u, flags);
+    o_ellipse = uvec4(
+        floatBitsToUint(centre),
+        pack_lengths(axis * (reach * sqrt(long_variance))),
+        half_of(reach * sqrt(short_variance)) | (pack_unit(vec2(opacity, 0.0)) << 16));
     if (u_mode == 2) {
-        o_look.yz = uvec2(floatBitsToUint(p_cam.z), pack_unit(vec2(0.0, opacity)));
+        o_look = uvec2(floatBitsToUint(p_cam.z), flags << 16);
+        return;
+    }
+    if (u_mode == 6) {
+        vec2 white = vec2(label > 0 && label == u_focus ? 1.0 / COLOR_RANGE : 0.0);
+        o_look = uvec2(pack_unit(white), pack_unit(vec2(white.x, 0.0)) | (flags << 16));
         return;
     }
 
@@ -172,10 +209,13 @@ void main()
         color.r > 0.0 && color.r < 1e30 ? color.r : 0.0,
         color.g > 0.0 && color.g < 1e30 ? color.g : 0.0,
         color.b > 0.0 && color.b < 1e30 ? color.b : 0.0);
-    if (u_mode == 1) {
-        float light = clamp(dot(color, vec3(0.299, 0.587, 0.114)), 0.0, 1.0);
-        color = texelFetch(u_palette, texel_of(label), 0).rgb * (0.62 + 0.62 * light);
+    float light = clamp(dot(color, vec3(0.299, 0.587, 0.114)), 0.0, 1.0);
+    if (u_mode == 1) color = texelFetch(u_palette, texel_of(label), 0).rgb * (0.62 + 0.62 * light);
+    if (u_mode == 3) {
+        float sure = float(texelFetch(u_confidence, at, 0).r) / 255.0;
+        color = (label > 0 ? heat(sure) : vec3(0.42)) * (0.62 + 0.62 * light);
     }
+    if (u_mode >= 4 && (flags & 1u) != 0u) color = vec3(0.36, 0.66, 1.0);
     color = min(color / COLOR_RANGE, 1.0);
-    o_look.yz = uvec2(pack_unit(color.rg), pack_unit(vec2(color.b, opacity)));
+    o_look = uvec2(pack_unit(color.rg), pack_unit(vec2(color.b, 0.0)) | (flags << 16));
 }

@@ -15,7 +15,14 @@ void main()
 {
     float r = dot(v_corner, v_corner);
     if (r > 1.0) discard;
+#ifdef CENTRES
+    float alpha = 1.0 - smoothstep(0.55, 1.0, r);
+#else
     float alpha = min(0.99, v_color.a * exp(-v_cut * r));
+#endif
+#ifdef RINGS
+    alpha = r > 0.84 ? 0.65 : 0.12 * alpha;
+#endif
     if (alpha < 1.0 / 255.0) discard;
 #ifdef DEPTH
     o_color = vec4(v_color.r / u_far * alpha, 0.0, 0.0, alpha);

@@ -1,12 +1,13 @@
 """PLY files of 3D Gaussians: the layout of the original 3DGS work, unknown columns kept.
 
-Reading maps the file into memory and copies the columns out in chunks; writing streams chunks into
-a temporary file that replaces the target at the end. plyfile is used here alone.
+Reading copies the columns out of blocks that fit into the processor's cache, so that memory holds
+the result and little more; writing streams blocks into a temporary file that replaces the target at
+the end. plyfile is used here alone.
 """
 
 import logging
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -19,7 +20,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.progress import Progress, Stage, run_stage
 
-_CHUNK = 1 << 18  # rows
+_BLOCK = 1 << 12  # rows: about 1 MB, so that each column finds them in the cache
+_STEP = 16  # blocks between two steps of progress
 _MEANS = ("x", "y", "z")
 _NORMALS = ("nx", "ny", "nz")
 _SCALES = ("scale_0", "scale_1", "scale_2")
@@ -56,24 +58,27 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
     rest = tuple(f"f_rest_{i}" for i in range((n_sh - 1) * 3))
     n = len(rows)
     columns = {
-        "means": np.zeros((n, 3), np.float32),
-        "quats": np.zeros((n, 4), np.float32),
-        "log_scales": np.zeros((n, 3), np.float32),
-        "logit_opacities": np.zeros(n, np.float32),
-        "sh": np.zeros((n, n_sh, 3), np.float32),
+        "means": np.empty((n, 3), np.float32),
+        "quats": np.empty((n, 4), np.float32),
+        "log_scales": np.empty((n, 3), np.float32),
+        "logit_opacities": np.empty(n, np.float32),
+        "sh": np.empty((n, n_sh, 3), np.float32),
     }
     standard = {*_REQUIRED, *rest}
     extra = {
-        name: np.zeros(n, rows.dtype[name].newbyteorder("="))
+        name: np.empty(n, rows.dtype[name].newbyteorder("="))
         for name in names
         if name not in standard
     }
-    for start in range(0, n, _CHUNK):
-        yield Progress("Read splats", start, n, path.name)
-        chunk = rows[start : start + _CHUNK]
-        _copy_chunk(chunk, slice(start, start + len(chunk)), columns, rest)
+    good = np.ones(n, np.bool_)
+    for start, block in _blocks(path, rows):
+        if start % (_STEP * _BLOCK) == 0:
+            yield Progress("Read splats", start, n, path.name)
+        part = slice(start, start + len(block))
+        _copy_block(block, part, columns, rest)
         for name, column in extra.items():
-            column[start : start + len(chunk)] = chunk[name]
+            column[part] = block[name]
+        good[part] = _finite_rows({name: column[part] for name, column in columns.items()})
     yield Progress("Read splats", n, n, path.name)
     gaussians = Gaussians(
         means=columns["means"],
@@ -84,7 +89,7 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
         extra=MappingProxyType(extra),
         comments=comments,
     )
-    return _without_broken_rows(path, gaussians)
+    return _without(path, gaussians, good)
 
 
 def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
@@ -107,21 +112,27 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     dtype = np.dtype(fields)
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         file.write(_header(dtype, n, gaussians.comments))
-        for start in range(0, n, _CHUNK):
-            yield Progress("Write splats", start, n, path.name)
-            part = slice(start, min(start + _CHUNK, n))
-            file.write(_pack(gaussians, part, dtype, rest).tobytes())
+        buffer = np.empty(min(_BLOCK, n), dtype)
+        for start in range(0, n, _BLOCK):
+            if start % (_STEP * _BLOCK) == 0:
+                yield Progress("Write splats", start, n, path.name)
+            part = slice(start, min(start + _BLOCK, n))
+            block = buffer[: part.stop - start]
+            _pack(gaussians, part, block, rest)
+            file.write(block.data)
     yield Progress("Write splats", n, n, path.name)
 
 
-def is_antialiased(gaussians: Gaussians) -> bool:
-    """Whether the file's comments ask for the antialiased (mip) look."""
-    hints = ("splatrendermode: mip", "antialiased 1", "antialiased: 1")
-    return any(hint in comment.lower() for comment in gaussians.comments for hint in hints)
+def read_elements(path: Path) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
+    """Rows of each element of a .ply, memory-mapped where the format allows it, and the comments.
+
+    Raises ``GagaError`` with one sentence when the file is damaged.
+    """
+    data = _parsed(path)
+    return {element.name: element.data for element in data.elements}, tuple(data.comments)
 
 
-def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
-    """Rows of the vertex element, memory-mapped where the format allows it, and the comments."""
+def _parsed(path: Path) -> plyfile.PlyData:
     if path.is_dir():
         raise GagaError(f"{path} is a folder. Choose a .ply file.")
     try:
@@ -131,7 +142,7 @@ def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
         with path.open("rb") as file:
             if file.read(3) != b"ply":
                 raise GagaError(f"{path.name} is not a PLY file. Choose a 3DGS .ply file.")
-        data = plyfile.PlyData.read(str(path), mmap="r")
+        return plyfile.PlyData.read(str(path), mmap="r")
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except UnicodeDecodeError as error:
@@ -143,6 +154,11 @@ def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
         raise GagaError(
             f"{path.name} is truncated or damaged ({_short(error)}). Copy or export it again."
         ) from error
+
+
+def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
+    """Rows of the vertex element, memory-mapped where the format allows it, and the comments."""
+    data = _parsed(path)
     if "vertex" not in data:
         raise GagaError(
             f"{path.name} has no vertex element, so no splats. Choose a 3DGS .ply file."
@@ -181,26 +197,62 @@ def _check_columns(path: Path, names: Iterable[str]) -> int:
     return _SH_BY_REST[n_rest]
 
 
-def _copy_chunk(
-    chunk: AnyArray, part: slice, columns: Mapping[str, FloatArray], rest: tuple[str, ...]
+def _blocks(path: Path, rows: AnyArray) -> Iterator[tuple[int, AnyArray]]:
+    """Blocks of ``rows`` with the place of their first; each lives until the next is asked for.
+
+    Rows that are mapped into memory are read from the file instead: mapped pages that were touched
+    would count as memory in use, and the file is as large as the result.
+    """
+    n = len(rows)
+    if not isinstance(rows, np.memmap) or not rows.flags.c_contiguous:
+        for start in range(0, n, _BLOCK):
+            yield start, rows[start : start + _BLOCK]
+        return
+    buffer = np.empty(min(_BLOCK, n), rows.dtype)
+    try:
+        with path.open("rb", buffering=0) as file:
+            file.seek(rows.offset)
+            for start in range(0, n, _BLOCK):
+                block = buffer[: n - start]
+                if file.readinto(block.view(np.uint8).data) != block.nbytes:
+                    raise GagaError(f"{path.name} is truncated or damaged. Copy it again.")
+                yield start, block
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+
+
+def _copy_block(
+    block: AnyArray, part: slice, columns: Mapping[str, FloatArray], rest: tuple[str, ...]
 ) -> None:
     for i, name in enumerate(_MEANS):
-        columns["means"][part, i] = chunk[name]
+        columns["means"][part, i] = block[name]
     for i, name in enumerate(_QUATS):
-        columns["quats"][part, i] = chunk[name]
+        columns["quats"][part, i] = block[name]
     for i, name in enumerate(_SCALES):
-        columns["log_scales"][part, i] = chunk[name]
-    columns["logit_opacities"][part] = chunk["opacity"]
-    sh = columns["sh"]
+        columns["log_scales"][part, i] = block[name]
+    columns["logit_opacities"][part] = block["opacity"]
+    sh = columns["sh"][part]
     for i, name in enumerate(_DC):
-        sh[part, 0, i] = chunk[name]
+        sh[:, 0, i] = block[name]
     per_channel = len(rest) // 3
     for i, name in enumerate(rest):  # channel-major: all coefficients of red, then green, blue
-        sh[part, 1 + i % per_channel, i // per_channel] = chunk[name]
+        sh[:, 1 + i % per_channel, i // per_channel] = block[name]
 
 
-def _without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
-    good = _finite_rows(gaussians)
+def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
+    """``gaussians`` without the splats that hold numbers which are not finite, as `read_ply` does.
+
+    Raises ``GagaError`` when they are the majority.
+    """
+    good = np.ones(len(gaussians), np.bool_)
+    columns = ("means", "quats", "log_scales", "logit_opacities", "sh")
+    for start in range(0, len(good), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        good[part] = _finite_rows({name: getattr(gaussians, name)[part] for name in columns})
+    return _without(path, gaussians, good)
+
+
+def _without(path: Path, gaussians: Gaussians, good: BoolArray) -> Gaussians:
     n_bad = int((~good).sum())
     if n_bad == 0:
         return gaussians
@@ -213,17 +265,16 @@ def _without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
     return gaussians.take(good)
 
 
-def _finite_rows(gaussians: Gaussians) -> BoolArray:
+def _finite_rows(columns: Mapping[str, FloatArray]) -> BoolArray:
     # An opacity of +-inf is a legal logit (exactly 0 or 1), so only NaN is broken there.
-    good: BoolArray = ~np.isnan(gaussians.logit_opacities)
-    for column in (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.sh):
-        flat = column.reshape(len(good), -1)
+    good: BoolArray = ~np.isnan(columns["logit_opacities"])
+    for name in ("means", "quats", "log_scales", "sh"):
+        flat = columns[name].reshape(len(good), -1)
         # A sum is finite if all terms are (or overflows, then look closely): one fast pass.
         with np.errstate(invalid="ignore", over="ignore"):
-            suspicious = ~np.isfinite(flat.sum(axis=1))
-        if suspicious.any():
-            suspicious[suspicious] = ~np.isfinite(flat[suspicious]).all(axis=1)
-            good &= ~suspicious
+            if np.isfinite(flat.sum()):
+                continue
+        good &= np.isfinite(flat).all(axis=1)
     return good
 
 
@@ -233,17 +284,19 @@ def _dtype_of(gaussians: Gaussians, name: str) -> str:
     return "<f4"
 
 
-def _pack(
-    gaussians: Gaussians, part: slice, dtype: np.dtype[np.void], rest: tuple[str, ...]
-) -> AnyArray:
-    rows = np.zeros(part.stop - part.start, dtype)
+def _pack(gaussians: Gaussians, part: slice, rows: AnyArray, rest: tuple[str, ...]) -> None:
     for i, name in enumerate(_MEANS):
         rows[name] = gaussians.means[part, i]
+    for name in _NORMALS:
+        rows[name] = 0
     for i, name in enumerate(_DC):
         rows[name] = gaussians.sh[part, 0, i]
     per_channel = len(rest) // 3
-    for i, name in enumerate(rest):
-        rows[name] = gaussians.sh[part, 1 + i % per_channel, i // per_channel]
+    for channel in range(3 if rest else 0):  # columns of a channel lie side by side
+        at = rows.dtype.fields[rest[channel * per_channel]][1]  # type: ignore[index]
+        shape, strides = (len(rows), per_channel), (rows.dtype.itemsize, 4)
+        columns: AnyArray = np.ndarray(shape, "<f4", rows.data, at, strides)
+        columns[:] = gaussians.sh[part, 1:, channel]
     rows["opacity"] = gaussians.logit_opacities[part]
     for i, name in enumerate(_SCALES):
         rows[name] = gaussians.log_scales[part, i]
@@ -251,7 +304,6 @@ def _pack(
         rows[name] = gaussians.quats[part, i]
     for name, column in gaussians.extra.items():
         rows[name] = column[part]
-    return rows
 
 
 def _header(dtype: np.dtype[np.void], n: int, comments: tuple[str, ...]) -> bytes:

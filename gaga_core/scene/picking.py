@@ -28,13 +28,17 @@ class Pick:
     splat: int  # of greatest weight
 
 
-def pick(scene: Scene, camera: Camera, u: float, v: float) -> Pick | None:
+def pick(
+    scene: Scene, camera: Camera, u: float, v: float, *, antialiased: bool | None = None
+) -> Pick | None:
     """Blend the one pixel whose centre is (u, v), as the rasterizer would; ``None`` if it is empty.
 
     Hidden and deleted splats do not count; placements do (position, shape, opacity). For the pixel
-    in column x and row y pass x + 0.5 and y + 0.5.
+    in column x and row y pass x + 0.5 and y + 0.5. ``antialiased``: the look that the person sees;
+    None = that of the file.
     """
-    index, alphas, depths = _hits(scene, camera, u, v)
+    look = scene.gaussians.is_antialiased if antialiased is None else antialiased
+    index, alphas, depths = _hits(scene, camera, (u, v), look)
     if len(index) == 0:
         return None
     # Order of the rasterizer: depth as float32, ties by index.
@@ -64,12 +68,12 @@ def pick(scene: Scene, camera: Camera, u: float, v: float) -> Pick | None:
 
 
 def _hits(
-    scene: Scene, camera: Camera, u: float, v: float
+    scene: Scene, camera: Camera, at: tuple[float, float], antialiased: bool
 ) -> tuple[IntArray, DoubleArray, DoubleArray]:
     """Index, alpha and depth of the splats that the pixel shows, in the order of the scene."""
     g, placements = scene.gaussians, scene.placements
     n = len(scene)
-    pose, lens = pose_and_lens(camera)
+    pose, lens = pose_and_lens(camera, antialiased)
     poses = np.einsum("ij,pjk->pik", pose[:, :3], placements.matrix)
     poses[:, :, 3] += pose[:, 3]
     growth = np.linalg.norm(placements.matrix[:, :, :3], ord=2, axis=(1, 2)) ** 2
@@ -81,7 +85,7 @@ def _hits(
     index = np.empty(n, np.int32)
     alphas, depths = np.empty(n), np.empty(n)
     counts = np.zeros(-(-n // _CHUNK), np.int64)
-    pixel = np.array([u, v], np.float64)
+    pixel = np.array(at, np.float64)
     unseen = int(State.HIDDEN | State.DELETED)
 
     def work(start: int, stop: int) -> None:

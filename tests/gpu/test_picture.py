@@ -16,7 +16,7 @@ from gaga_core.io.ply import read_ply
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import Mode, ViewState
+from gaga_studio.view import Mode, SplatLook, ViewState
 from tests.gpu.conftest import Errors
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
@@ -74,6 +74,51 @@ def test_splats_that_are_not_finite_are_left_out(mean_error: Errors) -> None:
     broken["logit_opacities"][150:200] = np.nan
     sound = gaussians.take(np.arange(200, 2000))
     assert mean_error(Scene.of(replace(gaussians, **broken)), sound, CAMERAS[0]) < BAR
+
+
+def _fine(sh_degree: int = 1) -> Gaussians:
+    """Splats of which most are smaller than a pixel: there the two looks differ."""
+    gaussians = random_gaussians(4000, sh_degree=sh_degree)
+    return replace(gaussians, log_scales=gaussians.log_scales - np.float32(2.2))
+
+
+@pytest.mark.parametrize("comments", [(), ("SplatRenderMode: mip",)], ids=["classic", "mip"])
+def test_both_looks_against_cpu(mean_error: Errors, comments: tuple[str, ...]) -> None:
+    gaussians = replace(_fine(), comments=comments)
+    assert mean_error(Scene.of(gaussians), gaussians, CAMERAS[0]) < 0.5 * BAR
+
+
+def test_the_mip_look_keeps_the_brightness_at_half_the_size(viewport: Viewport) -> None:
+    """The classic look does not: splats under a pixel are widened and keep their opacity."""
+    gaussians = replace(_fine(0), sh=np.full((4000, 1, 3), 1.7, np.float32))
+    camera = CAMERAS[0]
+    light = {}
+    for look in (SplatLook.CLASSIC, SplatLook.ANTIALIASED):
+        view = ViewState(background=(0, 0, 0), look=look)
+        for scale in (1, 3):
+            small = camera.resized(camera.width * scale, camera.height * scale)
+            viewport.draw(Scene.of(gaussians), small, view, wait=True)
+            light[look, scale] = float(viewport.read_pixels().mean())
+    classic, mip = (
+        light[look, 1] / light[look, 3] for look in (SplatLook.CLASSIC, SplatLook.ANTIALIASED)
+    )
+    assert classic > 1.5
+    assert 0.7 < mip < 1.1
+
+
+def test_the_view_overrides_the_look_of_the_file(viewport: Viewport) -> None:
+    pictures = []
+    for comments in ((), ("antialiased 1",)):
+        scene = Scene.of(replace(_fine(), comments=comments))
+        for look in SplatLook:
+            viewport.draw(scene, CAMERAS[0], ViewState(look=look), wait=True)
+            pictures.append(viewport.read_pixels())
+    auto, classic, mip, auto_of_mip, classic_of_mip, mip_of_mip = pictures
+    assert np.array_equal(auto, classic)
+    assert np.array_equal(auto_of_mip, mip_of_mip)
+    assert np.array_equal(classic, classic_of_mip)
+    assert np.array_equal(mip, mip_of_mip)
+    assert not np.array_equal(classic, mip)
 
 
 def _edited(sh_degree: int) -> Scene:

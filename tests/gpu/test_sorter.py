@@ -98,14 +98,60 @@ def test_equal_depths_keep_the_order_of_a_front_to_back_sort() -> None:
     assert np.array_equal(sort(_job(Scene.of(same))).order, np.arange(50)[::-1])
 
 
-def test_a_budget_keeps_the_most_important() -> None:
-    gaussians = random_gaussians(1000)
-    scene = Scene.of(gaussians)
-    order = sort(_job(scene, budget=100)).order
+def _weights(scene: Scene) -> DoubleArray:
+    """Root of opacity times the largest cross-section (N,)."""
+    gaussians = scene.gaussians
     logs = np.sort(gaussians.log_scales.astype(np.float64), axis=1)
-    score = logs[:, 1] + logs[:, 2] + np.log(gaussians.opacities)
-    assert len(order) == 100
-    assert score[order].min() >= np.sort(score)[-100] - 1e-5
+    result: DoubleArray = np.sqrt(np.exp(logs[:, 1] + logs[:, 2]) * gaussians.opacities)
+    return result
+
+
+def test_a_smaller_budget_is_a_part_of_a_larger_one() -> None:
+    scene = Scene.of(random_gaussians(1000))
+    before = set(sort(_job(scene)).order)
+    for budget in (800, 300, 100, 7):
+        chosen = set(sort(_job(scene, budget=budget)).order)
+        assert len(chosen) == budget
+        assert chosen < before
+        before = chosen
+
+
+def test_a_budget_takes_splats_with_the_probability_that_the_threshold_says() -> None:
+    """What is large for certain; and enlarged by 1 / p they cover what all of them cover."""
+    scene = Scene.of(random_gaussians(20_000))
+    weights = _weights(scene)
+    found = sort(_job(scene, budget=4000))
+    p = np.minimum(1, weights * np.exp(-found.threshold))
+    assert np.isin(np.flatnonzero(p >= 1), found.order).all()
+    taken = np.zeros(len(scene), bool)
+    taken[found.order] = True
+    for rare in (p < 0.1, (p >= 0.1) & (p < 0.3)):
+        assert taken[rare].mean() == pytest.approx(p[rare].mean(), rel=0.12)
+    area = weights**2
+    assert (area / p)[taken].sum() == pytest.approx(area.sum(), rel=0.03)
+
+
+def test_a_budget_leaves_something_of_every_object() -> None:
+    """Objects of small splats too: the largest alone would be all of the floor."""
+    gaussians = random_gaussians(10_000)
+    logs = gaussians.log_scales.copy()
+    small = np.arange(10_000) < 5000
+    logs[small] -= 3.0
+    scene = Scene.of(replace(gaussians, log_scales=logs))
+    order = sort(_job(scene, budget=2000)).order
+    assert 40 < small[order].sum() < 500
+
+
+def test_the_coarse_order_is_the_order_of_its_budget() -> None:
+    scene = _placed_scene()
+    both = sort(replace(_job(scene), coarse_budget=900))
+    few = sort(_job(scene, budget=900))
+    thinned = both.thinned()
+    assert len(both.order) == len(scene)
+    assert thinned.threshold == few.threshold
+    assert thinned.budget == few.budget == 900
+    assert set(thinned.order) == set(few.order)
+    assert np.all(np.diff(_depths(scene)[thinned.order]) < 1e-4)
 
 
 @pytest.mark.parametrize("n", [0, 1])

@@ -12,9 +12,11 @@ _BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray
 
 def next_mode(session: Session) -> None:
     """The next mode that has something to show, and round again."""
-    modes = [command for command in _MODES if not command.enabled(session)]
-    current = [command.id for command in modes].index(f"view.{session.view.mode}")
-    modes[(current + 1) % len(modes)].run(session)
+    current = [command.id for command in _MODES].index(f"view.{session.view.mode}")
+    for command in (*_MODES[current + 1 :], *_MODES):
+        if not command.enabled(session):
+            command.run(session)
+            return
 
 
 def next_background(session: Session) -> None:

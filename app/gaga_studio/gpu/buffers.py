@@ -2,7 +2,8 @@
 
 Columns lie row after row in textures 2048 texels wide and are read with ``texelFetch``; OpenGL 3.3
 has nothing better that every driver likes. A column is sent again only when its counter in
-``scene.revision`` moved, and then only the lines of texels that differ.
+``scene.revision`` moved, and then only the lines of texels that differ. Splats that were appended
+are sent alone.
 """
 
 from collections import Counter
@@ -10,14 +11,25 @@ from collections import Counter
 import moderngl
 import numpy as np
 
-from gaga_core.arrays import AnyArray, IntArray, UInt16Array
+from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.color import group_palette
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.scene import Placements, Revision, Scene, State
+from gaga_core.scene.scene import RGB, Placements, Revision, Scene, State
+from gaga_studio.gpu.packing import (
+    WIDTH,
+    changed_range,
+    log_scale_range,
+    pack_sh,
+    pack_shape,
+    pieces,
+    placement_texels,
+    sh_layers,
+)
 
-WIDTH = 2048
-_BLOCK = 16 * WIDTH  # rows packed at a time: temporaries stay in the cache
+_BLOCK = 4 * WIDTH  # rows packed at a time: temporaries stay in the cache
+_SPARE = 8  # a scene that has grown gets an eighth more room, so that it can grow again
+_MOST_SHORT = 65536  # placements that an index of 16 bits can tell apart
 
 DataTexture = moderngl.Texture | moderngl.TextureArray
 
@@ -30,7 +42,10 @@ class SceneBuffers:
         self._scene: Scene | None = None
         self._seen = Revision()
         self._textures: dict[str, DataTexture] = {}
+        self._own_colors: dict[int, RGB] = {}  # of groups, in the palette
+        self._columns: set[str] = set()  # textures that have a line for every 2048 splats
         self._sent: dict[str, AnyArray] = {}  # columns as they were sent
+        self._lines = 0
         self.version = 0
         self.n_splats = 0
         self.n_sh = 1
@@ -38,28 +53,38 @@ class SceneBuffers:
         self.has_selected = False
         self.uploads: Counter[str] = Counter()  # how often each column was sent, in whole or part
 
-    def sync(self, scene: Scene, labels: IntArray | None = None) -> None:
+    def sync(
+        self, scene: Scene, labels: IntArray | None = None, *, with_confidence: bool = False
+    ) -> None:
         """Send what changed since the last call. ``labels`` (N,) stand in for those of the scene.
 
         Raises `GagaError` when the graphics card cannot hold the scene.
         """
         now = scene.revision
-        everything = scene is not self._scene or now.splats != self._seen.splats
-        if everything:
+        is_same = scene is self._scene
+        splats_changed = not is_same or now.splats != self._seen.splats
+        if splats_changed:
+            kept = now.rows_kept_since(self._seen.splats) if is_same else 0
+            if not self._append(scene.gaussians, min(kept, self.n_splats)):
+                self._replace(scene.gaussians, len(scene.placements))
+                is_same = False
             self._scene = scene
-            self._replace(scene.gaussians)
         shown = scene.labels if labels is None or len(labels) != len(scene) else labels
-        labels_changed = now.labels != self._seen.labels
-        if everything or labels_changed or shown is not self._sent.get("labels"):
-            self._send_labels(shown, in_place=labels_changed)
-        if everything or now.state != self._seen.state:
+        labels_changed = splats_changed or now.labels != self._seen.labels
+        if labels_changed or shown is not self._sent.get("labels"):
+            self._send_labels(shown, in_place=is_same and labels_changed)
+        if scene.colors != self._own_colors:
+            self._send_palette(self._texture("palette").height * WIDTH - 1)
+        if splats_changed or now.state != self._seen.state:
             self._send_column("state", scene.state)
             bits = np.uint8(State.SELECTED | State.HIDDEN | State.DELETED)
             self.has_selected = bool(np.any((scene.state & bits) == State.SELECTED))
-        if everything or now.placement != self._seen.placement:
-            self._send_column("placement", scene.placement)
-        if everything or now.placements != self._seen.placements:
+        if not is_same or now.placements != self._seen.placements:
             self._send_placements(scene.placements)
+        if splats_changed or now.placement != self._seen.placement:
+            self._send_column("placement", scene.placement)
+        if with_confidence != ("confidence" in self._textures) or labels_changed:
+            self._send_confidence(scene if with_confidence else None)
         self._seen = Revision(**vars(now))
 
     def clear(self) -> None:
@@ -76,6 +101,11 @@ class SceneBuffers:
         """The scene that the textures hold."""
         return self._scene
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all textures on the graphics card."""
+        return sum(texture_bytes(texture) for texture in self._textures.values())
+
     def textures(self) -> list[tuple[str, DataTexture]]:
         """Sampler names and textures of the projection pass."""
         return [(f"u_{name}", texture) for name, texture in self._textures.items()]
@@ -85,50 +115,72 @@ class SceneBuffers:
         for texture in self._textures.values():
             texture.release()
         self._textures.clear()
+        self._columns.clear()
         self._sent.clear()
 
-    def _replace(self, gaussians: Gaussians) -> None:
+    # --- the splats themselves
+
+    def _replace(self, gaussians: Gaussians, n_placements: int) -> None:
         """New textures for new splats."""
         self.release()
+        self._check_fits(len(gaussians))
+        self.n_splats = len(gaussians)
+        self.n_sh = gaussians.sh.shape[1]
+        self._lines = max(1, -(-self.n_splats // WIDTH))
+        self._column("means", 3, "f4")
+        self._column("shape", 4, "u4")
+        self._column("color", 4, "f2")
+        self._column("state", 1, "u1")
+        self._column("labels", 1, "i4")
+        self._column("placement", 1, "u2" if n_placements <= _MOST_SHORT else "u4")
+        if self.n_sh > 1:
+            self._column("sh", 2, "u4", sh_layers(self.n_sh))
+        self.log_scale_range = log_scale_range(gaussians.log_scales)
+        self._send_gaussians(gaussians, 0)
+
+    def _append(self, gaussians: Gaussians, n_kept: int) -> bool:
+        """Send the rows from ``n_kept`` on, the others being there; False when that cannot be."""
         n = len(gaussians)
+        if n_kept == 0 or gaussians.sh.shape[1] != self.n_sh:
+            return False
+        low, span = log_scale_range(gaussians.log_scales[n_kept:])
+        here, range_ = self.log_scale_range
+        if n_kept < n and not (here <= low and low + span <= here + range_ + 1e-3):
+            return False
+        self._check_fits(n)
+        lines = -(-n // WIDTH)
+        if lines > self._lines:
+            limit = int(self._ctx.info["GL_MAX_TEXTURE_SIZE"])
+            self._grow(min(lines + lines // _SPARE, limit))
+        self.n_splats = n
+        self._send_gaussians(gaussians, n_kept)
+        return True
+
+    def _check_fits(self, n: int) -> None:
         limit = int(self._ctx.info["GL_MAX_TEXTURE_SIZE"])
         if n > limit * WIDTH:
             raise GagaError(
                 f"The scene has {n:,} splats, but this graphics card can hold {limit * WIDTH:,}. "
                 "Open a smaller part of it."
             )
-        self.n_splats = n
-        self.n_sh = gaussians.sh.shape[1]
-        self._column("means", 3, "f4")
-        self._column("shape", 4, "u4")
-        self._column("state", 1, "u1")
-        self._column("labels", 1, "i4")
-        self._column("placement", 1, "i4")
-        n_layers = sh_layers(self.n_sh)
-        lines = max(1, -(-n // WIDTH))
-        sh = self._ctx.texture_array((WIDTH, lines, n_layers), 4, dtype="f2")
-        sh.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._textures["sh"] = sh
-        self._send_gaussians(gaussians, sh)
-        self._count("gaussians")
 
-    def _column(self, name: str, components: int, dtype: str) -> None:
-        lines = max(1, -(-self.n_splats // WIDTH))
-        texture = self._ctx.texture((WIDTH, lines), components, dtype=dtype)
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._textures[name] = texture
-
-    def _send_gaussians(self, gaussians: Gaussians, sh: moderngl.TextureArray) -> None:
-        self.log_scale_range = _log_scale_range(gaussians)
-        for start in range(0, self.n_splats, _BLOCK):
-            stop = min(start + _BLOCK, self.n_splats)
+    def _send_gaussians(self, gaussians: Gaussians, first: int) -> None:
+        """Send the rows from ``first`` on."""
+        for start in range(first, len(gaussians), _BLOCK):
+            stop = min(start + _BLOCK, len(gaussians))
             write_rows(self._texture("means"), gaussians.means[start:stop], start)
             words = pack_shape(gaussians, start, stop, self.log_scale_range)
             write_rows(self._texture("shape"), words, start)
-            layers = pack_sh(gaussians, start, stop)
-            for first, width, height, rows in _pieces(layers.T, start):
-                place = (first % WIDTH, first // WIDTH, 0, width, height, len(layers))
-                sh.write(np.ascontiguousarray(rows.T), viewport=place)
+            color, layers = pack_sh(gaussians, start, stop)
+            write_rows(self._texture("color"), color, start)
+            sh = self._textures.get("sh")
+            if isinstance(sh, moderngl.TextureArray):
+                for at, width, height, rows in pieces(layers.T, start):
+                    place = (at % WIDTH, at // WIDTH, 0, width, height, len(layers))
+                    sh.write(np.ascontiguousarray(rows.T), viewport=place)
+        self._count("gaussians")
+
+    # --- columns that edits change
 
     def _send_labels(self, labels: IntArray, *, in_place: bool) -> None:
         if in_place and labels is self._sent.get("labels"):
@@ -137,26 +189,91 @@ class SceneBuffers:
         n_groups = int(labels.max(initial=0))
         palette = self._textures.get("palette")
         if palette is None or palette.width * palette.height <= n_groups:
-            colors = np.zeros(((n_groups // WIDTH + 1) * WIDTH, 4), np.float32)
-            known = group_palette(len(colors) - 1)
-            colors[:, :3] = known
-            self._table("palette", (WIDTH, n_groups // WIDTH + 1), colors)
+            self._send_palette(n_groups)
+
+    def _send_palette(self, n_groups: int) -> None:
+        colors = np.zeros(((n_groups // WIDTH + 1) * WIDTH, 4), np.float32)
+        colors[:, :3] = group_palette(len(colors) - 1)
+        self._own_colors = self._scene.colors if self._scene is not None else {}
+        for group, rgb in self._own_colors.items():
+            if group < len(colors):
+                colors[group, :3] = rgb
+        self._table("palette", (WIDTH, n_groups // WIDTH + 1), colors)
+        self.version += 1
 
     def _send_column(self, name: str, column: AnyArray) -> None:
         before = self._sent.get(name)
         start, stop = 0, len(column)
-        if before is not None and before is not column and len(before) == len(column):
+        if before is not None and before is not column:
             start, stop = changed_range(before, column)
-        write_rows(self._texture(name), column[start:stop], start)
+        texture = self._texture(name)
+        rows = column[start:stop]
+        write_rows(texture, rows.astype(np.uint16) if texture.dtype == "u2" else rows, start)
         self._sent[name] = column
         self._count(name)
 
+    def _send_confidence(self, scene: Scene | None) -> None:
+        """Put the column there while it is shown: a byte a splat that is seldom needed."""
+        column = scene.confidence_of() if scene is not None else None
+        texture = self._textures.get("confidence")
+        if scene is None:
+            if texture is not None:
+                self._textures.pop("confidence").release()
+                self._columns.discard("confidence")
+                self._sent.pop("confidence", None)
+            return
+        if texture is None:
+            self._column("confidence", 1, "u1")
+        self._send_column(
+            "confidence", np.zeros(len(scene), np.uint8) if column is None else column
+        )
+
     def _send_placements(self, placements: Placements) -> None:
+        if len(placements) > _MOST_SHORT and self._texture("placement").dtype == "u2":
+            self._textures.pop("placement").release()
+            self._sent.pop("placement", None)
+            self._column("placement", 1, "u4")
+            assert self._scene is not None
+            self._send_column("placement", self._scene.placement)
         lines = -(-len(placements) // 128)
         texels = np.zeros((lines * 128, 16, 4), np.float32)
         texels[: len(placements)] = placement_texels(placements)
         self._table("placements", (WIDTH, lines), texels)
         self._count("placements")
+
+    # --- textures
+
+    def _column(self, name: str, components: int, dtype: str, n_layers: int = 0) -> None:
+        """A texture with a texel for each splat, or with one in each layer."""
+        self._textures[name] = self._empty(components, dtype, n_layers)
+        self._columns.add(name)
+
+    def _empty(self, components: int, dtype: str, n_layers: int) -> DataTexture:
+        texture: DataTexture
+        if n_layers:
+            size = (WIDTH, self._lines, n_layers)
+            texture = self._ctx.texture_array(size, components, dtype=dtype)
+        else:
+            texture = self._ctx.texture((WIDTH, self._lines), components, dtype=dtype)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def _grow(self, lines: int) -> None:
+        """Make room for ``lines`` of texels; what is there is copied on the graphics card."""
+        before, self._lines = self._lines, lines
+        for name in self._columns:
+            old = self._textures[name]
+            layers = old.layers if isinstance(old, moderngl.TextureArray) else 0
+            new = self._empty(old.components, old.dtype, layers)
+            copy = self._ctx.buffer(reserve=texture_bytes(old))
+            old.read_into(copy, alignment=1)
+            if isinstance(new, moderngl.TextureArray):
+                new.write(copy, viewport=(0, 0, 0, WIDTH, before, layers), alignment=1)
+            else:
+                new.write(copy, viewport=(0, 0, WIDTH, before), alignment=1)
+            copy.release()
+            old.release()
+            self._textures[name] = new
 
     def _table(self, name: str, size: tuple[int, int], texels: AnyArray) -> None:
         """A small RGBA32F table, made anew when its size changed."""
@@ -179,97 +296,15 @@ class SceneBuffers:
         self.version += 1
 
 
-def sh_layers(n_sh: int) -> int:
-    """Layers of four halfs that hold ``n_sh`` coefficients of three colors."""
-    return -(-3 * n_sh // 4)
+def texture_bytes(texture: DataTexture) -> int:
+    """Bytes that a texture takes."""
+    layers = texture.layers if isinstance(texture, moderngl.TextureArray) else 1
+    size = int(texture.dtype[1:])
+    return int(texture.width * texture.height * layers * texture.components * size)
 
 
 def write_rows(texture: moderngl.Texture, rows: AnyArray, start: int) -> None:
     """Write ``rows`` (K,) or (K, C) of a column from splat ``start`` on, straight from memory."""
-    for first, width, height, piece in _pieces(rows, start):
+    for first, width, height, piece in pieces(rows, start):
         place = (first % WIDTH, first // WIDTH, width, height)
         texture.write(np.ascontiguousarray(piece), viewport=place)
-
-
-def _pieces(rows: AnyArray, start: int) -> list[tuple[int, int, int, AnyArray]]:
-    """Rectangles of texels that ``rows`` from ``start`` on fill: (first, width, height, rows)."""
-    stop = start + len(rows)
-    pieces = []
-    at = start
-    while at < stop:
-        column = at % WIDTH
-        if column == 0 and stop - at >= WIDTH:
-            width, height = WIDTH, (stop - at) // WIDTH
-        else:
-            width, height = min(WIDTH - column, stop - at), 1
-        n = width * height
-        pieces.append((at, width, height, rows[at - start : at - start + n]))
-        at += n
-    return pieces
-
-
-def changed_range(before: AnyArray, after: AnyArray) -> tuple[int, int]:
-    """The shortest range of rows outside of which two columns (N,) agree."""
-    differs = before != after
-    if not differs.any():
-        return 0, 0
-    return int(differs.argmax()), len(differs) - int(differs[::-1].argmax())
-
-
-def _log_scale_range(gaussians: Gaussians) -> tuple[float, float]:
-    """Low end and range of the finite log scales; at most 40 wide (a factor of 10^17)."""
-    logs = gaussians.log_scales
-    finite = logs if np.isfinite(logs.sum(dtype=np.float64)) else logs[np.isfinite(logs)]
-    high = float(finite.max(initial=-40.0))
-    low = max(float(finite.min(initial=high)), high - 40.0)
-    return low, max(high - low, 1e-3)
-
-
-def pack_shape(
-    gaussians: Gaussians, start: int, stop: int, log_scale_range: tuple[float, float]
-) -> AnyArray:
-    """Unit quaternion, log scales and opacity of rows start..stop as 8 x 16 bits: (K, 4) uint32.
-
-    Fixed point is finer than halfs here: 3e-5 in a quaternion, 1e-4 in a scale that spans e^7.
-    Rows with anything that is not finite, or a quaternion of no length, get opacity 0.
-    """
-    rows = slice(start, stop)
-    quats, logs = gaussians.quats[rows], gaussians.log_scales[rows]
-    means, logits = gaussians.means[rows], gaussians.logit_opacities[rows]
-    words: UInt16Array = np.empty((len(quats), 8), np.uint16)
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        norm = np.sqrt(np.einsum("ij,ij->i", quats, quats))
-        sound = np.isfinite(norm) & (norm > 0) & np.isfinite(logs.sum(axis=1) + means.sum(axis=1))
-        sound &= ~np.isnan(logits)
-        scale = np.where(sound, 32767.5 / np.where(sound, norm, 1), 0).astype(np.float32)
-        unit = np.where(sound[:, None], quats, 0) * scale[:, None]
-        words[:, :4] = np.clip(unit + np.float32(32768.0), 0, 65535)
-        low, span = log_scale_range
-        fixed = (np.where(sound[:, None], logs, low) - np.float32(low)) * np.float32(65535 / span)
-        words[:, 4:7] = np.clip(fixed + np.float32(0.5), 0, 65535)
-        opacity = np.float32(65535) / (np.float32(1) + np.exp(-np.where(sound, logits, -100)))
-        words[:, 7] = opacity + np.float32(0.5)
-    return words.view(np.uint32)
-
-
-def pack_sh(gaussians: Gaussians, start: int, stop: int) -> AnyArray:
-    """SH coefficients of rows start..stop as halfs, four a texel: (L, K) uint64, layer by layer."""
-    flat = gaussians.sh[start:stop].reshape(stop - start, -1)
-    halfs = np.zeros((stop - start, 4 * sh_layers(gaussians.sh.shape[1])), np.float16)
-    with np.errstate(over="ignore", invalid="ignore"):
-        halfs[:, : flat.shape[1]] = flat
-    return np.ascontiguousarray(halfs.view(np.uint64).T)
-
-
-def placement_texels(placements: Placements) -> AnyArray:
-    """Texels (P, 16, 4) float32: matrix 3, color 3, rotation back of directions 3, opacity 1.
-
-    Directions are turned by the rotation nearest to the linear part (polar decomposition).
-    """
-    texels = np.zeros((len(placements), 16, 4), np.float32)
-    texels[:, 0:3] = placements.matrix
-    texels[:, 3:6] = placements.color
-    u, _, vt = np.linalg.svd(np.asarray(placements.matrix, np.float64)[:, :, :3])
-    texels[:, 6:9, :3] = np.swapaxes(u @ vt, 1, 2)
-    texels[:, 9, 0] = placements.opacity
-    return texels

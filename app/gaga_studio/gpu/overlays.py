@@ -34,6 +34,7 @@ class Overlays:
     active_camera: int | None = None  # index of the highlighted one
     labels: IntArray | None = field(default=None, compare=False)  # (N,) instead of scene.labels
     hovered_group: int = 0
+    focused_group: int = 0  # the one that Mode.MASK shows
     ground: Ground | None = None
     pixel_scale: float = 1.0  # of line widths: 2 on a screen with two pixels a point
 

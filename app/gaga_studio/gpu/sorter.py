@@ -1,7 +1,7 @@
 """Depth order of the splats, made in a thread of its own: drawing never waits for it."""
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class SortJob:
     placements: Placements
     camera: Camera
     budget: int = 0  # most important splats only; 0 = all
+    coarse_budget: int = 0  # give the order of these too; 0 = not
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,22 @@ class DepthOrder:
     n_splats: int  # of the scene that was sorted
     near: float  # depths between which 99 % of them lie
     far: float
+    budget: int = 0  # of the job
+    threshold: float = -np.inf  # of `sort_kernels.importance`, above which splats were taken
+    coarse: IntArray | None = None  # (L,) of these the most important of the coarse budget
+    coarse_budget: int = 0
+    coarse_threshold: float = -np.inf
+
+    def thinned(self) -> "DepthOrder":
+        """The order of the splats of the coarse budget, which there must be."""
+        assert self.coarse is not None
+        return replace(
+            self,
+            order=self.coarse,
+            budget=self.coarse_budget,
+            threshold=self.coarse_threshold,
+            coarse=None,
+        )
 
 
 class Sorter:
@@ -48,7 +65,7 @@ class Sorter:
         self._result: DepthOrder | None = None
         self._done = 0  # ticket of the last job done
         self._ended = False
-        self._columns = _Columns()
+        self._columns = Columns()
         self._thread = threading.Thread(target=self._work, name="gaga-sort", daemon=True)
         self._thread.start()
 
@@ -97,16 +114,29 @@ class Sorter:
 
 def sort(job: SortJob) -> DepthOrder:
     """The order of ``job``, in this thread."""
-    return _Columns().sort(job)
+    return Columns().sort(job)
 
 
-class _Columns:
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """The splats of a budget."""
+
+    budget: int
+    rows: IntArray  # (R,) rising; empty stands for all
+    threshold: float
+
+
+_ALL = _Chosen(0, np.zeros(0, np.int32), -np.inf)
+
+
+class Columns:
     """What is worked out once per set of Gaussians, and scratch memory."""
 
     def __init__(self) -> None:
         self._gaussians: Gaussians | None = None
         self._reach: FloatArray = np.zeros(0, np.float32)
-        self._by_importance: IntArray | None = None
+        self._scores: FloatArray | None = None  # importance of each splat
+        self._chosen = _ALL  # the budget asked for last
         self._depths: FloatArray = np.zeros(0, np.float32)
         self._ids: IntArray = np.zeros(0, np.int32)
         self._counts = np.zeros(sort_kernels.N_KEYS + 1, np.int64)
@@ -114,13 +144,14 @@ class _Columns:
     def sort(self, job: SortJob) -> DepthOrder:
         """Cull and sort."""
         self._prepare(job.gaussians)
+        chosen = self._choose(job.budget)
         poses, stretch = _poses(job.placements, job.camera)
         n_found = sort_kernels.visible_depths(
             job.gaussians.means,
             self._reach,
             job.state,
             job.placement,
-            self._rows(job.budget),
+            chosen.rows,
             poses,
             stretch,
             _lens(job.camera),
@@ -136,8 +167,20 @@ class _Columns:
             order,
             quantiles.view(np.uint32),
         )
-        return DepthOrder(
-            job.ticket, order, len(job.gaussians), float(quantiles[0]), float(quantiles[1])
+        near, far = float(quantiles[0]), float(quantiles[1])
+        result = DepthOrder(
+            job.ticket, order, len(job.gaussians), near, far, job.budget, chosen.threshold
+        )
+        coarse = self._choose(job.coarse_budget)
+        if len(coarse.rows) == 0:
+            return result
+        is_chosen = np.zeros(len(job.gaussians), np.bool_)
+        is_chosen[coarse.rows] = True
+        return replace(
+            result,
+            coarse=order[is_chosen[order]],
+            coarse_budget=job.coarse_budget,
+            coarse_threshold=coarse.threshold,
         )
 
     def _prepare(self, gaussians: Gaussians) -> None:
@@ -148,20 +191,26 @@ class _Columns:
         sort_kernels.reaches(gaussians.log_scales, self._reach)
         self._depths = np.empty(n, np.float32)
         self._ids = np.empty(n, np.int32)
-        self._by_importance = None
+        self._scores = None
+        self._chosen = _ALL
         self._gaussians = gaussians
 
-    def _rows(self, budget: int) -> IntArray:
-        """The most important splats; empty stands for all."""
+    def _choose(self, budget: int) -> "_Chosen":
+        """The most important splats."""
         gaussians = self._gaussians
         if gaussians is None or not 0 < budget < len(gaussians):
-            return np.zeros(0, np.int32)
-        if self._by_importance is None:
-            score = np.empty(len(gaussians), np.float32)
-            sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities, score)
-            self._by_importance = np.argsort(-score, kind="stable").astype(np.int32)
-        # In row order: memory is read forwards, and ties in depth stay as without a budget.
-        return np.sort(self._by_importance[:budget])
+            return _ALL
+        if self._scores is None:
+            self._scores = np.empty(len(gaussians), np.float32)
+            sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities, self._scores)
+            np.nan_to_num(self._scores, copy=False, nan=-np.inf)
+        if self._chosen.budget != budget:
+            # Row order: memory is read forwards, and ties in depth stay as without a budget.
+            last = len(gaussians) - budget
+            least = np.partition(self._scores, last)[last]
+            rows = np.flatnonzero(self._scores >= least)[:budget].astype(np.int32)
+            self._chosen = _Chosen(budget, rows, float(least))
+        return self._chosen
 
 
 def _poses(placements: Placements, camera: Camera) -> tuple[DoubleArray, DoubleArray]:

@@ -8,13 +8,15 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_studio.gpu.buffers import WIDTH, SceneBuffers, sh_layers, write_rows
+from gaga_studio.gpu.buffers import SceneBuffers, texture_bytes, write_rows
 from gaga_studio.gpu.context import bind_textures, load_program, set_uniforms
+from gaga_studio.gpu.packing import WIDTH, sh_layers
 from gaga_studio.gpu.targets import Target
 from gaga_studio.view import Mode
 
 _QUADS = 128  # quads an instance: one alone keeps graphics cards idle
-_MODES = {Mode.COLOR: 0, Mode.GROUPS: 1, Mode.DEPTH: 2}
+_MODES = {mode: number for number, mode in enumerate(Mode)}  # as project.frag numbers them
+_POINT = 1.6  # pixels: radius of a centre
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,10 @@ class Look:
     hovered_group: int = 0
     with_mask: bool = False
     far: float = 1.0  # depth that is stored as 1
+    focus: int = 0  # group that is white in Mode.MASK
+    antialiased: bool = False  # the mip look (Yu 2024): what the blur widens, it thins out
+    pixel_scale: float = 1.0  # of lines and points
+    threshold: float = -np.inf  # of importance: those above it stand for those that are left out
 
 
 class SplatRenderer:
@@ -35,11 +41,11 @@ class SplatRenderer:
         # Color is half float: rounding to 8 bits at each of some 30 layers shows (see tests).
         self.picture = Target(ctx, [(4, "f2")], smooth=True)
         self.marked = Target(ctx, [(4, "f2"), (4, "f1")], smooth=True)
-        self._projected = Target(ctx, [(4, "f4"), (4, "u4")])
+        self._projected = Target(ctx, [(4, "u4"), (2, "u4")])
         self._order: moderngl.Texture | None = None
         self._n_order = 0
         self._projectors: dict[int, tuple[moderngl.Program, moderngl.VertexArray]] = {}
-        self._drawers: dict[tuple[bool, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._drawers: dict[tuple[str, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
         self._corners = ctx.buffer(_corners())
         self._indices = ctx.buffer(_indices())
         self.passes: Counter[str] = Counter()
@@ -55,6 +61,12 @@ class SplatRenderer:
             self._projected.resize(WIDTH, lines)
         write_rows(self._order, order, 0)
         self._n_order = len(order)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the depth order and the projected splats on the graphics card."""
+        textures = [*self._projected.textures, *([self._order] if self._order else [])]
+        return sum(texture_bytes(texture) for texture in textures)
 
     def draw(self, buffers: SceneBuffers, camera: Camera, look: Look) -> Target:
         """Blend the splats into a target of the camera's size; which one, is returned.
@@ -104,6 +116,10 @@ class SplatRenderer:
                 "u_log_scale": buffers.log_scale_range,
                 "u_mode": _MODES[look.mode],
                 "u_hovered": look.hovered_group,
+                "u_focus": look.focus,
+                "u_antialiased": int(look.antialiased),
+                "u_threshold": max(look.threshold, -1e9),
+                "u_point": _POINT * look.pixel_scale,
             },
         )
         framebuffer = self._projected.begin()
@@ -113,7 +129,7 @@ class SplatRenderer:
         self.passes["project"] += 1
 
     def _blend(self, camera: Camera, look: Look) -> None:
-        program, geometry = self._drawer(look.mode is Mode.DEPTH, look.with_mask)
+        program, geometry = self._drawer(look)
         ellipses, looks = self._projected.textures
         bind_textures(program, [("u_ellipses", ellipses), ("u_looks", looks)])
         set_uniforms(
@@ -137,13 +153,11 @@ class SplatRenderer:
             self._projectors[n_sh] = program, self._ctx.vertex_array(program, [])
         return self._projectors[n_sh]
 
-    def _drawer(
-        self, has_depth: bool, has_mask: bool
-    ) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        key = (has_depth, has_mask)
+    def _drawer(self, look: Look) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        kinds = {Mode.DEPTH: "DEPTH", Mode.CENTRES: "CENTRES", Mode.RINGS: "RINGS"}
+        key = tuple(filter(None, (kinds.get(look.mode), "MASK" if look.with_mask else None)))
         if key not in self._drawers:
-            names = ("DEPTH", "MASK")
-            defines = {name: 1 for name, wanted in zip(names, key, strict=True) if wanted}
+            defines = dict.fromkeys(key, 1)
             program = load_program(self._ctx, "quads.vert", "quads.frag", defines)
             content = [(self._corners, "3f", "in_corner")]
             self._drawers[key] = program, self._ctx.vertex_array(program, content, self._indices)

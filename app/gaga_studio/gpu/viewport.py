@@ -20,6 +20,7 @@ from gaga_studio.view import Mode, ViewState
 __all__ = ["Overlays", "Viewport"]
 
 _NO_OVERLAYS = Overlays()
+_WITHOUT_OUTLINE = (Mode.CENTRES, Mode.RINGS, Mode.MASK)  # selected splats have a color there
 
 
 @dataclass(frozen=True)
@@ -81,20 +82,29 @@ class Viewport:
         else:
             self._pull(scene, camera, view, overlays, wait=wait)
         size = (camera.width, camera.height)
+        order = self._order
         wanted = (
             _Lens.of(camera),
-            (view.mode, view.background, view.show_outline, view.resolution_scale),
+            (view.mode, view.background, view.look, view.show_outline),
             overlays,
             self.buffers.version,
-            0 if self._order is None else self._order.ticket,
+            (view.resolution_scale, order and (order.ticket, order.budget)),
         )
-        if wanted != self._drawn or self._picture.size != size:
+        # At rest after a motion the full picture waits for the order of all splats.
+        only_finer = wanted[:-1] == self._drawn[:-1] and not self.settled
+        is_on_its_way = only_finer and order is not None and order.budget != view.splat_budget
+        if self._picture.size != size or (wanted != self._drawn and not is_on_its_way):
             with drawing(self._ctx):
                 self._picture.resize(*size)
                 self._render(camera, view, overlays)
             self._drawn = wanted
             self.n_draws += 1
         return int(self._picture.textures[0].glo)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the graphics card that grow with the number of splats."""
+        return self.buffers.nbytes + self._splats.nbytes
 
     def read_pixels(self) -> UInt8Array:
         """The finished picture (H, W, 3), first row on top; `draw` comes first."""
@@ -121,7 +131,8 @@ class Viewport:
         if scene is not self.buffers.scene:
             self._forget()
         n_before = self.buffers.n_splats
-        self.buffers.sync(scene, overlays.labels)
+        is_heat = view.mode is Mode.CONFIDENCE and scene.confidence is not None
+        self.buffers.sync(scene, overlays.labels, with_confidence=is_heat)
         if self._order is not None and n_before != self.buffers.n_splats:
             self._use(self._order)
         revision = scene.revision
@@ -133,12 +144,16 @@ class Viewport:
         if wanted != self._sorted:
             self._sorted = wanted
             self._ticket += 1
-            self._sorter.submit(_job(self._ticket, scene, camera, view.splat_budget))
+            self._sorter.submit(_job(self._ticket, scene, camera, view))
         if wait:
             self._sorter.wait(self._ticket)
         order = self._sorter.take()
         if order is not None and order.ticket >= self._valid_from:
             self._use(order)
+        now = self._order
+        if now is not None and now.coarse is not None and now.coarse_budget == view.splat_budget:
+            # A motion begins: not with all splats, even while their order is the only one.
+            self._use(now.thinned())
 
     def _use(self, order: DepthOrder) -> None:
         """Draw with ``order``; a scene that has shrunk meanwhile loses the rows that it lost."""
@@ -149,17 +164,31 @@ class Viewport:
         self._order = order
 
     def _render(self, camera: Camera, view: ViewState, overlays: Overlays) -> None:
-        order = self._order
-        finish = Finish(view.background)
+        order, scene = self._order, self.buffers.scene
+        mode, behind = view.mode, view.background
+        if mode is Mode.CONFIDENCE and scene is not None and scene.confidence is None:
+            mode = Mode.COLOR
+        if mode is Mode.MASK:
+            behind = (0.0, 0.0, 0.0)
+        finish = Finish(behind)
         blended: Target | None = None
-        if order is not None:
+        if order is not None and scene is not None:
             hovered = overlays.hovered_group
             with_mask = view.show_outline and (self.buffers.has_selected or hovered > 0)
-            has_depth = view.mode is Mode.DEPTH
-            look = Look(view.mode, hovered, with_mask, order.far)
+            with_mask &= mode not in _WITHOUT_OUTLINE
+            look = Look(
+                mode,
+                hovered,
+                with_mask,
+                order.far,
+                overlays.focused_group,
+                view.is_antialiased(scene),
+                overlays.pixel_scale * view.resolution_scale,
+                order.threshold,
+            )
             blended = self._splats.draw(self.buffers, scaled(camera, view.resolution_scale), look)
-            depth_range = (order.near, order.far) if has_depth else None
-            finish = Finish(view.background, with_mask, depth_range, overlays.pixel_scale)
+            depth_range = (order.near, order.far) if mode is Mode.DEPTH else None
+            finish = Finish(behind, with_mask, depth_range, overlays.pixel_scale)
         self._compositor.draw(blended, self._picture, finish)
         self._lines.draw(camera, overlays)
 
@@ -172,7 +201,7 @@ def scaled(camera: Camera, scale: float) -> Camera:
     return camera.resized(width, max(1, round(camera.height * scale)))
 
 
-def _job(ticket: int, scene: Scene, camera: Camera, budget: int) -> SortJob:
+def _job(ticket: int, scene: Scene, camera: Camera, view: ViewState) -> SortJob:
     return SortJob(
         ticket=ticket,
         gaussians=scene.gaussians,
@@ -180,5 +209,6 @@ def _job(ticket: int, scene: Scene, camera: Camera, budget: int) -> SortJob:
         placement=scene.placement,
         placements=scene.placements,
         camera=camera,
-        budget=budget,
+        budget=view.splat_budget,
+        coarse_budget=view.coarse_budget,
     )

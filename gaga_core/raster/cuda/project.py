@@ -69,7 +69,8 @@ def project_rows(
     gaussians: Gaussians, rows: slice, camera: Camera, device: torch.device
 ) -> Projected:
     """EWA projection of some Gaussians, as in `raster.reference.project`: those in the picture."""
-    found = _ellipses(Parameters.of(gaussians, rows, device), camera)
+    parameters = Parameters.of(gaussians, rows, device)
+    found = _ellipses(parameters, camera, antialiased=gaussians.is_antialiased)
     half = _half_sizes(found)
     size = torch.tensor([camera.width, camera.height], device=device).double()
     xx, xy, yy = found.covariances.unbind(dim=1)
@@ -106,7 +107,7 @@ def _half_sizes(found: _Ellipses) -> Tensor:
     return torch.sqrt(cut[:, None] * found.covariances[:, [0, 2]])
 
 
-def _ellipses(p: Parameters, camera: Camera) -> _Ellipses:
+def _ellipses(p: Parameters, camera: Camera, *, antialiased: bool = False) -> _Ellipses:
     device = p.means.device
     pose = torch.tensor(np.asarray(camera.cam_from_world[:3]), device=device).double()
     K = torch.tensor(np.asarray(camera.K), device=device).double()
@@ -123,10 +124,14 @@ def _ellipses(p: Parameters, camera: Camera) -> _Ellipses:
     M = (turned[:, :2] - clamped[..., None] * turned[:, 2:]) * (focal / depth[:, None])[..., None]
     xx, yy = (M * M).sum(dim=2).unbind(dim=1)
     xy = (M[:, 0] * M[:, 1]).sum(dim=1)
+    opacities = torch.sigmoid(p.logit_opacities)
+    if antialiased:
+        plain = (xx * yy - xy * xy).clamp_min(0.0)
+        opacities = opacities * torch.sqrt(plain / ((xx + BLUR) * (yy + BLUR) - xy * xy))
     return _Ellipses(
         slope * focal + torch.stack([K[0, 2], K[1, 2]]),
         torch.stack([xx + BLUR, xy, yy + BLUR], dim=1),
-        torch.sigmoid(p.logit_opacities),
+        opacities,
         depth,
     )
 
