@@ -1,5 +1,6 @@
 """What panels read of a scene, computed once for each revision of it."""
 
+import hashlib
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,17 +8,20 @@ from typing import Literal, TypeVar, cast
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.evidence import preset_of
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
 from gaga_core.scene.bounds import splat_box
+from gaga_core.scene.build_append import spread
 from gaga_core.scene.objects import ObjectTable
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.sureness import confidence_histogram
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
-SortKey = Literal["id", "name", "splats", "views"]
+SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 
 class Readings:
@@ -44,7 +48,8 @@ class Readings:
         if live is None:
             return self._once("objects", key, lambda: objects.object_table(scene))
         labels, bank = self.live_labels(live), live.bank
-        shown = replace(scene, labels=labels, bank=bank, names={})
+        names = scene.names if live.keeps_ids else {}
+        shown = replace(scene, labels=labels, bank=bank, names=names)
         return self._once("objects", key, lambda: objects.object_table(shown))
 
     def live_labels(self, live: BankSnapshot) -> IntArray:
@@ -89,17 +94,85 @@ class Readings:
         key = (revision.splats, revision.state, revision.placement, revision.placements)
         return self._once("color", key, lambda: mean_color(self._scene, self.selected_indices()))
 
+    def listed(
+        self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray
+    ) -> IntArray:
+        """`listed`, once for each table, text and order."""
+        key = (table, text, sort, descending, quality.tobytes() if sort == "quality" else b"")
+        return self._once("listed", key, lambda: listed(table, text, sort, descending, quality))
+
+    def labels_digest(self) -> str:
+        """Short name of which splat belongs to which group, the same again after an undo."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels)
+        return self._once("digest", key, lambda: _digest(self._scene.labels))
+
+    def held_by_masks(self) -> dict[int, float]:
+        """Share of each group's splats that its masks gave it: 0 for one made by hand."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels, self._scene.bank)
+        return self._once("held", key, lambda: _held_by_masks(self._scene))
+
+    def overlap_is_of_points(self) -> bool:
+        """Whether overlaps in the log are shares of surface points, not of splats."""
+        bank = self._scene.bank
+        if bank is None:
+            return False
+        return self._once("preset", bank, lambda: preset_of(bank)) == "robust"
+
+    def decision_now(self, former: Decision | None) -> Decision | None:
+        """What is decided now of the mask of ``former``; None when the bank does not know it."""
+        bank = self._scene.bank
+        if former is None or bank is None:
+            return None
+        return self.decision_of(former.view, former.mask)
+
+    def decision_of(self, view: str, mask: int) -> Decision | None:
+        """What the bank decided of a mask, if anything."""
+        bank = self._scene.bank
+        if bank is None:
+            return None
+        return self._once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
+
+    def confidence(self, n_bins: int) -> LongArray | None:
+        """How many selected splats have which confidence, (B,) rising; None when it is unknown."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state, revision.labels, n_bins)
+        return self._once(
+            "confidence",
+            key,
+            lambda: confidence_histogram(self._scene, self.selected_indices(), n_bins),
+        )
+
     def decisions(self, group: int, live: BankSnapshot | None) -> tuple[Decision, ...]:
         """Which mask of which view joined a group, in the order of the association."""
         bank = self._scene.bank if live is None else live.bank
         if bank is None:
             return ()
-        return self._once("log", id(bank), lambda: by_group(bank)).get(group, ())
+        return self._once("log", bank, lambda: by_group(bank)).get(group, ())
+
+
+def _digest(labels: IntArray) -> str:
+    return hashlib.blake2b(labels.tobytes(), digest_size=8).hexdigest()
+
+
+def _held_by_masks(scene: Scene) -> dict[int, float]:
+    if scene.bank is None:
+        return {}
+    live = scene.labels[~scene.has(State.DELETED)]
+    same = scene.labels[scene.labels == labels_of_bank(scene.bank, scene)]
+    n = int(scene.labels.max(initial=0)) + 1
+    share = np.bincount(same, minlength=n) / np.maximum(np.bincount(live, minlength=n), 1)
+    return {int(group): float(share[group]) for group in np.flatnonzero(share)}
+
+
+def _by_mask(bank: MemoryBank) -> dict[tuple[str, int], Decision]:
+    return {(decision.view, decision.mask): decision for decision in bank.log}
 
 
 def labels_of_bank(bank: MemoryBank, scene: Scene) -> IntArray:
     """Group (N,) of each splat of the scene; a duplicate has its original's."""
-    return np.maximum(bank.group, 0).astype(np.int32)[scene.source]
+    return spread(scene, np.maximum(bank.group, 0).astype(np.int32))
 
 
 def by_group(bank: MemoryBank) -> dict[int, tuple[Decision, ...]]:
@@ -111,11 +184,15 @@ def by_group(bank: MemoryBank) -> dict[int, tuple[Decision, ...]]:
 
 
 def listed(
-    table: ObjectTable, text: str = "", sort: SortKey = "id", descending: bool = False
+    table: ObjectTable,
+    text: str = "",
+    sort: SortKey = "id",
+    descending: bool = False,
+    quality: DoubleArray | None = None,
 ) -> IntArray:
     """Rows (R,) of ``table`` to show: name or id contains ``text``; id 0 stands last.
 
-    Equal keys stay in the order of their ids.
+    ``quality`` (G,) is by row. Equal keys stay in the order of their ids.
     """
     wanted = text.strip().casefold()
     rows = [
@@ -128,6 +205,7 @@ def listed(
         "name": lambda row: _natural(table.names[row]),
         "splats": lambda row: int(table.counts[row]),
         "views": lambda row: int(table.n_views[row]),
+        "quality": lambda row: 0.0 if quality is None else float(quality[row]),
     }
     rows.sort(key=keys[sort], reverse=descending)  # type: ignore[arg-type]  # one kind per key
     rows.sort(key=lambda row: bool(table.ids[row] == 0))

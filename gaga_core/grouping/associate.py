@@ -88,6 +88,7 @@ class BankSnapshot:
     view: str
     bank: MemoryBank
     n_groups: int
+    keeps_ids: bool = False  # groups are those of the bank that is being repaired
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ def bank_arrays(bank: MemoryBank) -> dict[str, AnyArray]:
 
 def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
     """The bank of `bank_arrays`; ``KeyError`` or ``ValueError`` when something is missing."""
+    n_log = len(arrays[f"log_{_COLUMNS[0]}"])
+    arrays = {"log_by_hand": np.zeros(n_log, np.bool_), **arrays}  # older banks have no such column
     columns = [arrays[f"log_{name}"].tolist() for name in _COLUMNS]
     log = tuple(Decision(*row) for row in zip(*columns, strict=True))
     return MemoryBank(np.ascontiguousarray(arrays["group"], np.int32), int(arrays["n_groups"]), log)

@@ -21,6 +21,7 @@ class Decision:
     runner_up: int  # second-best group, 0 = none
     runner_up_overlap: float
     n_gaussians: int  # #G(m)
+    by_hand: bool = False  # a person said so: see `reassociate`
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,10 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_studio.document import Document
+from gaga_studio.notices import Level
 from gaga_studio.session import Session
 from gaga_studio.ui import pictures, theme
 
@@ -32,8 +34,10 @@ def photo_with_masks(
     if path is None or load is None:
         return photo(session, view, side)
     groups = groups_of_view(bank, view)
-    key = f"masks {path} {session.provider} {side} {_mark(groups)}"
-    return _texture(session, key, partial(pictures.photo_with_masks, path, load, groups, side))
+    own = _own_colors(session)
+    key = f"masks {path} {session.provider} {side} {_mark(groups)} {sorted(own.items())}"
+    paint = partial(pictures.photo_with_masks, path, load, groups, side, own)
+    return _texture(session, key, paint)
 
 
 def photo_and_mask(
@@ -47,16 +51,32 @@ def photo_and_mask(
     side = pictures.LARGE
     bank = document.scene.bank if session.live is None else session.live.bank
     groups = groups_of_view(bank, view)
-    key = f"{session.masks.source} {view} {mask} {_mark(groups)}"
+    own = _own_colors(session)
+    key = f"{session.masks.source} {view} {mask} {_mark(groups)} {sorted(own.items())}"
     right = _texture(
         session,
         f"mask {key}",
-        partial(pictures.masks_with_highlight, load, groups, mask, side),
+        partial(pictures.masks_with_highlight, load, groups, mask, side, own),
     )
     if path is None:
         return None, right
     left = partial(pictures.photo_with_outline, path, load, mask, side)
     return _texture(session, f"outline {key}", left), right
+
+
+def mask_at(session: Session, view: str, u: float, v: float) -> int:
+    """Id of the mask at a place of a view, 0..1 from the upper left; 0 = none."""
+    load = session.masks.loaders.get(view)
+    if load is None:
+        return 0
+    try:
+        labels = load()
+    except GagaError as error:
+        session.notify(Level.ERROR, str(error))
+        return 0
+    rows, columns = labels.shape
+    row, column = min(max(int(v * rows), 0), rows - 1), min(max(int(u * columns), 0), columns - 1)
+    return int(labels[row, column])
 
 
 def place(texture: Texture, width: float, aspect: float) -> None:
@@ -95,6 +115,11 @@ def _groups_by_view(bank: MemoryBank) -> dict[str, IntArray]:
         table[list(groups)] = list(groups.values())
         result[view] = table
     return result
+
+
+def _own_colors(session: Session) -> pictures.Colors:
+    """Colors of groups that a person chose."""
+    return session.scene.colors if session.scene is not None else {}
 
 
 def _photo_path(session: Session, view: str) -> Path | None:

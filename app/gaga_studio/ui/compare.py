@@ -6,7 +6,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, bank_pictures, icons, theme, widgets
+from gaga_studio.ui import actions, bank_pictures, icons, mask_menu, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -27,7 +27,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
     if imgui.begin_child("Mask in its photo", ImVec2(width, 0), flags):
         if decision is not None:
             _head(session, document, ui, decision)
-            _pictures(session, document, decision)
+            _pictures(session, document, ui, decision)
         elif session.live is not None:
             _growing(session, ui, session.live)
     imgui.end_child()
@@ -63,7 +63,7 @@ def _head(session: Session, document: Document, ui: UiState, decision: Decision)
     widgets.dim(explanation(document, decision), wrap=True)
 
 
-def _pictures(session: Session, document: Document, decision: Decision) -> None:
+def _pictures(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
     spacing = imgui.get_style().item_spacing.x
     width = (imgui.get_content_region_avail().x - spacing) / 2
     shown = bank_pictures.photo_and_mask(session, document, decision)
@@ -71,17 +71,50 @@ def _pictures(session: Session, document: Document, decision: Decision) -> None:
         if position:
             imgui.same_line()
         bank_pictures.place(picture, width, bank_pictures.aspect(session, decision.view))
+        _pointing(session, document, ui, decision, position)
+
+
+def _pointing(
+    session: Session, document: Document, ui: UiState, decision: Decision, position: int
+) -> None:
+    """A click on the picture takes the mask there, a right click opens its menu."""
+    if session.live is not None:
+        return
+    low, high, mouse = imgui.get_item_rect_min(), imgui.get_item_rect_max(), imgui.get_mouse_pos()
+    is_left = imgui.is_item_clicked(imgui.MouseButton_.left)
+    is_right = imgui.is_item_clicked(imgui.MouseButton_.right)
+    if is_left or is_right:
+        u = (mouse.x - low.x) / max(high.x - low.x, 1)
+        v = (mouse.y - low.y) / max(high.y - low.y, 1)
+        mask = bank_pictures.mask_at(session, decision.view, u, v)
+        found = document.read.decision_of(decision.view, mask)
+        ui.decision = found or decision
+        if found is not None and found.group and found.group != session.focus:
+            document.select_groups((found.group,), "set")
+        if found is not None and is_right:
+            imgui.open_popup(f"Mask menu {position}")
+    widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
+    if imgui.begin_popup(f"Mask menu {position}"):
+        mask_menu.items(session, document, ui, ui.decision or decision)
+        widgets.escape_closes()
+        imgui.end_popup()
 
 
 def explanation(document: Document, decision: Decision) -> str:
     """The decision as a sentence."""
+    if decision.group == 0 and decision.by_hand:
+        return "Put into no object by hand."
     if decision.group == 0:
         return "No splat lies behind this mask at the surface, so it joined no group."
     name = document.name_of(decision.group)
+    if decision.by_hand:
+        return f"Put into {name} by hand; what follows from that was redone from this view on."
     share = f"{100 * decision.overlap:.0f} %"
     if decision.is_new:
         return f"This mask opened {name} with {decision.n_gaussians:,} splats."
     text = f"Joined {name}, which held {share} of its {decision.n_gaussians:,} splats"
+    if document.read.overlap_is_of_points():
+        text = f"Joined {name}, to which {share} of the points on its surface belong"
     if decision.runner_up:
         rival = document.name_of(decision.runner_up)
         text += f"; next came {rival} with {100 * decision.runner_up_overlap:.0f} %"

@@ -8,7 +8,7 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio import placing
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, cleaning, grade, icons, theme, widgets
+from gaga_studio.ui import actions, cleaning, grade, icons, quality, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -32,9 +32,11 @@ def draw(session: Session, ui: UiState) -> None:
         return
     _title(session, document, n_splats)
     if cleaning.draw(session):
+        quality.draw_confidence(session, document)
         return
     _buttons(session)
     _properties(session, document, ui)
+    quality.draw(session, document)
     grade.draw(session, ui)
 
 

@@ -11,7 +11,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, compare, icons, theme, widgets
+from gaga_studio.ui import actions, compare, icons, mask_menu, theme, widgets
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 
@@ -22,6 +22,10 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
+_OVERLAPS = {  # what the shares are of
+    False: "share of the splats behind the mask that the object held when the mask was decided",
+    True: "share of the points on the surface that the mask shows, which belong to the object",
+}
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 
@@ -34,6 +38,7 @@ def draw(session: Session, ui: UiState) -> None:
     if session.live is not None:
         _growing(session, document, ui, session.live)
         return
+    ui.decision = document.read.decision_now(ui.decision)
     if document.scene.bank is None:
         hint = "Association fills it: which mask of which photo belongs to which object."
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
@@ -52,7 +57,13 @@ def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None
         widgets.line(document.name_of(group))
     n_views = len({decision.view for decision in decisions})
     masks = "1 mask" if len(decisions) == 1 else f"{len(decisions)} masks"
-    widgets.dim(f"{masks} from {n_views} view{'' if n_views == 1 else 's'}")
+    n_by_hand = sum(decision.by_hand for decision in decisions)
+    by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
+    widgets.dim(f"{masks} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}")
+    widgets.tooltip(
+        f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
+        "belongs elsewhere, or drag it onto its object in the list."
+    )
 
 
 def _growing(session: Session, document: Document, ui: UiState, live: BankSnapshot) -> None:
@@ -113,6 +124,9 @@ def _row(
         if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
             ui.decision = decision
             actions.fly_to(session, decision.view)
+    if by_view:
+        mask_menu.drag_source(ui, document, decision)
+        mask_menu.popup(session, document, ui, decision)
     imgui.same_line(0, 0)
     if by_view:
         widgets.line(decision.view)
@@ -121,7 +135,10 @@ def _row(
     imgui.table_set_column_index(1)
     widgets.number(f"{decision.mask}", theme.DIM)
     imgui.table_set_column_index(2)
-    if decision.is_new:
+    if decision.by_hand:
+        with theme.text_color(theme.ACCENT):
+            imgui.text_unformatted(f"{icons.RENAME} by hand")
+    elif decision.is_new:
         with theme.text_color(theme.GOOD):
             imgui.text_unformatted(f"{icons.NEW} new")
     else:
@@ -130,6 +147,7 @@ def _row(
         imgui.table_set_column_index(3)
         if decision.runner_up:
             _bar(decision.runner_up_overlap, theme.FAINT)
+            widgets.tooltip(document.name_of(decision.runner_up))
         else:
             widgets.dim("–")
     imgui.pop_id()

@@ -1,4 +1,4 @@
-"""The object list: swatch, name, splats, views, and whether it is shown and locked."""
+"""The object list: find, sort, and a line for each object (`object_row`)."""
 
 from collections.abc import Sequence
 from typing import get_args
@@ -6,11 +6,13 @@ from typing import get_args
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.scene.objects import UNASSIGNED, ObjectTable
+from gaga_core.scene.objects import ObjectTable
+from gaga_studio import quality
 from gaga_studio.document import Document
-from gaga_studio.readings import SortKey, listed
+from gaga_studio.readings import SortKey
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, icons, theme, widgets
+from gaga_studio.ui import icons, object_row, search, theme, widgets
+from gaga_studio.ui.object_row import Columns
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 
@@ -22,11 +24,9 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
-_ROW_FLAGS = (
-    imgui.SelectableFlags_.span_all_columns
-    | imgui.SelectableFlags_.allow_overlap
-    | imgui.SelectableFlags_.allow_double_click
-)
+# Widths of the panel, in lines of text, from which on there is room for more.
+_ROOM_FOR_VIEWS, _ROOM_FOR_SOLO, _ROOM_FOR_ALL = 18.0, 20.0, 23.0
+_KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
 
 def draw(session: Session, ui: UiState) -> None:
@@ -38,9 +38,9 @@ def draw(session: Session, ui: UiState) -> None:
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
-    _filter(session)
     ui.hovered_row = 0
-    _list(session, session.document, ui, table)
+    if not search.draw(session, ui, session.document, table):
+        _list(session, session.document, ui, table)
     _highlight(session, ui)
     _count(session, table)
 
@@ -54,38 +54,40 @@ def _nothing_yet(session: Session) -> None:
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
 
 
-def _filter(session: Session) -> None:
-    clear = imgui.get_frame_height() if session.filter else 0.0
-    imgui.set_next_item_width(-1 if not clear else -clear - em(0.5))
-    hint = f"{icons.SEARCH}  Filter"
-    _, session.filter = imgui.input_text_with_hint("##Filter", hint, session.filter)
-    if clear:
-        imgui.same_line(0, em(0.2))
-        if widgets.icon_button("Clear filter", icons.CLOSE):
-            session.filter = ""
-
-
 def _list(session: Session, document: Document, ui: UiState, table: ObjectTable) -> None:
-    is_narrow = imgui.get_content_region_avail().x < em(14.5)
-    height = -imgui.get_text_line_height_with_spacing() - theme.scaled(2)
-    if not imgui.begin_table("Table", 4 if is_narrow else 5, _TABLE_FLAGS, ImVec2(0, height)):
+    measured = quality.column(session, table)
+    columns = _columns_for(bool((measured >= 0).any()))
+    size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
+    imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
+    is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
+    imgui.pop_style_var()
+    if not is_open:
         return
-    _columns(is_narrow)
-    sort, descending = _sorting()
-    rows = listed(table, session.filter, sort, descending)
+    _columns(columns)
+    rows = document.read.listed(table, "", *_sorting(), measured)
     groups = [int(group) for group in table.ids[rows]]
     _follow_selection(session, ui, groups)
+    lines = object_row.Rows(session, document, ui, table, measured, groups, columns)
     clipper = imgui.ListClipper()
     clipper.begin(len(rows))
     while clipper.step():
         for at in range(clipper.display_start, clipper.display_end):
-            _Row(session, document, ui, table, int(rows[at]), groups).draw(is_narrow)
+            lines.draw(int(rows[at]))
     clipper.end()
-    if len(rows) == 0:
-        imgui.table_next_row()
-        imgui.table_set_column_index(1)
-        widgets.dim(f"Nothing is called {session.filter}")
     imgui.end_table()
+
+
+def _columns_for(is_measured: bool) -> Columns:
+    """What fits: views make room for the quality when it is known."""
+    room = imgui.get_content_region_avail().x / em(1)
+    has_views = room > (_ROOM_FOR_ALL if is_measured else _ROOM_FOR_VIEWS)
+    last = 3 + has_views
+    return Columns(
+        views=3 if has_views else -1,
+        quality=last if is_measured else -1,
+        shown=last + is_measured,
+        is_roomy=room > _ROOM_FOR_SOLO,
+    )
 
 
 def _highlight(session: Session, ui: UiState) -> None:
@@ -97,17 +99,22 @@ def _highlight(session: Session, ui: UiState) -> None:
     ui.was_row_hovered = bool(ui.hovered_row)
 
 
-def _columns(is_narrow: bool) -> None:
+def _columns(columns: Columns) -> None:
+    """Headers; the id of each column is the place of its sort key."""
     fixed = imgui.TableColumnFlags_.width_fixed
     plain = fixed | imgui.TableColumnFlags_.no_sort | imgui.TableColumnFlags_.no_header_label
     falling = fixed | imgui.TableColumnFlags_.prefer_sort_descending
+    pictures = object_row.height() + em(1.15)
     imgui.table_setup_scroll_freeze(0, 1)
-    imgui.table_setup_column("id", fixed | imgui.TableColumnFlags_.no_header_label, em(1.0))
-    imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch)
-    imgui.table_setup_column("Splats", falling, em(3.4))
-    if not is_narrow:
-        imgui.table_setup_column("Views", falling, em(2.8))
-    imgui.table_setup_column("Shown", plain, em(2.75))
+    imgui.table_setup_column("id", fixed | imgui.TableColumnFlags_.no_header_label, pictures, 0)
+    imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch, 1.0, 1)
+    imgui.table_setup_column("Splats", falling, em(3.3 if columns.is_roomy else 2.6), 2)
+    if columns.views >= 0:
+        imgui.table_setup_column("Views", falling, em(2.6), 3)
+    if columns.quality >= 0:
+        title = "Quality" if columns.is_roomy else f"{icons.QUALITY}###Quality"
+        imgui.table_setup_column(title, fixed, em(3.1 if columns.is_roomy else 1.7), 4)
+    imgui.table_setup_column("Shown", plain, em(4.1 if columns.is_roomy else 2.75), 9)
     with theme.text_color(theme.DIM):
         imgui.table_headers_row()
 
@@ -117,9 +124,8 @@ def _sorting() -> tuple[SortKey, bool]:
     if specs is None or specs.specs_count == 0:
         return "id", False
     spec = specs.get_specs(0)
-    keys: tuple[SortKey, ...] = get_args(SortKey)
-    descending = spec.get_sort_direction() == imgui.SortDirection.descending
-    return keys[spec.column_index], descending
+    key = _KEYS[spec.column_user_id] if spec.column_user_id < len(_KEYS) else "id"
+    return key, spec.get_sort_direction() == imgui.SortDirection.descending
 
 
 def _follow_selection(session: Session, ui: UiState, groups: Sequence[int]) -> None:
@@ -134,7 +140,7 @@ def _follow_selection(session: Session, ui: UiState, groups: Sequence[int]) -> N
     if ui.scroll_to is None:
         return
     if ui.scroll_to in groups:
-        line = imgui.get_text_line_height() + 2 * imgui.get_style().cell_padding.y
+        line = object_row.height() + theme.scaled(2)
         top = groups.index(ui.scroll_to) * line
         if (
             not imgui.get_scroll_y()
@@ -145,140 +151,11 @@ def _follow_selection(session: Session, ui: UiState, groups: Sequence[int]) -> N
     ui.scroll_to = None
 
 
-class _Row:
-    """One line of the table."""
-
-    def __init__(
-        self,
-        session: Session,
-        document: Document,
-        ui: UiState,
-        table: ObjectTable,
-        row: int,
-        shown: Sequence[int],  # groups in the order of the list
-    ) -> None:
-        self.session, self.document, self.ui, self.shown = session, document, ui, shown
-        self.group = int(table.ids[row])
-        self.name = table.names[row]
-        self.count, self.n_views = int(table.counts[row]), int(table.n_views[row])
-        self.color = tuple(float(c) for c in table.colors[row])
-        self.is_selected = bool(table.n_selected[row] > 0)
-        self.is_hidden = bool(table.n_hidden[row] == table.counts[row])
-        self.is_locked = bool(table.n_locked[row] == table.counts[row])
-
-    def draw(self, is_narrow: bool) -> None:
-        """The cells."""
-        imgui.table_next_row()
-        imgui.push_id(f"object {self.group}")
-        imgui.table_set_column_index(0)
-        self._select_area()
-        imgui.same_line(0, 0)
-        self._swatch()
-        imgui.table_set_column_index(1)
-        self._name()
-        color = theme.FAINT if self.is_hidden else theme.DIM
-        imgui.table_set_column_index(2)
-        widgets.number(f"{self.count:,}", color)
-        if not is_narrow:
-            imgui.table_set_column_index(3)
-            widgets.number(f"{self.n_views}" if self.n_views else "–", color)
-        imgui.table_set_column_index(3 if is_narrow else 4)
-        self._eye()
-        imgui.same_line(0, 0)
-        self._lock()
-        imgui.pop_id()
-
-    def _select_area(self) -> None:
-        clicked, _ = imgui.selectable("##row", self.is_selected, _ROW_FLAGS)
-        if imgui.is_item_hovered() and self.group:
-            self.ui.hovered_row = self.group
-        if clicked and self.ui.renaming != self.group:
-            if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
-                _start_renaming(self.ui, self.group, self.name)
-            else:
-                self._select()
-        if imgui.begin_popup_context_item("Object menu"):
-            self._menu()
-            widgets.escape_closes()
-            imgui.end_popup()
-
-    def _select(self) -> None:
-        io = imgui.get_io()
-        anchor = self.ui.anchor
-        if io.key_shift and anchor in self.shown:
-            a, b = sorted((self.shown.index(anchor), self.shown.index(self.group)))
-            self.document.select_groups(self.shown[a : b + 1], "set")
-            return
-        how = ("remove" if self.is_selected else "add") if io.key_ctrl else "set"
-        self.document.select_groups((self.group,), how)  # type: ignore[arg-type]  # a How
-        self.ui.anchor = self.group
-
-    def _swatch(self) -> None:
-        side = imgui.get_text_line_height()
-        corner = imgui.get_cursor_screen_pos()
-        centre = ImVec2(corner.x + side * 0.5, corner.y + side * 0.5)
-        color = widgets.rgba(self.color, 0.35 if self.is_hidden else 1.0)
-        drawing = imgui.get_window_draw_list()
-        drawing.add_circle_filled(centre, side * 0.33, imgui.get_color_u32(color), 20)
-        imgui.dummy(ImVec2(side, side))
-
-    def _name(self) -> None:
-        if self.ui.renaming == self.group:
-            self._name_field()
-            return
-        is_plain = self.name == UNASSIGNED or self.is_hidden
-        widgets.line(self.name, theme.FAINT if is_plain else theme.TEXT)
-
-    def _name_field(self) -> None:
-        ui = self.ui
-        if not ui.rename_started:
-            imgui.set_keyboard_focus_here()
-        imgui.set_next_item_width(-1)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), 0))
-        flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, ui.rename_text = imgui.input_text("##Name", ui.rename_text, flags)
-        imgui.pop_style_var()
-        if entered or (ui.rename_started and imgui.is_item_deactivated_after_edit()):
-            self.session.rename(self.group, ui.rename_text.strip())
-            ui.renaming = None
-        elif ui.rename_started and imgui.is_item_deactivated():
-            ui.renaming = None
-        ui.rename_started = True
-
-    def _eye(self) -> None:
-        icon = icons.EYE_OFF if self.is_hidden else icons.EYE
-        hint = "Show this object" if self.is_hidden else "Hide this object (Alt: show only this)"
-        color = theme.TEXT if self.is_hidden else theme.FAINT
-        if widgets.small_icon("Shown", icon, hint=hint, color=color):
-            if imgui.get_io().key_alt:
-                self.document.isolate_group(self.group)
-            else:
-                self.document.set_hidden(self.group, not self.is_hidden)
-
-    def _lock(self) -> None:
-        icon = icons.LOCK if self.is_locked else icons.UNLOCK
-        hint = "Unlock: it can be selected again" if self.is_locked else "Lock: clicks pass it by"
-        color = theme.TEXT if self.is_locked else theme.FAINT
-        if widgets.small_icon("Locked", icon, hint=hint, color=color):
-            self.document.set_locked(self.group, not self.is_locked)
-
-    def _menu(self) -> None:
-        if not self.is_selected:
-            self.document.select_groups((self.group,), "set")
-        if self.group and imgui.menu_item_simple(f"{icons.RENAME}  Rename###Rename", "F2"):
-            _start_renaming(self.ui, self.group, self.name)
-        actions.object_menu(self.session)
-
-
 def rename_selected(session: Session, ui: UiState) -> None:
     """Turn the name of the object in the inspector into a text field (F2)."""
     if session.document is not None and session.focus:
-        _start_renaming(ui, session.focus, session.document.name_of(session.focus))
+        object_row.start_renaming(ui, session.focus, session.document.name_of(session.focus))
         ui.scroll_to = session.focus
-
-
-def _start_renaming(ui: UiState, group: int, name: str) -> None:
-    ui.renaming, ui.rename_text, ui.rename_started = group, name, False
 
 
 def _count(session: Session, table: ObjectTable) -> None:

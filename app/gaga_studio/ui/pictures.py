@@ -3,6 +3,7 @@
 The functions here only read files and mix colors; they run in the image store's thread.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from gaga_core.masks import Loader, resize_labels
 THUMBNAIL = 256  # longest side in pixels
 LARGE = 640
 
+Colors = Mapping[int, tuple[float, float, float]]
+
 _EDGE = np.array([255, 255, 255], np.uint8)
 _REST = 0.35  # brightness of the masks that are not meant
 _TINT = 0.55  # share of the group's color over the photo
@@ -25,11 +28,13 @@ def photo(path: Path, side: int) -> UInt8Array:
     return read_rgb(path, side)
 
 
-def photo_with_masks(path: Path, load: Loader, groups: IntArray | None, side: int) -> UInt8Array:
+def photo_with_masks(
+    path: Path, load: Loader, groups: IntArray | None, side: int, own: Colors
+) -> UInt8Array:
     """The photo with each mask tinted: in its group's color when ``groups`` knows it by mask id."""
     picture = photo(path, side)
     labels = _fitting(load, picture)
-    color = _colors(labels, groups)
+    color = _colors(labels, groups, own)
     tinted = picture * (1 - _TINT) + color * (255 * _TINT)
     mixed = np.where((labels > 0)[..., None], tinted, picture)
     return np.clip(mixed, 0, 255).astype(np.uint8)
@@ -45,7 +50,7 @@ def photo_with_outline(path: Path, load: Loader, mask_id: int, side: int) -> UIn
 
 
 def masks_with_highlight(
-    load: Loader, groups: IntArray | None, mask_id: int, side: int
+    load: Loader, groups: IntArray | None, mask_id: int, side: int, own: Colors
 ) -> UInt8Array:
     """The label map of a view in group colors, one mask bright and the others dim."""
     labels = load()
@@ -53,7 +58,7 @@ def masks_with_highlight(
     scale = min(1.0, side / max(height, width))
     labels = resize_labels(labels, max(round(width * scale), 1), max(round(height * scale), 1))
     inside = labels == mask_id
-    color = _colors(labels, groups) * 255
+    color = _colors(labels, groups, own) * 255
     mixed = np.where(inside[..., None], color, color * _REST)
     mixed[labels <= 0] = 26
     picture = mixed.astype(np.uint8)
@@ -65,12 +70,19 @@ def _fitting(load: Loader, picture: UInt8Array) -> IntArray:
     return resize_labels(load(), picture.shape[1], picture.shape[0])
 
 
-def _colors(labels: IntArray, groups: IntArray | None) -> FloatArray:
-    """Colors (H, W, 3), 0..1: by group where it is known, else by the mask's own id."""
+def _colors(labels: IntArray, groups: IntArray | None, own: Colors) -> FloatArray:
+    """Colors (H, W, 3), 0..1: by group where it is known, else by the mask's own id.
+
+    ``own`` are colors that a person gave groups.
+    """
     ids = np.maximum(labels, 0)
     if groups is not None and len(groups):
         ids = np.where(ids < len(groups), groups[np.minimum(ids, len(groups) - 1)], 0)
-    result: FloatArray = group_palette(int(ids.max(initial=0)))[ids]
+    palette = group_palette(int(ids.max(initial=0)))
+    for group, rgb in own.items() if groups is not None else ():
+        if group < len(palette):
+            palette[group] = rgb
+    result: FloatArray = palette[ids]
     return result
 
 
