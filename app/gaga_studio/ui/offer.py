@@ -12,6 +12,7 @@ from gaga_studio.ui.widgets import Face
 def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
     """A card at the foot of the picture; nothing when nothing is missing or it was closed."""
     offer = session.stage_offer()
+    ui.offer_top = float("inf")
     if offer is None or session.document is None or ui.closed_offer == id(session.document):
         return
     width = min(em(34), size.x - em(2))
@@ -25,6 +26,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
     flags |= imgui.ChildFlags_.always_use_window_padding
     if imgui.begin_child("Offer", ImVec2(width, 0), flags):
         _content(session, ui, width)
+    ui.offer_top = imgui.get_window_pos().y
     imgui.end_child()
     imgui.pop_style_color(2)
 
@@ -33,17 +35,26 @@ def _content(session: Session, ui: UiState, width: float) -> None:
     offer = session.stage_offer()
     if offer is None:
         return
-    has_button = bool(offer.command)
-    label = f"{offer.action}, {offer.duration}" if offer.duration else offer.action
-    button = imgui.calc_text_size(label).x + em(4.4) if has_button else 0.0
-    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - button - em(4))
+    text, (more, more_id) = offer.label, offer.more
+    padding = 2 * imgui.get_style().frame_padding.x
+    first = imgui.calc_text_size(f"{icons.RUN}  {text}").x + padding
+    second = imgui.calc_text_size(more).x + padding + em(0.4) if more else 0.0
+    room = width - em(3.5)  # left of the cross
+    is_wide = room - first - second > em(9) or not offer.command
+    reason = room - (first + second + em(0.8) if is_wide and offer.command else 0)
+    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(offer.reason)
     imgui.pop_text_wrap_pos()
-    if has_button:
-        imgui.same_line(width - button - em(1.9))
-        face = Face(label, icons.RUN, primary=True)
-        actions.command_button(session, offer.command, offer.action, face)
     imgui.same_line(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
         ui.closed_offer = id(session.document)
+    if not offer.command:
+        return
+    if is_wide:
+        imgui.same_line(width - em(2.6) - first - second)
+    face = Face(text, icons.RUN, primary=True)
+    actions.command_button(session, offer.command, offer.action, face)
+    if more:
+        imgui.same_line(0, em(0.4))
+        actions.command_button(session, more_id, more.rstrip("…"), Face(more))
