@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from tyro.conf import Positional
@@ -12,15 +12,19 @@ from gaga_core import cli_output as out
 from gaga_core.errors import GagaError
 from gaga_core.project import Project
 
+if TYPE_CHECKING:
+    from gaga_core.io.splat_files import Form
+    from gaga_core.scene.scene import Scene
+
 
 @dataclass(frozen=True)
 class Edit:
-    """Apply recorded edits to a model and write the edited .ply."""
+    """Apply recorded edits to a model and write the edited one."""
 
     input: Positional[Path]
-    """Scene folder, .ply file or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
     output: Positional[Path]
-    """The .ply to write."""
+    """The .ply, .compressed.ply, .splat or .spz to write."""
     script: Path
     """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
     groups: bool = False
@@ -30,14 +34,17 @@ class Edit:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
+        from gaga_core.io.splat_files import form_of
         from gaga_core.project import open_path_stage
         from gaga_core.scene.export import export_scene_stage
         from gaga_core.scene.script import parse_script, run_script
 
+        form_of(self.output)  # a mistake is told before a large model is read
         script = _read_json(self.script)
-        parse_script(script)  # a mistake is told before a large model is read
+        parse_script(script)
         scene = out.follow(open_path_stage(self.input)).scene
         titles = run_script(scene, script)
+        _say_losses(scene, form_of(self.output), self.groups)
         written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
         values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
         out.result(values, as_json=self.json)
@@ -46,18 +53,20 @@ class Edit:
 
 @dataclass(frozen=True)
 class Export:
-    """Export a scene with its edits: the whole, or one .ply per object, or the group maps."""
+    """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
     scene: Positional[Path]
-    """Scene folder, .ply file or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
     out: Path
-    """A .ply for --what scene, a folder otherwise."""
+    """A .ply, .compressed.ply, .splat or .spz for --what scene, a folder otherwise."""
     what: Literal["scene", "objects", "masks"] = "scene"
-    """scene: one .ply of all that is visible. objects: one .ply per group and groups.json.
+    """scene: one file of all that is visible. objects: one file per group and groups.json.
     masks: a 16-bit map of group ids for every view."""
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
+    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4"] | None = None
+    """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     groups: bool = False
@@ -69,9 +78,13 @@ class Export:
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
+        from gaga_core.io.splat_files import Form, form_of
         from gaga_core.project import open_path_stage
         from gaga_core.scene.export import export_objects_stage, export_scene_stage
 
+        form = Form(self.form) if self.form else Form.PLY
+        if self.what == "scene" and not self.form:
+            form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.follow(open_path_stage(self.scene))
         scene = project.scene
         if self.identity:
@@ -79,12 +92,17 @@ class Export:
         if self.what == "masks":
             return self._masks(project)
         if self.what == "scene":
-            written = out.follow(export_scene_stage(scene, self.out, groups=self.groups))
+            _say_losses(scene, form, self.groups)
+            stage = export_scene_stage(scene, self.out, groups=self.groups, form=form)
+            written = out.follow(stage)
             out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
             return 0
-        stage = export_objects_stage(scene, self.out, self.only or None, source=str(self.scene))
-        manifest = out.follow(stage)
-        count = len(list(self.out.glob("*.ply")))
+        _say_losses(scene, form)
+        objects = export_objects_stage(
+            scene, self.out, self.only or None, source=str(self.scene), form=form
+        )
+        manifest = out.follow(objects)
+        count = len(list(self.out.glob(f"*{form.suffix}")))
         out.result({"manifest": str(manifest), "files": count}, as_json=self.json)
         return 0
 
@@ -106,7 +124,7 @@ class Export:
 
 @dataclass(frozen=True)
 class Info:
-    """Say what a .ply file, scene folder or project holds."""
+    """Say what a file of splats, scene folder or project holds."""
 
     file: Positional[Path]
     """What to look at."""
@@ -158,6 +176,14 @@ class Demo:
         return 0
 
 
+def _say_losses(scene: "Scene", form: "Form", groups: bool = False) -> None:
+    """Say what the form does not keep, before anything is written."""
+    from gaga_core.scene.export import export_losses
+
+    for sentence in export_losses(scene, form, groups=groups):
+        out.say(sentence)
+
+
 def _add_identity(project: Project) -> None:
     """Give the splats of ``project`` their encodings as extra columns."""
     from gaga_core.identity.classifier_io import with_encodings
@@ -165,10 +191,11 @@ def _add_identity(project: Project) -> None:
 
     if project.folder is None:
         raise GagaError("Identity encodings belong to a scene folder. Name that instead.")
-    source = project.scene.source
-    n_of_file = int((source == np.arange(len(source))).sum())
-    encodings = read_identity(project.folder, n_of_file).field.encodings
-    project.scene.gaussians = with_encodings(project.scene.gaussians, encodings[source])
+    encodings = read_identity(project.folder, project.scene.n_opened).field.encodings
+    none = np.zeros((1, encodings.shape[1]), encodings.dtype)  # of splats of added files
+    rows = np.minimum(project.scene.source, len(encodings))
+    encodings = np.concatenate([encodings, none])[rows]
+    project.scene.gaussians = with_encodings(project.scene.gaussians, encodings)
 
 
 def _read_json(path: Path) -> object:

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.io.ply import is_antialiased
 from gaga_core.progress import Stage
 from gaga_core.project import Project, open_path_stage
 from gaga_core.scene.objects import object_table
 
 
 def describe(path: Path) -> Stage[dict[str, object]]:
-    """Open ``path`` (scene folder, .ply or project) and describe it."""
+    """Open ``path`` (scene folder, file of splats or project) and describe it."""
     project = yield from open_path_stage(path)
     values = _splats(project)
     folder = project.folder
@@ -21,6 +20,8 @@ def describe(path: Path) -> Stage[dict[str, object]]:
         values["train_views"] = len(folder.train)
         values["test_views"] = len(folder.test)
         values["masks"] = list(folder.mask_folders)
+    if project.scene.added:
+        values["added_files"] = [item.path for item in project.scene.added]
     values["groups"] = int((object_table(project.scene).ids > 0).sum())
     values["saved_project"] = str(project.path) if project.path else "none"
     return values
@@ -35,7 +36,7 @@ def _splats(project: Project) -> dict[str, object]:
         "gaussians": len(gaussians),
         "visible": int(project.scene.visible.sum()),
         "sh_degree": gaussians.sh_degree,
-        "look": "antialiased" if is_antialiased(gaussians) else "classic",
+        "look": "antialiased" if gaussians.is_antialiased else "classic",
         "size": " x ".join(f"{v:.3g}" for v in high - low) + " scene units",
         "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
     }

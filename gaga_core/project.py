@@ -9,12 +9,11 @@ The model itself is never copied. A save writes a new scene file first and then 
 project.json in one step, so a failure at any moment leaves the former save whole.
 """
 
-import hashlib
 import json
 import logging
 import re
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import uuid4
 
@@ -26,19 +25,22 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.ply import read_ply_stage
+from gaga_core.io.files import atomic_write, explain_os_error, fingerprint
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.io.sog import META, is_sog_meta
+from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene.build_append import with_added_stage
 from gaga_core.scene.build_groups import as_bytes
+from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
+from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.index_set import IndexSet
-from gaga_core.scene.scene import Placements, Scene
+from gaga_core.scene.scene import RGB, Added, Placements, Scene
 
 _FORMAT = 1
 _FILE = "project.json"
 _CURE = "Move project.json away to open the scene anew."
 _SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
-_BLOCKS, _BLOCK = 64, 1 << 16  # the fingerprint samples this many blocks of this many bytes
 
 _log = logging.getLogger(__name__)
 
@@ -52,6 +54,8 @@ class Project:
     folder: SceneFolder | None = None  # None: a lone .ply
     path: Path | None = None  # folder of the saved project; None: never saved
     model_fingerprint: str = ""  # of the model as it was opened
+    bookmarks: tuple[Bookmark, ...] = ()
+    film: CameraPath = field(default_factory=CameraPath)  # the camera's path
 
     @property
     def default_path(self) -> Path:
@@ -66,7 +70,7 @@ class Project:
 
 
 def open_path_stage(path: Path) -> Stage[Project]:
-    """Open whatever a person chose: a scene folder, a .ply, or a saved project.
+    """Open whatever a person chose: a scene folder, a file of splats, or a saved project.
 
     A scene folder that has a saved project is opened with its edits; else with the groups of the
     last association, if any. Raises ``GagaError`` with one sentence.
@@ -77,13 +81,14 @@ def open_path_stage(path: Path) -> Stage[Project]:
     saved = _saved_project(path)
     if saved is not None:
         return (yield from _open_saved(saved))
+    path = path / META if is_sog_meta(path / META) else path
     if path.is_dir():
         yield Progress("Look at the folder", 0, 1, path.name)
         return (yield from _open_folder(open_scene_folder(path)))
-    if path.suffix.lower() == ".json":
+    if path.suffix.lower() == ".json" and not is_sog_meta(path):
         raise GagaError(f"{path.name} is no saved project. Choose a project.json of gaga-studio.")
     digest = fingerprint(path)
-    gaussians = yield from read_ply_stage(path)
+    gaussians = yield from read_splats_stage(path)
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
     return Project(scene, path, model_fingerprint=digest)
 
@@ -118,10 +123,14 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         "format": _FORMAT,
         "gaga_studio": __version__,
         "model": _model_entry(project, target),
+        "added": [_added_entry(item, target) for item in scene.added],
         "folder": _shown(project.folder.root, target) if project.folder else None,
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
+        "colors": {str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
         "sets": list(scene.sets),
+        "bookmarks": bookmarks_entry(project.bookmarks),
+        "path": path_entry(project.film),
     }
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
@@ -155,7 +164,7 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
             "Splatting model of it first, or open its .ply file."
         )
     digest = fingerprint(folder.model_path)
-    gaussians = yield from read_ply_stage(folder.model_path)
+    gaussians = yield from read_splats_stage(folder.model_path)
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
     labels = folder.work / "labels.npz"
     if labels.is_file():
@@ -185,12 +194,43 @@ def _open_saved(file: Path) -> Stage[Project]:
     if root is not None and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
-    gaussians = yield from read_ply_stage(model_path)
-    scene = _read_scene(file.parent / str(document["scene"]), gaussians)
+    gaussians = yield from read_splats_stage(model_path)
+    added = _added_of(document.get("added"), file.parent, len(gaussians))
+    n_opened = len(gaussians)
+    gaussians = yield from with_added_stage(gaussians, added)
+    scene = _read_scene(file.parent / str(document["scene"]), gaussians, n_opened)
+    scene.added = added
     scene.names = {int(group): str(text) for group, text in document["names"].items()}
+    scene.colors = _colors_of(document.get("colors"))
     kept = [scene.sets[f"{i}"] for i in range(len(scene.sets))]
     scene.sets = dict(zip(map(str, document.get("sets", [])), kept, strict=False))
-    return Project(scene, model_path, folder, file.parent, str(entry["fingerprint"]))
+    return Project(
+        scene,
+        model_path,
+        folder,
+        file.parent,
+        str(entry["fingerprint"]),
+        bookmarks_of(document.get("bookmarks")),
+        _film_of(document.get("path")),
+    )
+
+
+def _film_of(content: object) -> CameraPath:
+    """The camera's path; none when the project is older, or its entry is damaged."""
+    try:
+        return path_of(content)
+    except ValueError:
+        return CameraPath()
+
+
+def _colors_of(content: object) -> dict[int, RGB]:
+    """List colors of groups; what is no color is left out, it is only a color."""
+    colors: dict[int, RGB] = {}
+    for group, rgb in content.items() if isinstance(content, dict) else ():
+        if str(group).isdigit() and isinstance(rgb, list) and len(rgb) == 3:
+            with suppress(TypeError, ValueError):
+                colors[int(group)] = (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+    return colors
 
 
 def _read_document(file: Path) -> dict[str, dict[str, object]]:
@@ -212,7 +252,7 @@ def _read_document(file: Path) -> dict[str, dict[str, object]]:
     return result
 
 
-def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
+def _read_scene(file: Path, gaussians: Gaussians, n_opened: int) -> Scene:
     arrays = read_arrays(file, _CURE)
     try:
         source = arrays["source"].astype(np.int64)
@@ -236,7 +276,7 @@ def _read_scene(file: Path, gaussians: Gaussians) -> Scene:
             source=source,
             placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
             bank=bank_of(bank) if bank else None,
-            confidence=_read_confidence(arrays, len(gaussians)),
+            confidence=_read_confidence(arrays, n_opened),
             sets=_read_sets(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:
@@ -289,23 +329,6 @@ def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
     return np.maximum(column.astype(np.int64), 0).astype(np.int32)
 
 
-def fingerprint(path: Path) -> str:
-    """Digest of a file's size and of blocks all over it: quick also for gigabytes.
-
-    Raises ``GagaError`` when the file cannot be read.
-    """
-    try:
-        size = path.stat().st_size
-        digest = hashlib.sha256(str(size).encode())
-        with path.open("rb") as file:
-            for start in np.linspace(0, max(size - _BLOCK, 0), _BLOCKS).astype(np.int64):
-                file.seek(int(start))
-                digest.update(file.read(_BLOCK))
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    return digest.hexdigest()
-
-
 def _model_entry(project: Project, target: Path) -> dict[str, object]:
     if not project.model_fingerprint:
         project.model_fingerprint = fingerprint(project.model_path)
@@ -320,8 +343,30 @@ def _model_entry(project: Project, target: Path) -> dict[str, object]:
     return {
         "path": _shown(project.model_path, target),
         "fingerprint": project.model_fingerprint,
-        "gaussians": int(project.scene.source.max(initial=-1)) + 1,
+        "gaussians": project.scene.n_opened,
     }
+
+
+def _added_entry(item: Added, target: Path) -> dict[str, object]:
+    return {
+        "path": _shown(Path(item.path), target),
+        "fingerprint": item.fingerprint,
+        "gaussians": item.n,
+    }
+
+
+def _added_of(content: object, base: Path, n_opened: int) -> tuple[Added, ...]:
+    """Files whose splats were added; none in older projects."""
+    added: list[Added] = []
+    first = n_opened
+    try:
+        for item in content if isinstance(content, list) else ():
+            path, n = _resolve(base, str(item["path"])), int(item["gaussians"])
+            added.append(Added(str(path), str(item["fingerprint"]), first, n))
+            first += n
+    except (KeyError, TypeError, ValueError) as error:
+        raise GagaError(f"{base / _FILE} is damaged. {_CURE}") from error
+    return tuple(added)
 
 
 def _shown(path: Path, target: Path) -> str:

@@ -10,6 +10,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import Association
 from gaga_core.project import Project
 from gaga_core.scene import cleaned, edits, selection
+from gaga_core.scene.build_append import names_of_added, spread
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import group_indices, group_name
@@ -17,9 +18,12 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import mean_color, tint_affine
 from gaga_studio import placing
 from gaga_studio.changes import Changes
+from gaga_studio.finding import Search
 from gaga_studio.readings import Readings
 
 if TYPE_CHECKING:
+    from gaga_core.evaluate.quality import Quality
+    from gaga_core.grouping.evidence import Evidence
     from gaga_core.scene.clean import CleanPreview
 
 NOTHING_SELECTED = "Nothing is selected. Click an object first."
@@ -38,6 +42,10 @@ class Document:
         self.read = Readings(self.scene)
         self.changes = Changes()
         self.focus = 0  # group shown in the inspector; 0 = none
+        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset; see `repairing`
+        self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
+        self.sure_below = 0.6  # confidence under which splats count as uncertain
+        self.search = Search()
         self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
 
     @property
@@ -204,6 +212,16 @@ class Document:
         """Name a group; an empty name gives it its number back."""
         return self.do(edits.rename(self._settled(), group, name))
 
+    def set_color(self, group: int, rgb: Sequence[float] | None) -> bool:
+        """Give a group a color in lists and group pictures; None = the palette's."""
+        title = f"Color {self.name_of(group)}"
+        return self.do(edits.set_color(self._settled(), group, rgb, title))
+
+    def preview_color(self, group: int, rgb: Sequence[float]) -> None:
+        """Show a group's color while it is being chosen."""
+        title = f"Color {self.name_of(group)}"
+        self.history.preview_with(lambda scene: edits.set_color(scene, group, rgb, title))
+
     def set_hidden(self, group: int, hidden: bool) -> bool:
         """Hide or show one object (the eye in the list)."""
         build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
@@ -224,9 +242,10 @@ class Document:
 
     def group(self, found: Association) -> int:
         """Take the groups of an association over; how many objects there are now."""
-        labels = found.labels[self.scene.source]  # duplicates follow their originals
+        labels = spread(self.scene, found.labels)  # duplicates follow their originals
+        names = names_of_added(self.scene, labels)
         grouping = edits.set_grouping(
-            self._settled(), labels, found.bank, confidence=found.confidence
+            self._settled(), labels, found.bank, names, confidence=found.confidence
         )
         self.do(grouping)
         return int((self.read.objects(None, False).ids > 0).sum())

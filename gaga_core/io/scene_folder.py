@@ -74,7 +74,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
             "Choose the folder that holds them."
         )
     if model is not None and not model.is_file():
-        raise GagaError(f"{model} does not exist. Choose the .ply file of the splats.")
+        raise GagaError(f"{model} does not exist. Choose the file of the splats.")
     sparse = find_sparse(root)
     reading = ColmapReading(sparse) if sparse is not None else None
     try:

@@ -8,7 +8,15 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.scene.edit_values import Edit, SetBank, SetConfidence, SetLabels, SetNames, together
+from gaga_core.scene.edit_values import (
+    Edit,
+    SetBank,
+    SetColor,
+    SetConfidence,
+    SetLabels,
+    SetNames,
+    together,
+)
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.scene import Scene
 
@@ -45,6 +53,29 @@ def rename(scene: Scene, group: int, name: str, title: str = "Rename") -> SetNam
     if after == before:
         return None
     return SetNames(title, ((group, before),), ((group, after),))
+
+
+def name_groups(
+    scene: Scene, names: Mapping[int, str], title: str = "Name objects"
+) -> SetNames | None:
+    """Name many groups at once, as one edit; None when nothing would change."""
+    after = {group: " ".join(name.split()) or None for group, name in sorted(names.items())}
+    changed = tuple((g, name) for g, name in after.items() if scene.names.get(g) != name)
+    if not changed:
+        return None
+    return SetNames(title, tuple((g, scene.names.get(g)) for g, _ in changed), changed)
+
+
+def set_color(
+    scene: Scene, group: int, rgb: Sequence[float] | None, title: str = "Color"
+) -> SetColor | None:
+    """Give a group a color of its own, 0..1, in lists and group pictures; None = the palette's."""
+    after = None
+    if rgb is not None:
+        red, green, blue = (round(min(max(float(c), 0.0), 1.0), 4) for c in rgb)
+        after = (red, green, blue)
+    before = scene.colors.get(group)
+    return None if after == before else SetColor(title, group, before, after)
 
 
 def set_grouping(

@@ -3,9 +3,10 @@
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.build_copies import free_group
 from gaga_core.scene.build_groups import rename, set_labels
-from gaga_core.scene.edit_values import Edit, together
+from gaga_core.scene.edit_values import Edit, SetBank, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
@@ -54,3 +55,22 @@ def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Ed
         rename(scene, first + i, f"{name} {i + 2}") for i in range(len(parts) - 1 if name else 0)
     ]
     return together(title, (labels, *names))
+
+
+def split_off(
+    scene: Scene, group: int, rows: IntArray, bank: MemoryBank, into: int, title: str = "Split"
+) -> Edit | None:
+    """Make these rows (K,) of the opened file, and copies of them, group ``into``, where they are
+    of ``group``; ``bank`` is the memory bank that goes with it."""
+    leaves = np.zeros(int(scene.source.max(initial=-1)) + 1, np.bool_)
+    leaves[rows] = True
+    chosen = (scene.labels == group) & leaves[scene.source]
+    name = scene.names.get(group)
+    return together(
+        title,
+        (
+            set_labels(scene, chosen, into, title),
+            SetBank(title, scene.bank, bank),
+            rename(scene, into, f"{name} 2") if name else None,
+        ),
+    )

@@ -9,25 +9,30 @@ import base64
 import binascii
 import zlib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
+from gaga_core.progress import run_stage
+from gaga_core.scene.build_append import read_added_stage
+from gaga_core.scene.edit_append import AppendSplats
 from gaga_core.scene.edit_placement import AppendCopies, SetPlacement
 from gaga_core.scene.edit_values import (
     Edit,
     Edits,
     FlipState,
     SetBank,
+    SetColor,
     SetConfidence,
     SetKept,
     SetLabels,
     SetNames,
 )
 from gaga_core.scene.index_set import Form, IndexSet, PackedInts
-from gaga_core.scene.scene import Placements, State
+from gaga_core.scene.scene import RGB, Added, Placements, State
 
 Json = Mapping[str, object]
 _DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")
@@ -56,6 +61,8 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
             "before": list(map(list, edit.before)),
             "after": list(map(list, edit.after)),
         }
+    if isinstance(edit, SetColor):
+        return {**head, "group": edit.group, "before": edit.before, "after": edit.after}
     if isinstance(edit, SetPlacement):
         return {
             **head,
@@ -67,6 +74,8 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
             "rows_from": edit.rows_from.tolist(),
             "rows_to": edit.rows_to.tolist(),
         }
+    if isinstance(edit, AppendSplats):
+        return {**head, **_appended(edit)}
     assert isinstance(edit, AppendCopies)
     ints = {"labels": _ints(edit.labels), "rows": _ints(edit.rows)}
     return {**head, "splats": _set(edit.splats), **ints, "state": int(edit.state)}
@@ -97,6 +106,9 @@ def _decoded(content: Json) -> Edit:
         )
     if kind == "names":
         return SetNames(title, _names(content["before"]), _names(content["after"]))
+    if kind == "color":
+        before, after = _color(content["before"]), _color(content["after"])
+        return SetColor(title, _count(content["group"]), before, after)
     if kind == "labels":
         return SetLabels(
             title,
@@ -112,6 +124,8 @@ def _decoded(content: Json) -> Edit:
             _ints_of(content["rows"]),
             State(_count(content["state"])),
         )
+    if kind == "append":
+        return _append_of(title, content)
     if kind == "placement":
         return SetPlacement(
             title=title,
@@ -130,8 +144,10 @@ _KINDS: Mapping[type, str] = {
     FlipState: "flip",
     SetLabels: "labels",
     SetNames: "names",
+    SetColor: "color",
     SetPlacement: "placement",
     AppendCopies: "copies",
+    AppendSplats: "append",
 }
 
 
@@ -139,6 +155,41 @@ def _kind(edit: Edit) -> str:
     if type(edit) not in _KINDS:
         raise TypeError(f"edit: {type(edit).__name__} has no recorded form")
     return _KINDS[type(edit)]
+
+
+def _appended(edit: AppendSplats) -> dict[str, object]:
+    """The splats are named, not written: by their file and its fingerprint."""
+    added = edit.added
+    return {
+        "path": added.path,
+        "fingerprint": added.fingerprint,
+        "first": added.first,
+        "n": edit.n,
+        "n_rows": edit.n_rows,
+        "n_sh": edit.n_sh,
+        "columns": list(edit.columns),
+        "labels": _ints(edit.labels),
+        "state": int(edit.state),
+    }
+
+
+def _append_of(title: str, content: Json) -> AppendSplats:
+    path, digest = Path(str(content["path"])), str(content["fingerprint"])
+    splats, _ = run_stage(read_added_stage(path, digest))
+    labels = _ints_of(content["labels"])
+    if labels.count != len(splats):
+        raise ValueError(f"{labels.count} labels for {len(splats)} splats")
+    return AppendSplats(
+        title=title,
+        n=_count(content["n"]),
+        n_rows=_count(content["n_rows"]),
+        n_sh=_count(content["n_sh"]),
+        columns=tuple(map(str, cast(Sequence[object], content["columns"]))),
+        splats=splats,
+        labels=labels,
+        added=Added(str(path), digest, _count(content["first"]), len(splats)),
+        state=State(_count(content["state"])),
+    )
 
 
 # --- arrays -------------------------------------------------------------------------------------
@@ -216,6 +267,13 @@ def _rows(content: object) -> IntArray:
     if (rows < 0).any():
         raise ValueError("a negative row")
     return rows.astype(np.int32)
+
+
+def _color(content: object) -> RGB | None:
+    if content is None:
+        return None
+    red, green, blue = (float(value) for value in cast(Sequence[float], content))
+    return red, green, blue
 
 
 def _names(content: object) -> tuple[tuple[int, str | None], ...]:

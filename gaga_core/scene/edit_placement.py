@@ -114,7 +114,7 @@ class AppendCopies:
         source = np.concatenate([scene.source, scene.source[chosen]])
         scene.gaussians, scene.labels, scene.placement = gaussians, labels, placement
         scene.state, scene.source = state, source
-        _bump_all(scene)
+        _bump_all(scene, self.splats.n)
 
     def revert(self, scene: Scene) -> None:
         """Cut the copies off."""
@@ -125,7 +125,7 @@ class AppendCopies:
         scene.placement = scene.placement[:n]
         scene.state = scene.state[:n]
         scene.source = scene.source[:n]
-        _bump_all(scene)
+        _bump_all(scene, n)
 
 
 def take_rows(table: Placements, rows: IntArray) -> Placements:
@@ -181,9 +181,9 @@ def _first(g: Gaussians, n: int) -> Gaussians:
     )
 
 
-def _bump_all(scene: Scene) -> None:
-    """The splats themselves changed, so every column beside them did."""
-    scene.revision.splats += 1
+def _bump_all(scene: Scene, kept: int) -> None:
+    """The splats from row ``kept`` on changed, so every column beside them did."""
+    scene.revision.splats_changed(kept)
     scene.revision.labels += 1
     scene.revision.state += 1
     scene.revision.placement += 1

@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.index_set import IndexSet, PackedInts
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import RGB, Scene
 
 
 class Edit(Protocol):
@@ -169,6 +169,36 @@ class SetNames:
         kept = {g: name for g, name in scene.names.items() if g not in changed}
         kept.update((g, name) for g, name in names if name is not None)
         scene.names = dict(sorted(kept.items()))
+        scene.revision.names += 1
+
+
+@dataclass(frozen=True, eq=False)
+class SetColor:
+    """A group's color in lists and in the group render mode; None = the palette's."""
+
+    title: str
+    group: int
+    before: RGB | None
+    after: RGB | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return 56
+
+    def apply(self, scene: Scene) -> None:
+        """Give the new color."""
+        self._write(scene, self.after)
+
+    def revert(self, scene: Scene) -> None:
+        """Give the old color."""
+        self._write(scene, self.before)
+
+    def _write(self, scene: Scene, color: RGB | None) -> None:
+        kept = {group: rgb for group, rgb in scene.colors.items() if group != self.group}
+        if color is not None:
+            kept[self.group] = color
+        scene.colors = dict(sorted(kept.items()))
         scene.revision.names += 1
 
 

@@ -4,11 +4,12 @@ Nothing here changes a scene; `gaga_core.scene.history.History.do` does. ``indic
 in any order, or a mask (N,) bool. The work is in ``build_*.py``, the edits are in ``edit_*.py``.
 """
 
+from gaga_core.scene.build_append import append
 from gaga_core.scene.build_copies import duplicate, free_group
-from gaga_core.scene.build_groups import merge_groups, rename, set_grouping, set_labels
+from gaga_core.scene.build_groups import merge_groups, rename, set_color, set_grouping, set_labels
 from gaga_core.scene.build_placement import recolor, transform
 from gaga_core.scene.build_sets import forget_set, keep_set, kept_indices
-from gaga_core.scene.build_split import separate, split
+from gaga_core.scene.build_split import separate, split, split_off
 from gaga_core.scene.build_state import (
     How,
     delete,
@@ -28,6 +29,7 @@ __all__ = [
     "Edit",
     "Edits",
     "How",
+    "append",
     "delete",
     "duplicate",
     "forget_set",
@@ -43,12 +45,14 @@ __all__ = [
     "restore",
     "select",
     "separate",
+    "set_color",
     "set_grouping",
     "set_labels",
     "set_state",
     "show",
     "show_all",
     "split",
+    "split_off",
     "together",
     "transform",
     "unlock",

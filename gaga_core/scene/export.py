@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import write_ply_stage
+from gaga_core.io.splat_files import Form, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage, with_groups
@@ -29,19 +29,39 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for
 
 
 def export_scene_stage(
-    scene: Scene, path: Path, *, what: What = "visible", groups: bool = False
+    scene: Scene,
+    path: Path,
+    *,
+    what: What = "visible",
+    groups: bool = False,
+    form: Form | None = None,
 ) -> Stage[int]:
-    """Write the visible (or selected and visible) splats to one .ply; returns their number.
+    """Write the visible (or selected and visible) splats to one file; returns their number.
 
-    Hidden and deleted splats are never written. Splats without an edit keep their exact bytes, and
-    unknown columns survive. ``groups`` adds a column ``group`` (int32, 0 = none). A cancel, a full
-    disk or a folder without permission leaves nothing behind. Works on the scene as it is at the
-    call, whatever is edited meanwhile. Raises ``GagaError`` when nothing is visible.
+    ``form`` is what the name of the file asks for by default. Hidden and deleted splats are never
+    written. In a .ply splats without an edit keep their exact bytes, and unknown columns survive;
+    `export_losses` says what other forms do not keep. ``groups`` adds a column ``group`` (int32, 0
+    = none). A cancel, a full disk or a folder without permission leaves nothing behind. Works on
+    the scene as it is at the call, whatever is edited meanwhile. Raises ``GagaError`` when nothing
+    is visible, or no such form is written.
     """
-    return _export_scene(replace(scene), path, what, groups)
+    form = form_of(path) if form is None else form
+    return _export_scene(replace(scene), path, (what, groups, form))
 
 
-def _export_scene(scene: Scene, path: Path, what: What, groups: bool) -> Stage[int]:
+def export_losses(
+    scene: Scene, form: Form, *, what: What = "visible", groups: bool = False
+) -> tuple[str, ...]:
+    """What an export in ``form`` does not keep, a sentence each (see `splat_files.losses`)."""
+    if form is Form.PLY:
+        return ()
+    splats = exported_indices(scene, what)
+    gaussians = scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
+    return losses(with_groups(gaussians, scene.labels[splats]) if groups else gaussians, form)
+
+
+def _export_scene(scene: Scene, path: Path, how: tuple[What, bool, Form]) -> Stage[int]:
+    what, groups, form = how
     splats = exported_indices(scene, what)
     if len(splats) == 0:
         state = "selected" if what == "selected" else "visible"
@@ -49,7 +69,7 @@ def _export_scene(scene: Scene, path: Path, what: What, groups: bool) -> Stage[i
     gaussians = yield from bake_stage(scene, indices=splats)
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])
-    yield from write_ply_stage(path, gaussians)
+    yield from write_splats_stage(path, gaussians, form)
     return len(splats)
 
 
@@ -78,8 +98,9 @@ def export_objects_stage(
     groups: Sequence[int] | None = None,
     *,
     source: str = "",
+    form: Form = Form.PLY,
 ) -> Stage[Path]:
-    """Write one .ply per group into ``folder``, and ``groups.json``; returns the manifest's path.
+    """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file}]}``, colors
@@ -87,13 +108,14 @@ def export_objects_stage(
     together at the end; a cancel or a full disk leaves nothing. Raises ``GagaError`` when none of
     the groups is visible.
     """
-    return _export_objects(replace(scene), folder, groups, source)
+    return _export_objects(replace(scene), folder, groups, (source, form))
 
 
 def _export_objects(
-    scene: Scene, folder: Path, groups: Sequence[int] | None, source: str
+    scene: Scene, folder: Path, groups: Sequence[int] | None, how: tuple[str, Form]
 ) -> Stage[Path]:
-    objects = _objects(scene, groups)
+    source, form = how
+    objects = _objects(scene, groups, form.suffix)
     if not objects:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
     manifest = []
@@ -101,7 +123,7 @@ def _export_objects(
         for i, item in enumerate(objects):
             step = Progress("Export objects", i, len(objects), item.name)
             gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
-            yield from _as_step(step, write_ply_stage(staging / item.file, gaussians))
+            yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
             manifest.append(_described(item, gaussians))
         content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
         text = json.dumps(content, indent=1, ensure_ascii=False)
@@ -123,7 +145,7 @@ def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
                 return value
 
 
-def _objects(scene: Scene, groups: Sequence[int] | None) -> list[_Object]:
+def _objects(scene: Scene, groups: Sequence[int] | None, suffix: str) -> list[_Object]:
     """The groups to write, by id, each with a file name of its own."""
     shown = exported_indices(scene)
     order = np.argsort(scene.labels[shown], kind="stable")
@@ -135,8 +157,8 @@ def _objects(scene: Scene, groups: Sequence[int] | None) -> list[_Object]:
         if int(group) not in wanted:
             continue
         name = group_name(scene, int(group))
-        color = [round(float(c), 4) for c in group_colors(np.array([group], np.int32))[0]]
-        file = _unique(slug(name) or f"group-{group}", used) + ".ply"
+        color = [round(float(c), 4) for c in group_colors(np.array([group]), scene.colors)[0]]
+        file = _unique(slug(name) or f"group-{group}", used) + suffix
         objects.append(_Object(int(group), name, color, file, splats))
     return objects
 

@@ -85,6 +85,20 @@ class History:
         return sum(step.edit.nbytes for step in self._steps)
 
     @property
+    def budget(self) -> int:
+        """Bytes that the entries may hold; the oldest are forgotten first."""
+        return self._budget
+
+    def set_budget(self, budget_bytes: int) -> None:
+        """Hold at most so many bytes from now on; undone entries go before done ones."""
+        if budget_bytes <= 0:
+            raise ValueError(f"budget_bytes: expected more than 0, got {budget_bytes}")
+        self._budget = budget_bytes
+        if self.nbytes > budget_bytes:
+            del self._steps[self._cursor :]
+        self._forget_oldest()
+
+    @property
     def is_previewing(self) -> bool:
         """Whether a preview is applied."""
         return self._preview is not None
@@ -201,6 +215,11 @@ class History:
         del self._steps[self._cursor :]
         self._serial += 1
         self._steps.append(_Step(edit, self._serial))
+        self._forget_oldest()
+        self._cursor = len(self._steps)
+
+    def _forget_oldest(self) -> None:
+        """Keep the byte budget; the newest entry always stays."""
         total = self.nbytes
         dropped = 0
         while total > self._budget and dropped < len(self._steps) - 1:
@@ -211,4 +230,4 @@ class History:
             packed = [encode_edit(step.edit) for step in self._steps[:dropped]]
             self._dropped += [{"op": "edit", **edit} for edit in packed if edit is not None]
             del self._steps[:dropped]
-        self._cursor = len(self._steps)
+            self._cursor = max(self._cursor - dropped, 0)

@@ -1,6 +1,6 @@
 """The object list: one row a group."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,7 +9,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import group_palette
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import RGB, Scene, State
 
 UNASSIGNED = "unassigned"
 _DENSE = 1 << 20  # up to here a group id is its own row while counting
@@ -81,7 +81,7 @@ def object_table(scene: Scene) -> ObjectTable:
         n_selected=having(State.SELECTED),
         n_hidden=having(State.HIDDEN),
         n_locked=having(State.LOCKED),
-        colors=group_colors(shown),
+        colors=group_colors(shown, scene.colors),
         names=tuple(group_name(scene, int(g)) for g in shown),
         centre=centre,
         radius=radius,
@@ -120,12 +120,14 @@ def selected_groups(scene: Scene) -> IntArray:
     return groups[groups > 0].astype(np.int32)
 
 
-def group_colors(ids: IntArray) -> FloatArray:
-    """Swatch colors (G, 3) of groups: the palette of the group render mode."""
+def group_colors(ids: IntArray, own: Mapping[int, RGB] | None = None) -> FloatArray:
+    """Swatch colors (G, 3) of groups: a person's ``own``, else the group render mode's palette."""
     top = int(ids.max(initial=0))
     # The palette is stable by id: a longer one, kept, serves every shorter list.
     palette = _palette(max(256, 1 << top.bit_length())) if top < _DENSE else _palette(256)
     colors: FloatArray = palette[ids % len(palette)]
+    for group, rgb in (own or {}).items():
+        colors[ids == group] = rgb
     return colors
 
 

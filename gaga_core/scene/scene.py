@@ -14,6 +14,10 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.index_set import IndexSet
 
+_MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
+
+RGB = tuple[float, float, float]  # 0..1
+
 
 class State(IntFlag):
     """Bits of a splat's state byte."""
@@ -48,6 +52,16 @@ class Placements:
         return Placements(np.tile(row, (n, 1, 1)), np.tile(row, (n, 1, 1)), np.ones(n))
 
 
+@dataclass(frozen=True)
+class Added:
+    """Another file whose splats were added to the scene."""
+
+    path: str  # absolute
+    fingerprint: str  # of the file as it was read
+    first: int  # row of its first splat among the rows of all files, see `Scene.source`
+    n: int  # splats
+
+
 @dataclass
 class Revision:
     """Counters that grow when a column changed; GPU mirrors compare them (STYLE 11)."""
@@ -58,6 +72,17 @@ class Revision:
     placement: int = 0  # the per-splat index
     placements: int = 0  # the table
     names: int = 0
+    kept: tuple[tuple[int, int], ...] = ()  # see `splats_changed`; the newest last
+
+    def splats_changed(self, kept: int) -> None:
+        """Count a change of the Gaussians that left the first ``kept`` rows as they were."""
+        self.splats += 1
+        self.kept = (*self.kept, (self.splats, kept))[-_MOST_KEPT:]
+
+    def rows_kept_since(self, splats: int) -> int:
+        """Leading rows of the Gaussians that are what they were at this count of ``splats``."""
+        rows = dict(self.kept)
+        return min((rows.get(k, 0) for k in range(splats + 1, self.splats + 1)), default=0)
 
     def total(self) -> int:
         """A number that grows with every change of any kind."""
@@ -74,14 +99,18 @@ class Scene:
     labels: IntArray  # (N,) group id, 0 = none
     state: UInt8Array  # (N,) State bits
     placement: IntArray  # (N,) row of placements
-    source: LongArray  # (N,) row in the opened file; a duplicate repeats its original's
+    # (N,) row in the opened file, counted on in files that were added; a duplicate repeats its
+    # original's.
+    source: LongArray
     placements: Placements
     names: dict[int, str] = field(default_factory=dict)  # only of groups that a person named
+    colors: dict[int, RGB] = field(default_factory=dict)  # ... that a person colored in the list
     bank: MemoryBank | None = None  # log of the association that gave the labels
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.
     confidence: UInt8Array | None = None
     sets: dict[str, IndexSet] = field(default_factory=dict)  # selections that a person named
     revision: Revision = field(default_factory=Revision)
+    added: tuple[Added, ...] = ()  # other files whose splats are here too
 
     def __len__(self) -> int:
         return len(self.gaussians)
@@ -105,8 +134,28 @@ class Scene:
         return result
 
     def confidence_of(self) -> UInt8Array | None:
-        """Confidence (N,) of each splat in its group, 0..255; a duplicate has its original's."""
-        return None if self.confidence is None else self.confidence[self.source]
+        """Confidence (N,) of each splat in its group, 0..255; a duplicate has its original's.
+
+        Splats of an added file are in no doubt: 255.
+        """
+        if self.confidence is None:
+            return None
+        if not self.added:
+            return self.confidence[self.source]
+        rows = np.minimum(self.source, len(self.confidence))
+        return np.append(self.confidence, np.uint8(255))[rows]
+
+    @property
+    def n_opened(self) -> int:
+        """Rows of the file that was opened: a prefix of the scene."""
+        if self.added:
+            return self.added[0].first
+        return int((self.source == np.arange(len(self), dtype=np.int64)).sum())
+
+    @property
+    def n_rows_of_files(self) -> int:
+        """Rows of the opened and of all added files."""
+        return self.added[-1].first + self.added[-1].n if self.added else self.n_opened
 
     @property
     def visible(self) -> BoolArray:

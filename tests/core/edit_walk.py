@@ -20,6 +20,7 @@ class Snapshot:
 
     columns: dict[str, tuple[str, bytes]]
     names: dict[int, str]
+    colors: dict[int, tuple[float, float, float]]
     bank: MemoryBank | None
     sets: dict[str, bytes]
 
@@ -29,6 +30,7 @@ def snapshot(scene: Scene) -> Snapshot:
     return Snapshot(
         {name: (str(a.dtype), a.tobytes()) for name, a in columns(scene).items()},
         dict(scene.names),
+        dict(scene.colors),
         scene.bank,
         {name: kept.mask().tobytes() for name, kept in scene.sets.items()},
     )
@@ -137,6 +139,9 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
         "set_labels": relabel,
         "separate": lambda r, c: edits.separate(c, s(r, c)),
         "set_grouping": regroup,
+        "set_color": lambda r, c: edits.set_color(
+            c, int(r.integers(1, 5)), r.random(3).tolist() if r.random() < 0.7 else None
+        ),
         "rename": lambda r, c: edits.rename(c, int(r.integers(1, 9)), f"name {r.integers(3)}"),
         "merge_groups": lambda r, c: edits.merge_groups(c, r.integers(1, 9, 3).tolist()),
     }

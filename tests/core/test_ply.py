@@ -12,7 +12,7 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import is_antialiased, read_ply, write_ply, write_ply_stage
+from gaga_core.io.ply import read_ply, write_ply, write_ply_stage
 from tests.scenes import random_gaussians
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
@@ -80,8 +80,8 @@ def test_rest_coefficients_are_stored_channel_by_channel(tmp_path: Path) -> None
 
 
 def test_mip_look_is_read_from_the_comments() -> None:
-    assert is_antialiased(rich())
-    assert not is_antialiased(random_gaussians(3))
+    assert rich().is_antialiased
+    assert not random_gaussians(3).is_antialiased
 
 
 def header_of(names: list[str], n: int, extra: str = "") -> bytes:

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.io.files import fingerprint
 from gaga_core.io.ply import write_ply
 from gaga_core.progress import run_stage
-from gaga_core.project import Project, fingerprint, open_path_stage, save_project
+from gaga_core.project import Project, open_path_stage, save_project
 from gaga_core.scene import edits
 from gaga_core.scene.history import History
 from gaga_core.scene.scene import Scene
@@ -38,6 +39,7 @@ def edited(project: Project) -> Project:
     history.do(edits.duplicate(scene, np.flatnonzero(labels == 3)))
     history.do(edits.delete(scene, np.flatnonzero(labels == 4)))
     history.do(edits.rename(scene, 1, "a mug, blue"))
+    history.do(edits.set_color(scene, 2, (0.1, 0.5, 1.0)))
     return project
 
 
@@ -47,6 +49,7 @@ def assert_same(a: Scene, b: Scene) -> None:
     for name in ("matrix", "color", "opacity"):
         assert np.array_equal(getattr(a.placements, name), getattr(b.placements, name))
     assert a.names == b.names
+    assert a.colors == b.colors
     for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
         assert np.array_equal(getattr(a.gaussians, name), getattr(b.gaussians, name)), name
 

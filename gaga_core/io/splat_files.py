@@ -1,0 +1,187 @@
+"""Files of splats of every kind: which kind one is, reading it, writing it, and what that loses.
+
+A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its suffix.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray
+from gaga_core.color import SH_C0
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io import compressed_ply, spz
+from gaga_core.io.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.ply import read_ply_stage, write_ply_stage
+from gaga_core.io.sog import META, is_sog_meta, read_sog_stage
+from gaga_core.io.splat import read_splat_stage, write_splat_stage
+from gaga_core.io.spz import read_spz_stage, write_spz_stage
+from gaga_core.progress import Stage, run_stage
+
+READ_SUFFIXES = (".ply", ".splat", ".spz", ".sog")  # .compressed.ply ends in .ply
+WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz")
+_HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
+_NORMALS = ("nx", "ny", "nz")
+_NAMED = 4  # columns that a sentence names; the others are counted
+
+
+class Form(StrEnum):
+    """Kinds of files that are written; the value is how a command names them."""
+
+    PLY = "ply"
+    COMPRESSED_PLY = "compressed-ply"
+    SPLAT = "splat"
+    SPZ = "spz"  # version 3, which most programs read
+    SPZ4 = "spz4"
+
+    @property
+    def suffix(self) -> str:
+        """What a file of this form ends in."""
+        return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
+
+
+def form_of(path: Path) -> Form:
+    """The form that a name asks for; ``GagaError`` when it asks for none that is written."""
+    name = Path(path).name.lower()
+    for form in (Form.COMPRESSED_PLY, Form.PLY, Form.SPLAT, Form.SPZ):
+        if name.endswith(form.suffix):
+            return form
+    raise GagaError(
+        f"{Path(path).name} cannot be written: choose a name that ends in .ply, .compressed.ply, "
+        ".splat or .spz."
+    )
+
+
+def is_splat_file(path: Path) -> bool:
+    """Whether a name is that of a file of splats, or a folder of a SOG."""
+    return path.suffix.lower() in READ_SUFFIXES or is_sog_meta(path) or is_sog_meta(path / META)
+
+
+def read_splats(path: Path) -> Gaussians:
+    """Read a file of splats of any kind; see `read_splats_stage`."""
+    return run_stage(read_splats_stage(path))
+
+
+def read_splats_stage(path: Path) -> Stage[Gaussians]:
+    """Read a .ply, compressed .ply, .splat, .spz or SOG (.sog or folder) with progress.
+
+    All give Gaussians in the frame and units of a 3DGS .ply. Raises ``GagaError`` with one sentence
+    when the file is of no known kind, damaged, or larger than memory.
+    """
+    path = Path(path)
+    if is_sog_meta(path) or is_sog_meta(path / META):
+        return (yield from read_sog_stage(path))
+    if path.is_dir():
+        raise GagaError(f"{path} is a folder. Choose a file of splats.")
+    start = _start_of(path)
+    suffix = path.suffix.lower()
+    if start.startswith(b"ply") and b"packed_position" in start:
+        return (yield from read_compressed_ply_stage(path))
+    if start.startswith(b"ply"):
+        return (yield from read_ply_stage(path))
+    if start.startswith((spz.GZIP_MAGIC, spz.MAGIC)):
+        return (yield from read_spz_stage(path))
+    if start.startswith(b"PK") or suffix == ".sog":
+        return (yield from read_sog_stage(path))
+    if suffix == ".ply" or not start:
+        return (yield from read_ply_stage(path))  # which says what is wrong
+    if suffix == ".splat":
+        return (yield from read_splat_stage(path))
+    raise GagaError(
+        f"{path.name} is no file of splats that gaga-studio knows. Choose a .ply, .splat, .spz or "
+        ".sog file."
+    )
+
+
+def _start_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_HEADER)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+
+
+def write_splats(path: Path, gaussians: Gaussians, form: Form | None = None) -> None:
+    """Write a file of splats; see `write_splats_stage`."""
+    run_stage(write_splats_stage(path, gaussians, form))
+
+
+def write_splats_stage(path: Path, gaussians: Gaussians, form: Form | None = None) -> Stage[None]:
+    """Write splats in ``form`` (default: what the name asks for) with progress.
+
+    `losses` says beforehand what the form does not keep. Nothing is left when it fails. Raises
+    ``GagaError`` when there is nothing to write, or the place cannot be written.
+    """
+    path = Path(path)
+    form = form_of(path) if form is None else form
+    if len(gaussians) == 0:
+        raise GagaError(f"There is nothing to write to {path.name}: no splats are visible.")
+    if form is Form.PLY:
+        yield from write_ply_stage(path, gaussians)
+    elif form is Form.COMPRESSED_PLY:
+        yield from write_compressed_ply_stage(path, gaussians)
+    elif form is Form.SPLAT:
+        yield from write_splat_stage(path, gaussians)
+    else:
+        yield from write_spz_stage(path, gaussians, 4 if form is Form.SPZ4 else 3)
+
+
+def losses(gaussians: Gaussians, form: Form) -> tuple[str, ...]:
+    """What writing ``gaussians`` in ``form`` does not keep, a sentence each; nothing for a .ply."""
+    return () if form is Form.PLY else tuple(_losses(gaussians, form))
+
+
+def _losses(gaussians: Gaussians, form: Form) -> Iterator[str]:
+    yield _precision(gaussians, form)
+    degree = gaussians.sh_degree
+    if form is Form.SPLAT and degree:
+        yield f"The view-dependent color (SH of degree {degree}) is left out."
+    if form is Form.COMPRESSED_PLY and degree > 3:
+        yield "The SH of degree 4 are left out."
+    columns = [name for name in gaussians.extra if name not in _NORMALS]
+    normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
+    if any(column.any() for column in normals):
+        columns.append("normals")
+    if columns:
+        more = len(columns) - _NAMED
+        named = ", ".join(columns[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+        yield f"Other columns are left out: {named}."
+    if form is Form.SPLAT and gaussians.is_antialiased:
+        yield "That the splats are to be drawn antialiased is not kept."
+    clipped = _clipped(gaussians, form)
+    if clipped:
+        s = "" if clipped == 1 else "s"
+        yield f"Colors or sizes out of range are clipped: those of {clipped:,} splat{s}."
+
+
+def _precision(gaussians: Gaussians, form: Form) -> str:
+    if form is Form.SPLAT:
+        return "Colors, opacities and rotations are rounded to 8 bits a number."
+    if form is Form.COMPRESSED_PLY:
+        return (
+            "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
+            "and SH to 8 bits), and the splats are put in another order."
+        )
+    step = 2.0 ** -spz.fraction_bits(gaussians.means)
+    return (
+        f"All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
+        "and opacities to 8 bits, SH to 5 bits or 4."
+    )
+
+
+def _clipped(gaussians: Gaussians, form: Form) -> int:
+    """Splats with a color or size that the form has no room for."""
+    limit = {Form.SPLAT: 0.5 / SH_C0, Form.COMPRESSED_PLY: np.inf}.get(form, 0.5 / spz.COLOR_SCALE)
+    out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
+    if gaussians.sh_degree and form is not Form.SPLAT:
+        most = compressed_ply.SH_RANGE if form is Form.COMPRESSED_PLY else 1.0
+        rest = gaussians.sh[:, 1:].reshape(len(out), -1)
+        out |= (rest.max(axis=1) > most) | (rest.min(axis=1) < -most)
+    if form in (Form.SPZ, Form.SPZ4):
+        sizes = gaussians.log_scales
+        out |= (sizes.min(axis=1) < -10) | (sizes.max(axis=1) > 255 / 16 - 10)
+    return int(out.sum())

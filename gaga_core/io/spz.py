@@ -1,0 +1,337 @@
+"""SPZ, Niantic's compact format: fixed-point positions and a byte for most other numbers.
+
+Versions 1 to 3 are one gzip stream: a header of 16 bytes, then each attribute of all splats.
+Version 4 has a header of 32 bytes, a table of sizes, and each attribute as a Zstandard stream. Axes
+in the file are right, up, back; ours are right, down, forward, so y and z turn their sign, and with
+them the x-axis half-turn of quaternions and SH. Layout: github.com/nianticlabs/spz.
+"""
+
+import gzip
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+import numpy as np
+import zstandard
+
+from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.packing import (
+    CHUNK,
+    bytes_of_logits,
+    logits_of_bytes,
+    quats_of_three,
+    room_for,
+    three_of_quats,
+    to_bytes,
+    unit_quats,
+)
+from gaga_core.io.ply import without_broken_rows
+from gaga_core.progress import Progress, Stage
+
+GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
+COLOR_SCALE = 0.15  # of a DC coefficient in a byte
+MOST_BITS = 16  # after the point of a position, when the scene is small enough
+SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Niantic's writer does
+_HEAD = struct.Struct("<4sIIBBBB")
+_HEAD_4 = struct.Struct("<4sIIBBBBI12x")
+_SIZES = struct.Struct("<QQ")
+_AA = 1
+_ANTIALIASED = "antialiased 1"
+_MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
+_GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
+_FLIP_XYZ = np.array([1, -1, -1], np.float32)
+_FLIP_QUAT = np.array([1, 1, -1, -1], np.float32)  # wxyz, turned half around x
+# Signs of the basis functions of degrees 1 to 4 when y and z turn theirs.
+_FLIP_SH = np.array(
+    [-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1, -1, 1, -1, 1, 1, -1, 1, -1, 1],
+    np.float32,
+)
+
+
+class _Stream(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+
+@dataclass(frozen=True)
+class _Head:
+    version: int
+    n: int
+    degree: int
+    fraction_bits: int
+    is_antialiased: bool
+
+    @property
+    def n_rest(self) -> int:
+        return (self.degree + 1) ** 2 - 1
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """Bytes of a splat in each section, in the order of the file."""
+        widths = {
+            "means": 6 if self.version == 1 else 9,
+            "opacities": 1,
+            "colors": 3,
+            "scales": 3,
+            "quats": 4 if self.version >= 3 else 3,
+            "sh": 3 * self.n_rest,
+        }
+        return {name: width for name, width in widths.items() if width}
+
+
+# --- reading
+
+
+def read_spz_stage(path: Path) -> Stage[Gaussians]:
+    """Read an .spz file of version 1 to 4 with progress.
+
+    The antialiased look becomes the comment ``antialiased 1``, as in a .ply. Memory grows with what
+    the streams really hold, not with what the header says. ``GagaError`` with one sentence when the
+    file is damaged or newer.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            start = file.read(4)
+            file.seek(0)
+            if start[:2] != GZIP_MAGIC and start != MAGIC:
+                raise GagaError(f"{path.name} is no SPZ file. Choose another file.")
+            reading = _read_4 if start == MAGIC else _read_gzip
+            head, out = yield from reading(path, file)
+    except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
+        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    yield Progress("Read splats", head.n, head.n, path.name)
+    if head.is_antialiased:
+        out = replace(out, comments=(_ANTIALIASED,))
+    return without_broken_rows(path, out)
+
+
+def _read_gzip(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
+    size = path.stat().st_size
+    with gzip.GzipFile(fileobj=file) as stream:
+        magic, version, n, degree, bits, flags, _ = _HEAD.unpack(_exactly(stream, _HEAD.size))
+        head = _checked(path, magic, _Head(version, n, degree, bits, bool(flags & _AA)))
+        if version > 3 or n * sum(head.widths.values()) > _MOST_RATIO * size:
+            raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
+        out = room_for(n, 1 + head.n_rest, path.name)
+        done = 0
+        for name in head.widths:
+            yield from _read_section(path, stream, head, name, (out, done))
+            done += head.widths[name]
+    return head, out
+
+
+def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
+    size = path.stat().st_size
+    magic, version, n, degree, bits, flags, n_streams, toc = _HEAD_4.unpack(
+        _exactly(file, _HEAD_4.size)
+    )
+    head = _checked(path, magic, _Head(version, n, degree, bits, bool(flags & _AA)))
+    widths = head.widths
+    at = toc + n_streams * _SIZES.size
+    if version < 4 or n_streams != len(widths) or toc < _HEAD_4.size or at > size:
+        raise GagaError(f"{path.name} is damaged: its table does not fit. Export it again.")
+    file.seek(toc)
+    table = [_SIZES.unpack(_exactly(file, _SIZES.size)) for _ in widths]
+    wanted = [n * width for width in widths.values()]
+    if [plain for _, plain in table] != wanted or at + sum(p for p, _ in table) > size:
+        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
+    out = room_for(n, 1 + head.n_rest, path.name)
+    done = 0
+    for name, (packed, _) in zip(widths, table, strict=True):
+        file.seek(at)
+        with zstandard.ZstdDecompressor().stream_reader(file, closefd=False) as stream:
+            yield from _read_section(path, stream, head, name, (out, done))
+        at, done = at + packed, done + widths[name]
+    return head, out
+
+
+def _checked(path: Path, magic: bytes, head: _Head) -> _Head:
+    if magic != MAGIC:
+        raise GagaError(f"{path.name} is no SPZ file. Choose another file.")
+    if head.version > 4:
+        raise GagaError(f"{path.name} is SPZ version {head.version}; gaga-studio reads 1 to 4.")
+    if head.version < 1 or head.degree > 4 or head.fraction_bits > 24:
+        raise GagaError(f"{path.name} is damaged: its header makes no sense. Export it again.")
+    if head.n == 0:
+        raise GagaError(f"{path.name} holds 0 splats. Choose another file.")
+    return head
+
+
+def _read_section(
+    path: Path, stream: _Stream, head: _Head, name: str, into: tuple[Gaussians, int]
+) -> Stage[None]:
+    """Decode one attribute of all splats; ``into``: the target, and bytes a splat before it."""
+    out, before = into
+    width, total = head.widths[name], sum(head.widths.values())
+    for start in range(0, head.n, CHUNK):
+        done = (head.n * before + start * width) // total
+        yield Progress("Read splats", done, head.n, path.name)
+        k = min(CHUNK, head.n - start)
+        raw = np.frombuffer(_exactly(stream, k * width), np.uint8).reshape(k, width)
+        _unpack(name, raw, slice(start, start + k), (head, out))
+
+
+def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[_Head, Gaussians]) -> None:
+    head, out = into
+    if name == "means":
+        out.means[part] = _positions(raw, head) * _FLIP_XYZ
+    elif name == "opacities":
+        out.logit_opacities[part] = logits_of_bytes(raw[:, 0])
+    elif name == "colors":
+        out.sh[part, 0] = (raw / np.float32(255) - np.float32(0.5)) / np.float32(COLOR_SCALE)
+    elif name == "scales":
+        out.log_scales[part] = raw / np.float32(16) - 10
+    elif name == "quats":
+        out.quats[part] = (_quats(raw) if head.version >= 3 else _quats_xyz(raw)) * _FLIP_QUAT
+    else:
+        sh = (raw.reshape(len(raw), -1, 3).astype(np.float32) - 128) / 128
+        out.sh[part, 1:] = sh * _FLIP_SH[: head.n_rest, None]
+
+
+def _positions(raw: UInt8Array, head: _Head) -> FloatArray:
+    if head.version == 1:
+        halves: FloatArray = raw.view("<f2").astype(np.float32)
+        return halves
+    wide = np.zeros((len(raw), 3, 4), np.uint8)
+    wide[:, :, 1:] = raw.reshape(-1, 3, 3)  # in the upper bytes, so that the sign is in its place
+    fixed = wide.view("<i4")[:, :, 0] >> 8
+    return fixed.astype(np.float32) / np.float32(1 << head.fraction_bits)
+
+
+def _quats(raw: UInt8Array) -> FloatArray:
+    """Quaternions (N, 4) wxyz of sign and 9 bits each of the three smaller parts of xyzw."""
+    words = np.ascontiguousarray(raw).view("<u4")[:, 0]
+    fields = np.stack([words >> np.uint32(shift) for shift in (20, 10, 0)], axis=1)
+    three = (fields & np.uint32(511)).astype(np.float32) * np.float32(np.sqrt(0.5) / 511)
+    three = np.where(fields & np.uint32(512), -three, three)
+    return np.roll(quats_of_three(words >> np.uint32(30), three), 1, axis=1)
+
+
+def _quats_xyz(raw: UInt8Array) -> FloatArray:
+    xyz = raw / np.float32(127.5) - 1
+    w = np.sqrt(np.maximum(1 - (xyz * xyz).sum(axis=1, keepdims=True), 0))
+    quats: FloatArray = np.concatenate([w, xyz], axis=1).astype(np.float32)
+    return unit_quats(quats)
+
+
+def _exactly(stream: _Stream, size: int) -> bytes:
+    """``size`` bytes; ``EOFError`` when the stream ends before."""
+    pieces, missing = [], size
+    while missing:
+        piece = stream.read(missing)
+        if not piece:
+            raise EOFError
+        pieces.append(piece)
+        missing -= len(piece)
+    return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+
+# --- writing
+
+
+def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage[None]:
+    """Write an .spz file of version 3 (which most programs read) or 4, with progress.
+
+    Positions get as many bits after the point as the scene's extent leaves, 16 at most; SH keep 5
+    bits in degree 1 and 4 above, as Niantic's writer does. Nothing is left when it fails.
+    """
+    if version not in (3, 4):
+        raise ValueError(f"version: expected 3 or 4, got {version}")
+    bits = fraction_bits(gaussians.means)
+    head = _Head(version, len(gaussians), gaussians.sh_degree, bits, gaussians.is_antialiased)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        if version == 3:
+            with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, 0) as stream:
+                stream.write(_HEAD.pack(MAGIC, 3, *_numbers(head), 0))
+                done = 0
+                for name, width in head.widths.items():
+                    for piece, raw in enumerate(_packed(gaussians, head, name)):
+                        yield _step(path, head, done, piece * CHUNK * width)
+                        stream.write(raw)
+                    done += width
+        else:
+            yield from _write_4(path, file, gaussians, head)
+    yield Progress("Write splats", head.n, head.n, path.name)
+
+
+def _write_4(path: Path, file: BinaryIO, gaussians: Gaussians, head: _Head) -> Stage[None]:
+    widths = head.widths
+    file.write(_HEAD_4.pack(MAGIC, 4, *_numbers(head), len(widths), _HEAD_4.size))
+    file.write(bytes(_SIZES.size * len(widths)))  # the table, known at the end
+    table, done = [], 0
+    for name, width in widths.items():
+        start = file.tell()
+        compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+        stream = compressor.stream_writer(file, size=head.n * width, closefd=False)
+        for piece, raw in enumerate(_packed(gaussians, head, name)):
+            yield _step(path, head, done, piece * CHUNK * width)
+            stream.write(raw)
+        stream.flush(zstandard.FLUSH_FRAME)  # not when cancelled: the frame would be too short
+        table.append((file.tell() - start, head.n * width))
+        done += width
+    file.seek(_HEAD_4.size)
+    file.write(b"".join(_SIZES.pack(*sizes) for sizes in table))
+
+
+def _numbers(head: _Head) -> tuple[int, int, int, int]:
+    return head.n, head.degree, head.fraction_bits, _AA if head.is_antialiased else 0
+
+
+def _step(path: Path, head: _Head, before: int, done: int) -> Progress:
+    total = sum(head.widths.values())
+    return Progress("Write splats", (head.n * before + done) // total, head.n, path.name)
+
+
+def fraction_bits(means: FloatArray) -> int:
+    """Bits after the point with which every position fits into 24 signed bits."""
+    most = float(np.abs(means[np.isfinite(means)]).max(initial=0))
+    fits = [bits for bits in range(MOST_BITS + 1) if most * (1 << bits) < (1 << 23) - 1]
+    return max(fits, default=0)
+
+
+def _packed(gaussians: Gaussians, head: _Head, name: str) -> Iterator[memoryview]:
+    """One attribute of all splats, in pieces of bytes."""
+    for start in range(0, head.n, CHUNK):
+        part = slice(start, min(start + CHUNK, head.n))
+        yield np.ascontiguousarray(_pack(gaussians, head, name, part)).data
+
+
+def _pack(gaussians: Gaussians, head: _Head, name: str, part: slice) -> AnyArray:
+    if name == "means":
+        scaled = gaussians.means[part].astype(np.float64) * _FLIP_XYZ * (1 << head.fraction_bits)
+        fixed = np.clip(np.rint(scaled), -(1 << 23), (1 << 23) - 1).astype("<i4")
+        low: UInt8Array = fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3]  # of little-endian words
+        return low
+    if name == "opacities":
+        return bytes_of_logits(gaussians.logit_opacities[part])
+    if name == "colors":
+        return to_bytes(gaussians.sh[part, 0] * (COLOR_SCALE * 255) + 127.5)
+    if name == "scales":
+        return to_bytes((gaussians.log_scales[part] + 10) * 16)
+    if name == "quats":
+        return _words(gaussians.quats[part])
+    buckets = np.full((head.n_rest, 1), SH_BUCKETS[1])
+    buckets[:3] = SH_BUCKETS[0]
+    sh = np.rint(gaussians.sh[part, 1:] * _FLIP_SH[: head.n_rest, None] * 128) + 128
+    rounded = np.clip((sh + buckets // 2) // buckets * buckets, 0, 255)
+    coded: UInt8Array = rounded.astype(np.uint8)
+    return coded
+
+
+def _words(quats: FloatArray) -> AnyArray:
+    """Smallest-three words (N,) of quaternions wxyz."""
+    largest, three = three_of_quats(np.roll(unit_quats(quats) * _FLIP_QUAT, -1, axis=1))
+    size = np.clip(np.rint(np.abs(three) * (511 * np.sqrt(2))), 0, 511).astype(np.uint32)
+    fields = size | ((three < 0).astype(np.uint32) << np.uint32(9))
+    words = largest.astype(np.uint32) << np.uint32(30)
+    for i, shift in enumerate((20, 10, 0)):
+        words |= fields[:, i] << np.uint32(shift)
+    return words.astype("<u4")

@@ -1,0 +1,293 @@
+"""Ways of the camera: shots that a person keeps, and a smooth path through some of them.
+
+The path is a cubic Hermite curve through the keyframes with the tangents of Catmull and Rom (1974)
+for unequal times: it passes through every keyframe and its speed has no jumps. Positions, logs of
+the fields of view and rotations (as quaternions of one sign, then made unit; Shoemake 1985 calls
+for no more where neighbours are less than half a turn apart) all go by the same curve.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
+from gaga_core.geometry import look_at, matrices_to_quats, quats_to_matrices
+
+TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
+_PIECES = 64  # of a segment, when its length is measured
+_STILL = 1e-6  # share of the whole way below which a segment stands still
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Where a camera stands and what it shows, whatever the size of the picture."""
+
+    eye: tuple[float, float, float]  # world
+    quat: tuple[float, float, float, float]  # cam_from_world, wxyz, unit
+    fov_x: float  # radians; the least that the picture shows both ways
+    fov_y: float
+    distance: float  # to what it looks at, scene units
+    is_orthographic: bool = False  # a far camera with a long lens
+
+    def __post_init__(self) -> None:
+        numbers = (*self.eye, *self.quat, self.fov_x, self.fov_y, self.distance)
+        if not all(math.isfinite(x) for x in numbers) or self.distance <= 0:
+            raise ValueError("shot: a number is not finite, or the distance not positive")
+        if not (0 < self.fov_x < math.pi and 0 < self.fov_y < math.pi):
+            raise ValueError(f"shot: fields of view {self.fov_x}, {self.fov_y} are not in 0..pi")
+        if not 0.9 < math.hypot(*self.quat) < 1.1:
+            raise ValueError("shot: the quaternion is not of unit length")
+
+    def camera(self, width: int, height: int, name: str = "") -> Camera:
+        """The view at this picture size: both fields of view are inside."""
+        focal = min(width / 2 / math.tan(self.fov_x / 2), height / 2 / math.tan(self.fov_y / 2))
+        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+        matrix = np.eye(4)
+        matrix[:3, :3] = quats_to_matrices(np.array([self.quat]))[0]
+        matrix[:3, 3] = -matrix[:3, :3] @ np.array(self.eye)
+        return Camera(K, matrix, width, height, name)
+
+    @staticmethod
+    def of_camera(camera: Camera, distance: float, *, is_orthographic: bool = False) -> "Shot":
+        """What ``camera`` shows; ``distance`` to what it looks at."""
+        quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
+        return Shot(
+            _three(camera.position),
+            (float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3])),
+            2 * math.atan(camera.width / 2 / float(camera.K[0, 0])),
+            2 * math.atan(camera.height / 2 / float(camera.K[1, 1])),
+            distance,
+            is_orthographic,
+        )
+
+
+@dataclass(frozen=True)
+class Bookmark:
+    """A shot with a name, and the key 1..9 that recalls it (0 = none)."""
+
+    name: str
+    shot: Shot
+    key: int = 0
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A shot that the path passes, so many seconds after the one before.
+
+    Of the first keyframe ``seconds`` counts in a closed path only: the way back to it.
+    """
+
+    shot: Shot
+    seconds: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.seconds) and self.seconds > 0):
+            raise ValueError(f"keyframe: {self.seconds} seconds is no time")
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """Keyframes in their order, and how they are passed."""
+
+    keyframes: tuple[Keyframe, ...] = ()
+    is_closed: bool = False  # goes on to the first keyframe
+    even_speed: bool = False  # the eye's speed is the same all the way
+
+    @property
+    def seconds(self) -> float:
+        """Time of the whole path; 0 with fewer than two keyframes."""
+        return float(sum(self._spans()))
+
+    def times(self) -> tuple[float, ...]:
+        """Seconds (K,) at which the keyframes are passed (at ``even_speed``, too)."""
+        spans = self._travel_spans() if self.even_speed else self._spans()
+        starts = (0.0, *np.cumsum(spans).tolist())
+        return tuple(float(t) for t in starts[: len(self.keyframes)])
+
+    def shot(self, seconds: float) -> Shot:
+        """The shot at a moment; before the start and after the end the path stands still.
+
+        Raises ``ValueError`` when there are no keyframes.
+        """
+        if not self.keyframes:
+            raise ValueError("shot: the path has no keyframes")
+        if len(self.keyframes) == 1:
+            return self.keyframes[0].shot
+        time = self._curve_time(min(max(seconds, 0.0), self.seconds))
+        values = _hermite(self._knots(), self._values(), np.array([time]), self.is_closed)[0]
+        flat = self._nearest(time).is_orthographic
+        return _shot_of(values, flat)
+
+    def frame_times(self, fps: float) -> DoubleArray:
+        """Moments (F,) of the frames of a film, at least one; a closed path does not show its
+        first picture twice."""
+        n = max(round(self.seconds * fps), 0)
+        return np.arange(max(n + (not self.is_closed), 1)) / fps
+
+    # --- inside: keyframes as rows, the first one again at the end of a closed path
+
+    def _closed_keys(self) -> tuple[Keyframe, ...]:
+        keys = self.keyframes
+        return (*keys, keys[0]) if self.is_closed and len(keys) > 1 else keys
+
+    def _spans(self) -> list[float]:
+        return [key.seconds for key in self._closed_keys()[1:]]
+
+    def _knots(self) -> DoubleArray:
+        return np.concatenate([[0.0], np.cumsum(self._spans())])
+
+    def _values(self) -> DoubleArray:
+        """Eye, quaternion, log fields of view, log distance (K, 10); quaternions of one sign."""
+        rows = np.array([_row(key.shot) for key in self._closed_keys()])
+        for i in range(1, len(rows)):
+            if rows[i, 3:7] @ rows[i - 1, 3:7] < 0:
+                rows[i, 3:7] *= -1
+        return rows
+
+    def _nearest(self, time: float) -> Shot:
+        index = int(np.searchsorted(self._knots(), time, "right")) - 1
+        return self._closed_keys()[max(index, 0)].shot
+
+    def _lengths(self) -> tuple[DoubleArray, DoubleArray]:
+        """Moments (P,) of the curve and the way (P,) until there, scene units."""
+        knots = self._knots()
+        steps = np.linspace(0, 1, _PIECES, endpoint=False)
+        moments = np.concatenate(
+            [(knots[:-1, None] + np.diff(knots)[:, None] * steps).ravel(), knots[-1:]]
+        )
+        eyes = _hermite(knots, self._values(), moments, self.is_closed)[:, :3]
+        steps_of = np.linalg.norm(np.diff(eyes, axis=0), axis=1)
+        return moments, np.concatenate([[0.0], np.cumsum(steps_of)])
+
+    def _travel_spans(self) -> list[float]:
+        """Seconds of each segment at even speed; one without a way (a turn) keeps its time."""
+        spans = np.array(self._spans())
+        if len(spans) == 0:
+            return []
+        _, way = self._lengths()
+        ways = np.diff(way[::_PIECES])
+        moves = ways > _STILL * max(float(ways.sum()), 1e-300)
+        if moves.any():
+            spans[moves] = ways[moves] / ways[moves].sum() * spans[moves].sum()
+        return [float(span) for span in spans]
+
+    def _curve_time(self, seconds: float) -> float:
+        """The curve's own time at a moment of the film: another one at even speed."""
+        if not self.even_speed:
+            return seconds
+        moments, way = self._lengths()
+        starts = np.concatenate([[0.0], np.cumsum(self._travel_spans())])
+        last = len(starts) - 2
+        i = min(max(int(np.searchsorted(starts, seconds, "right")) - 1, 0), last)
+        share = (seconds - starts[i]) / (starts[i + 1] - starts[i])
+        piece = slice(i * _PIECES, (i + 1) * _PIECES + 1)
+        from_, to = way[piece][0], way[piece][-1]
+        if to - from_ <= _STILL * max(float(way[-1]), 1e-300):
+            return float(moments[piece][0] + share * (moments[piece][-1] - moments[piece][0]))
+        return float(np.interp(from_ + share * (to - from_), way[piece], moments[piece]))
+
+
+def turntable(
+    shot: Shot, up: DoubleArray, seconds: float = 8.0, *, clockwise: bool = False
+) -> CameraPath:
+    """A closed circle of ``seconds`` around what ``shot`` looks at, about the axis ``up`` (3,).
+
+    Height, distance and tilt stay those of the shot; seen from above the camera goes against the
+    clock unless ``clockwise``.
+    """
+    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    matrix = quats_to_matrices(np.array([shot.quat]))[0]
+    eye = np.array(shot.eye)
+    pivot = eye + shot.distance * matrix[2]
+    keys = []
+    for k in range(TURNTABLE_KEYS):
+        angle = (-1 if clockwise else 1) * 2 * np.pi * k / TURNTABLE_KEYS
+        turn = _about(axis, angle)
+        quat = matrices_to_quats((matrix @ turn.T)[None])[0]
+        at = _three(pivot + turn @ (eye - pivot))
+        turned = replace(shot, eye=at, quat=(quat[0], quat[1], quat[2], quat[3]))
+        keys.append(Keyframe(turned, seconds / TURNTABLE_KEYS))
+    return CameraPath(tuple(keys), is_closed=True)
+
+
+def shot_towards(eye: DoubleArray, target: DoubleArray, up: DoubleArray, fov: float) -> Shot:
+    """A shot from ``eye`` (3,) at ``target`` (3,) with ``up`` (3,) on top; ``fov`` radians."""
+    matrix = look_at(eye, target, up)
+    quat = matrices_to_quats(matrix[None, :3, :3])[0]
+    distance = float(np.linalg.norm(np.asarray(target) - eye))
+    four = (float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3]))
+    return Shot(_three(np.asarray(eye, np.float64)), four, fov, fov, distance)
+
+
+# --- the curve
+
+
+def _hermite(
+    knots: DoubleArray, values: DoubleArray, times: DoubleArray, is_closed: bool
+) -> DoubleArray:
+    """Values (T, C) at ``times`` (T,) of the curve through ``values`` (K, C) at ``knots`` (K,)."""
+    span = np.diff(knots)[:, None]
+    slopes = np.diff(values, axis=0) / span
+    if is_closed:  # the last row is the first one again, its quaternion perhaps of the other sign
+        sign = np.ones(values.shape[1])
+        sign[3:7] = 1.0 if values[0, 3:7] @ values[-1, 3:7] > 0 else -1.0
+        before, after = slopes[-1] * sign, slopes[0] * sign
+        first = _tangent(before, slopes[0], span[-1], span[0])
+        last = _tangent(slopes[-1], after, span[-1], span[0])
+    else:
+        first, last = slopes[0], slopes[-1]
+        if len(slopes) > 1:  # the ends turn as the parabola through three keyframes does
+            first = slopes[0] + (slopes[0] - slopes[1]) * span[0] / (span[0] + span[1])
+            last = slopes[-1] + (slopes[-1] - slopes[-2]) * span[-1] / (span[-1] + span[-2])
+    inner = _tangent(slopes[:-1], slopes[1:], span[:-1], span[1:])
+    tangents = np.concatenate([first[None], inner, last[None]])
+    i = np.clip(np.searchsorted(knots, times, "right") - 1, 0, len(span) - 1)
+    h = span[i]
+    s = (times - knots[i])[:, None] / h
+    result: DoubleArray = (
+        (1 + 2 * s) * (1 - s) ** 2 * values[i]
+        + s * (1 - s) ** 2 * h * tangents[i]
+        + s**2 * (3 - 2 * s) * values[i + 1]
+        + s**2 * (s - 1) * h * tangents[i + 1]
+    )
+    return result
+
+
+def _tangent(
+    before: DoubleArray, after: DoubleArray, h_before: DoubleArray, h_after: DoubleArray
+) -> DoubleArray:
+    """Slope at a keyframe between two segments: the parabola's through three keyframes."""
+    return (before * h_after + after * h_before) / (h_before + h_after)
+
+
+def _row(shot: Shot) -> list[float]:
+    logs = (math.log(shot.fov_x), math.log(shot.fov_y), math.log(shot.distance))
+    return [*shot.eye, *shot.quat, *logs]
+
+
+def _shot_of(row: DoubleArray, is_orthographic: bool) -> Shot:
+    w, x, y, z = (float(v) for v in row[3:7] / np.linalg.norm(row[3:7]))
+    most = math.radians(175)
+    return Shot(
+        _three(row[:3]),
+        (w, x, y, z),
+        min(math.exp(row[7]), most),
+        min(math.exp(row[8]), most),
+        math.exp(row[9]),
+        is_orthographic,
+    )
+
+
+def _about(axis: DoubleArray, angle: float) -> DoubleArray:
+    """Rotation (3, 3) by ``angle`` about the unit ``axis`` (3,)."""
+    half = angle / 2
+    matrix: DoubleArray = quats_to_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[
+        0
+    ]
+    return matrix
+
+
+def _three(point: DoubleArray) -> tuple[float, float, float]:
+    return float(point[0]), float(point[1]), float(point[2])
