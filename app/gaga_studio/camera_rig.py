@@ -7,12 +7,14 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.sights import common_target, estimate_up, upright_basis
 
 _JUMP_S = 0.35  # time of an animated jump
 _STEEPEST = np.radians(89.9)  # straight up and down has no heading
 _ORBIT_PER_HEIGHT = np.pi  # drag over the picture's height: half a turn
 _ZOOM_PER_NOTCH = 0.15
+_FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
 
 
@@ -31,6 +33,7 @@ class Pose:
     roll: float = 0.0
     fov_x: float = np.radians(50.0)
     fov_y: float = np.radians(50.0)
+    is_orthographic: bool = False  # the same size near and far: a far camera with a long lens
 
 
 class CameraRig:
@@ -74,13 +77,33 @@ class CameraRig:
     def camera(self, width: int, height: int) -> Camera:
         """The view at this picture size (at least 1 x 1), for drawing and for picking."""
         self._size = (max(width, 1), max(height, 1))
-        focal = self._focal()
-        K = np.array([[focal, 0, self._size[0] / 2], [0, focal, self._size[1] / 2], [0, 0, 1.0]])
+        return self._camera(self._size)
+
+    def _camera(self, size: tuple[int, int]) -> Camera:
+        focal, eye = self._focal(size), self.eye
         axes = self._axes(self.pose)
+        if self.pose.is_orthographic:  # what is at the pivot keeps its size
+            far = self.pose.distance + _FAR * self.radius
+            focal *= far / self.pose.distance
+            eye = self.pose.pivot - far * axes[2]
+        K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
         matrix = np.eye(4)
         matrix[:3, :3] = axes
-        matrix[:3, 3] = -axes @ self.eye
-        return Camera(K, matrix, *self._size, "view")
+        matrix[:3, 3] = -axes @ eye
+        return Camera(K, matrix, *size, "view")
+
+    def shot(self) -> Shot:
+        """The present view, for a bookmark, a keyframe or a picture of any size.
+
+        Another picture size shows it as the picture does when the window is resized.
+        """
+        pose, camera = self.pose, self._camera(self._size)
+        distance = float((pose.pivot - camera.position) @ camera.forward)
+        near = pose.distance / distance  # 1, or little: the long lens of an orthographic camera
+        shot = Shot.of_camera(camera, distance, is_orthographic=pose.is_orthographic)
+        fov_x = 2 * float(np.arctan(near * np.tan(pose.fov_x / 2)))
+        fov_y = 2 * float(np.arctan(near * np.tan(pose.fov_y / 2)))
+        return replace(shot, fov_x=fov_x, fov_y=fov_y)
 
     # --- moving by hand: each ends a jump
 
@@ -140,19 +163,47 @@ class CameraRig:
 
     def go_to(self, camera: Camera, *, animated: bool = True) -> None:
         """Stand where ``camera`` stands, roll included, and show at least what it shows."""
-        forward = camera.forward
-        local = self._basis @ forward
-        pitch = float(np.arcsin(np.clip(local[2], -1, 1)))
-        yaw = float(np.arctan2(local[1], local[0]))
-        plain = replace(self.pose, yaw=yaw, pitch=pitch, roll=0.0)
-        right, down, _ = self._axes(plain)
-        x_axis = camera.cam_from_world[0, :3]
-        roll = float(np.arctan2(x_axis @ down, x_axis @ right))
+        yaw, pitch, roll = self._angles(camera)
         distance = self._depth_of_interest(camera)
         fov_x = 2 * float(np.arctan(camera.width / 2 / camera.K[0, 0]))
         fov_y = 2 * float(np.arctan(camera.height / 2 / camera.K[1, 1]))
-        pivot = camera.position + distance * forward
+        pivot = camera.position + distance * camera.forward
         self._jump(Pose(pivot, distance, yaw, pitch, roll, fov_x, fov_y), animated)
+
+    def go_to_shot(self, shot: Shot, *, animated: bool = True) -> None:
+        """Show what ``shot`` shows, and turn around what it looks at."""
+        camera = shot.camera(*self._size)
+        yaw, pitch, roll = self._angles(camera)
+        pivot = camera.position + shot.distance * camera.forward
+        distance, fov_x, fov_y = shot.distance, shot.fov_x, shot.fov_y
+        if shot.is_orthographic:  # what would be seen from near by with a common lens
+            fov_x, fov_y = self.pose.fov_x, self.pose.fov_y
+            distance *= self._focal() / float(camera.K[0, 0])
+        pose = Pose(pivot, distance, yaw, pitch, roll, fov_x, fov_y, shot.is_orthographic)
+        self._jump(pose, animated)
+
+    def set_orthographic(self, flat: bool) -> None:
+        """Draw far things as large as near ones, or not; what is at the pivot keeps its size."""
+        self._jump(replace(self._target(), is_orthographic=flat), animated=False)
+
+    def look_from(self, side: Sequence[float]) -> None:
+        """See the pivot from ``side`` (right, back, up) of the upright scene, in halves of a cube:
+        (0, -1, 0) is the front, (1, -1, 1) a corner. Raises ``ValueError`` for (0, 0, 0)."""
+        x, y, z = (float(value) for value in side)
+        flat = float(np.hypot(x, y))
+        if flat == 0 and z == 0:
+            raise ValueError("look_from: no side")
+        pose = self._target()
+        yaw = float(np.arctan2(-y, -x)) if flat else _quarter(pose.yaw)
+        pitch = float(np.clip(np.arctan2(-z, flat), -_STEEPEST, _STEEPEST))
+        self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
+
+    @property
+    def cube(self) -> DoubleArray:
+        """Right, back and up of the upright scene as columns (3, 3) in the picture's axes right,
+        down, forward: how the view cube stands."""
+        result: DoubleArray = self._axes(self.pose) @ self._basis.T
+        return result
 
     def look_along(self, axis: str) -> None:
         """An axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
@@ -220,9 +271,18 @@ class CameraRig:
         result: DoubleArray = np.stack(rolled) @ self._basis
         return result
 
-    def _focal(self) -> float:
-        """Focal length in pixels at the present picture size: both fields of view are inside."""
-        width, height = self._size
+    def _angles(self, camera: Camera) -> tuple[float, float, float]:
+        """Yaw, pitch and roll of a camera."""
+        local = self._basis @ camera.forward
+        pitch = float(np.arcsin(np.clip(local[2], -1, 1)))
+        yaw = float(np.arctan2(local[1], local[0]))
+        right, down, _ = self._axes(replace(self.pose, yaw=yaw, pitch=pitch, roll=0.0))
+        x_axis = camera.cam_from_world[0, :3]
+        return yaw, pitch, float(np.arctan2(x_axis @ down, x_axis @ right))
+
+    def _focal(self, size: tuple[int, int] | None = None) -> float:
+        """Focal length in pixels at a picture size: both fields of view are inside."""
+        width, height = size or self._size
         pose = self.pose
         return float(min(width / 2 / np.tan(pose.fov_x / 2), height / 2 / np.tan(pose.fov_y / 2)))
 
@@ -273,4 +333,10 @@ def _between(a: Pose, b: Pose, t: float) -> Pose:
         roll=angle(a.roll, b.roll),
         fov_x=a.fov_x + t * (b.fov_x - a.fov_x),
         fov_y=a.fov_y + t * (b.fov_y - a.fov_y),
+        is_orthographic=b.is_orthographic,
     )
+
+
+def _quarter(yaw: float) -> float:
+    """The nearest quarter turn: a view from the top keeps its edges upright."""
+    return round(yaw / (np.pi / 2)) * float(np.pi / 2)

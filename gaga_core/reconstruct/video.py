@@ -9,6 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import Progress, Stage
 from gaga_core.reconstruct.child import follow
@@ -33,12 +34,12 @@ def extract_frames(
     ``GagaError`` when the file is no video that ffmpeg reads.
     """
     seconds = _duration(video)
-    rate = fps or min(_DEFAULT_FPS, _MOST / max(seconds, 1e-3))
+    rate = fps or _rate(seconds)
     target.mkdir(parents=True, exist_ok=True)
     expected = max(1, int(seconds * rate * _CANDIDATES))
     size = f"min(1,{longest_side}/max(iw,ih))"
     picture = f"fps={rate * _CANDIDATES:.6g},scale=trunc(iw*{size}/2)*2:trunc(ih*{size}/2)*2"
-    command = [_ffmpeg(), "-nostdin", "-v", "error", "-progress", "pipe:1", "-i", str(video)]
+    command = [ffmpeg_program(), "-nostdin", "-v", "error", "-progress", "pipe:1", "-i", str(video)]
     command += ["-vf", picture.replace("min(1,", "min(1\\,").replace("max(iw,", "max(iw\\,")]
     command += ["-qscale:v", "2", str(target / "all_%06d.jpg")]
     status, said = yield from _run(command, expected)
@@ -50,6 +51,17 @@ def extract_frames(
             "of photos."
         )
     return (yield from _keep_sharpest(frames, target))
+
+
+def expected_frames(video: Path) -> int:
+    """Frames that `extract_frames` would keep of ``video``; 0 when it cannot be read."""
+    seconds = _duration(video)
+    return int(seconds * _rate(seconds))
+
+
+def _rate(seconds: float) -> float:
+    """Frames kept a second of a video, where the user does not say."""
+    return min(_DEFAULT_FPS, _MOST / max(seconds, 1e-3))
 
 
 def _run(command: list[str], expected: int) -> Stage[tuple[int, str]]:
@@ -89,21 +101,10 @@ def sharpness(picture: UInt8Array) -> float:
     return float(laplacian.var())
 
 
-def _ffmpeg() -> str:
-    import imageio_ffmpeg
-
-    try:
-        return str(imageio_ffmpeg.get_ffmpeg_exe())
-    except RuntimeError as error:
-        raise GagaError(
-            "Reading a video needs ffmpeg. Install the package imageio-ffmpeg again with pip."
-        ) from error
-
-
 def _duration(video: Path) -> float:
     """Seconds of the video, as its header says; 0 when it does not."""
     told = subprocess.run(
-        [_ffmpeg(), "-nostdin", "-hide_banner", "-i", str(video)],
+        [ffmpeg_program(), "-nostdin", "-hide_banner", "-i", str(video)],
         capture_output=True,
         check=False,
         encoding="utf-8",

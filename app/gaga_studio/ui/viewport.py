@@ -11,16 +11,25 @@ from gaga_studio.input import KeyState, PointerState
 from gaga_studio.session import Session
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.pointing import Pointing
-from gaga_studio.ui import compare, offer, shapes, theme, welcome, widgets
+from gaga_studio.ui import compare, offer, photo_compare, shapes, theme, training, welcome, widgets
 from gaga_studio.ui.gizmo import Gizmo
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
+from gaga_studio.ui.view_cube import ViewCube
+from gaga_studio.view import Mode
 
 _BUTTONS = (
     imgui.ButtonFlags_.mouse_button_left
     | imgui.ButtonFlags_.mouse_button_right
     | imgui.ButtonFlags_.mouse_button_middle
 )
+_BADGES = {
+    Mode.GROUPS: "Group colors",
+    Mode.DEPTH: "Depth: near is bright",
+    Mode.CONFIDENCE: "Confidence: blue is sure, red is not; gray is in no group",
+    Mode.CENTRES: "Centres of the splats",
+    Mode.RINGS: "Rims of the splats",
+}
 Render = Callable[[Camera], int]  # OpenGL name of the finished picture
 
 
@@ -34,6 +43,7 @@ class ViewportPanel:
     def __post_init__(self) -> None:
         self.pointing = Pointing()
         self.gizmo = Gizmo()
+        self.cube = ViewCube()
         self._keys: dict[str, str] = {}
         self._is_flying = False
         self._on_handle = False  # the mouse is over the move handles, or drags one
@@ -44,8 +54,11 @@ class ViewportPanel:
         if size.x < 8 or size.y < 8:
             return
         ui.picture = (corner.x, corner.y, size.x, size.y)
-        if session.document is None:
-            welcome.draw(session, ui)
+        if session.shown is None:
+            if session.photos is not None and session.jobs.running is None:
+                training.draw_photos(session, ui)
+            else:
+                welcome.draw(session, ui)
             return
         density = imgui.get_io().display_framebuffer_scale
         width = max(round(size.x * density.x), 1)
@@ -56,6 +69,8 @@ class ViewportPanel:
         imgui.set_cursor_screen_pos(corner)
         is_over = _mouse_area(size, session.tool in self.pointing.move_tools)
         self._on_handle = self._handles(session, camera, corner, size)
+        self._on_handle |= photo_compare.draw(session, ui, corner, size, camera)
+        self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
         _name_under_mouse(session, is_over and not self.pointing.is_dragging)
@@ -64,7 +79,7 @@ class ViewportPanel:
     @property
     def is_busy(self) -> bool:
         """Whether a drag or a fly key keeps the picture moving."""
-        return self.pointing.is_dragging or self._is_flying
+        return self.pointing.is_dragging or self._is_flying or self.cube.is_dragging
 
     def cancel(self, session: Session) -> bool:
         """Escape: end the gesture without an edit; whether there was one."""
@@ -73,7 +88,7 @@ class ViewportPanel:
 
     def _handles(self, session: Session, camera: Camera, corner: ImVec2, size: ImVec2) -> bool:
         tool = self.pointing.move_tools.get(session.tool)
-        if tool is None:
+        if tool is None or session.document is None:
             self.gizmo.cancel()
             return False
         return self.gizmo.draw(session, tool, camera, corner, size)
@@ -167,11 +182,22 @@ def _on_the_picture(session: Session, ui: UiState, corner: ImVec2, size: ImVec2)
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
     if cleaning.shown(session) is not None:
         _badge("Preview of Clean up", corner)
-    elif session.view.mode.value != "color":
-        text = {"groups": "Group colors", "depth": "Depth: near is bright"}
-        _badge(text[session.view.mode.value], corner)
+    elif session.view.mode is not Mode.COLOR:
+        _badge(mode_badge(session), corner)
     offer.draw(session, ui, corner, size)
+    training.draw_live(session, corner, size)
     compare.draw(session, ui, corner, size)
+
+
+def mode_badge(session: Session) -> str:
+    """What the colors of the picture say, when they are not the scene's own."""
+    mode = session.view.mode
+    if mode is Mode.MASK:
+        name = session.document.name_of(session.focus) if session.document is not None else ""
+        return f"Mask of {name}" if session.focus else "Mask: click an object"
+    if mode is Mode.CONFIDENCE and (session.scene is None or session.scene.confidence is None):
+        return "Confidence: not known"
+    return _BADGES[mode]
 
 
 def _badge(text: str, corner: ImVec2) -> None:

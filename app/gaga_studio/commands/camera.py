@@ -1,0 +1,160 @@
+"""Camera: projection, speed, bookmarks, photo against picture, the path and its film."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from gaga_studio import bookmarks, comparing, filming
+from gaga_studio.commands import reasons
+from gaga_studio.commands.base import Command, Reason, ask
+from gaga_studio.session import Session
+from gaga_studio.view import Compare
+
+_SLOWEST, _FASTEST = 0.1, 5.0  # of the preferences' slider
+RECALL = tuple(f"camera.bookmark_{key}" for key in bookmarks.KEYS)
+SET = tuple(f"camera.set_bookmark_{key}" for key in bookmarks.KEYS)
+
+
+def _toggle_orthographic(session: Session) -> None:
+    session.rig.set_orthographic(not session.rig.pose.is_orthographic)
+
+
+def _toggle_cube(session: Session) -> None:
+    session.view.show_cube = not session.view.show_cube
+
+
+def _speed(factor: float) -> Callable[[Session], None]:
+    def run(session: Session) -> None:
+        speed = min(max(session.settings.fly_speed * factor, _SLOWEST), _FASTEST)
+        session.change_settings(replace(session.settings, fly_speed=speed))
+        session.hint = f"Fly speed {speed:.2g}×"
+
+    return run
+
+
+def _compare(mode: Compare, name: str, title: str) -> Command:
+    return Command(
+        f"camera.{name}",
+        title,
+        "Camera",
+        lambda session: comparing.set_mode(session, mode),
+        enabled=reasons.no_photos,
+        is_on=lambda session: session.view.compare is mode,
+    )
+
+
+def _no_bookmark(key: int) -> Reason:
+    def reason(session: Session) -> str:
+        if bookmarks.index_of(session, key) is not None:
+            return ""
+        return reasons.no_scene(session) or f"No bookmark has the key {key} yet."
+
+    return reason
+
+
+def _name_of(key: int) -> Callable[[Session], str]:
+    def describe(session: Session) -> str:
+        index = bookmarks.index_of(session, key)
+        return bookmarks.listed(session)[index].name if index is not None else f"Bookmark {key}"
+
+    return describe
+
+
+def _recall(key: int) -> Command:
+    return Command(
+        RECALL[key - 1],
+        f"Go to bookmark {key}",
+        "Camera",
+        lambda session: bookmarks.recall_key(session, key),
+        f"Ctrl+{key}",
+        enabled=_no_bookmark(key),
+        describe=_name_of(key),
+    )
+
+
+def _set(key: int) -> Command:
+    return Command(
+        SET[key - 1],
+        f"Set bookmark {key}",
+        "Camera",
+        lambda session: bookmarks.set_key(session, key),
+        f"Ctrl+Shift+{key}",
+        enabled=reasons.no_scene,
+    )
+
+
+CAMERA_COMMANDS: tuple[Command, ...] = (
+    Command(
+        "view.ortho",
+        "Orthographic",
+        "Camera",
+        _toggle_orthographic,
+        "5",
+        enabled=reasons.no_scene,
+        is_on=lambda session: session.rig.pose.is_orthographic,
+    ),
+    Command(
+        "view.cube",
+        "View cube",
+        "Camera",
+        _toggle_cube,
+        is_on=lambda session: session.view.show_cube,
+    ),
+    Command("camera.faster", "Fly faster", "Camera", _speed(1.25)),
+    Command("camera.slower", "Fly slower", "Camera", _speed(1 / 1.25)),
+    Command(
+        "camera.add_bookmark",
+        "Bookmark this view",
+        "Camera",
+        bookmarks.add,
+        "Ctrl+B",
+        enabled=reasons.no_scene,
+    ),
+    *(_recall(key) for key in bookmarks.KEYS),
+    *(_set(key) for key in bookmarks.KEYS),
+    _compare(Compare.SWIPE, "swipe", "Swipe between photo and picture"),
+    _compare(Compare.DIFFERENCE, "difference", "Difference of photo and picture"),
+    Command(
+        "camera.hold_photo",
+        "Photo while held",
+        "Camera",
+        comparing.hold,
+        "Shift+G",
+        enabled=reasons.no_photos,
+    ),
+    Command(
+        "camera.add_keyframe",
+        "Add keyframe",
+        "Camera",
+        filming.add_keyframe,
+        "K",
+        enabled=reasons.no_scene,
+    ),
+    Command(
+        "camera.turntable",
+        "Turntable",
+        "Camera",
+        filming.make_turntable,
+        enabled=reasons.no_scene,
+    ),
+    Command(
+        "camera.play",
+        "Play the path",
+        "Camera",
+        filming.toggle_playing,
+        "Shift+K",
+        enabled=reasons.no_path,
+        is_on=lambda session: session.view.playback.is_playing,
+    ),
+    Command(
+        "camera.clear_path",
+        "Remove all keyframes",
+        "Camera",
+        filming.clear,
+        enabled=reasons.no_keyframe,
+    ),
+    Command("camera.open_path", "Open path…", "Camera", ask("open_path"), enabled=reasons.no_scene),
+    Command(
+        "camera.save_path", "Save path…", "Camera", ask("save_path"), enabled=reasons.no_keyframe
+    ),
+    Command("camera.film", "Save film…", "Camera", ask("film"), enabled=reasons.not_filmable),
+)

@@ -1,0 +1,216 @@
+"""Films and pictures of a scene, drawn without a window."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write
+from gaga_core.io.video_out import VideoConfig, video_suffix, write_video_stage
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.raster.base import NEAR, Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.camera_path import CameraPath
+from gaga_core.scene.objects import group_colors
+from gaga_core.scene.scene import RGB, Scene
+
+What = Literal["rgb", "groups", "depth"]
+Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
+_LARGEST_PICTURE = 16384  # pixels of a side
+_KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+_MIP = "SplatRenderMode: mip"
+# The window's color map of depth: near is light yellow, far is dark violet (composite.frag).
+_DEPTH_COLOR = (
+    (-2.3091, -3.6267, 19.4515),
+    (10.6356, 5.1724, -48.4768),
+    (-14.1871, 0.5230, 37.7581),
+    (6.0236, -2.1676, -7.8111),
+    (-1.0434, -0.7561, -1.2072),
+    (1.0103, 0.9187, 0.5842),
+)
+
+
+@dataclass(frozen=True)
+class FilmConfig:
+    """What a film or a picture shows, and how."""
+
+    what: What = "rgb"
+    background: RGB = (0.0, 0.0, 0.0)
+    antialiased: bool | None = None  # the mip look; None = as the file's comments say
+    video: VideoConfig = field(default_factory=VideoConfig)
+
+    def __post_init__(self) -> None:
+        if self.what not in get_args(What):
+            kinds = ", ".join(get_args(What))
+            raise GagaError(f"There is nothing called {self.what!r} to film. Choose of {kinds}.")
+
+
+def film_stage(
+    scene: Scene,
+    path: CameraPath,
+    target: Path,
+    config: FilmConfig,
+    *,
+    painter: Painter | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[Path]:
+    """Write what is visible along ``path`` as a video, .mp4 or .webm.
+
+    ``painter`` draws the pictures (the window's), else ``rasterizer`` (default: the best here).
+    Works on the scene as it is at the call. Raises ``GagaError`` when the path is too short or
+    the file cannot be written; cancelling leaves nothing.
+    """
+    if len(path.keyframes) < 2:
+        raise GagaError("A film needs two keyframes at least. Add some, or make a turntable.")
+    video_suffix(target)
+    frozen = replace(scene)
+
+    def stage() -> Stage[Path]:
+        size = config.video.size
+        times = path.frame_times(config.video.fps)
+        draw = painter
+        if draw is None:
+            cameras = [key.shot.camera(*size) for key in path.keyframes]
+            draw = yield from painter_stage(frozen, cameras, config, rasterizer)
+        paint = draw
+
+        def frame(index: int) -> UInt8Array:
+            return paint(path.shot(float(times[index])).camera(*size, f"frame {index}"))
+
+        return (yield from write_video_stage(target, len(times), frame, config.video))
+
+    return stage()
+
+
+def picture_stage(
+    scene: Scene,
+    camera: Camera,
+    target: Path,
+    config: FilmConfig,
+    *,
+    transparent: bool = False,
+    painter: Painter | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[Path]:
+    """Write what ``camera`` sees as .png or .jpg of the camera's size.
+
+    ``transparent``: no background, but an alpha channel (.png only). Raises ``GagaError`` when the
+    size or the name will not do, or the disk says no.
+    """
+    check_picture(target, (camera.width, camera.height), transparent)
+    frozen = replace(scene)
+
+    def stage() -> Stage[Path]:
+        yield Progress("Save picture", 0, 2)
+        draw = painter
+        if draw is None:
+            draw = yield from painter_stage(
+                frozen, [camera], config, rasterizer, transparent=transparent
+            )
+        yield Progress("Save picture", 1, 2)
+        save_picture(target, draw(camera))
+        return target
+
+    return stage()
+
+
+def check_picture(target: Path, size: tuple[int, int], transparent: bool) -> None:
+    """Raise ``GagaError`` with the cure when such a picture cannot be written."""
+    if target.suffix.lower() not in _KINDS:
+        raise GagaError(f"{target.name}: choose a name that ends in .png or .jpg.")
+    if transparent and target.suffix.lower() != ".png":
+        raise GagaError("A JPEG cannot be transparent. Choose a name that ends in .png.")
+    if not all(1 <= side <= _LARGEST_PICTURE for side in size):
+        raise GagaError(
+            f"A picture cannot be {size[0]} x {size[1]}. Choose sides up to {_LARGEST_PICTURE}."
+        )
+
+
+def save_picture(target: Path, picture: UInt8Array) -> None:
+    """Write (H, W, 3) or, with alpha, (H, W, 4) as PNG or JPEG, whole or not at all."""
+    with atomic_write(target) as temporary:
+        Image.fromarray(picture).save(temporary, format=_KINDS[target.suffix.lower()], quality=95)
+
+
+def painter_stage(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    config: FilmConfig,
+    rasterizer: Rasterizer | None = None,
+    *,
+    transparent: bool = False,
+) -> Stage[Painter]:
+    """Who draws the visible splats, edits applied. ``cameras`` give depth its range."""
+    shown = np.flatnonzero(scene.visible)
+    gaussians = yield from bake_stage(scene, indices=shown)
+    if config.antialiased is not None and config.antialiased != gaussians.is_antialiased:
+        gaussians = replace(gaussians, comments=(_MIP,) if config.antialiased else ())
+    engine = rasterizer or choose()
+    channels: FloatArray | None = None
+    if config.what == "groups":
+        ids, row = np.unique(scene.labels[shown], return_inverse=True)
+        channels = group_colors(ids, scene.colors)[row]
+    span = depth_span(gaussians, cameras) if config.what == "depth" else (0.0, 1.0)
+
+    def paint(camera: Camera) -> UInt8Array:
+        if config.what == "depth":
+            frame = engine.render(
+                gaussians, camera, channels=np.zeros((len(gaussians), 1), np.float32)
+            )
+            image = depth_colors(frame.expected_depth, span) * frame.alpha[..., None]
+        else:
+            frame = engine.render(gaussians, camera, channels=channels)
+            image = frame.image
+        if transparent:
+            return _with_alpha(image, frame.alpha)
+        behind = np.asarray(config.background, np.float32)
+        return _bytes(image + (1 - frame.alpha[..., None]) * behind)
+
+    return paint
+
+
+def depth_span(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[float, float]:
+    """Logs of the depths that get the ends of the color map: the same for a whole film."""
+    step = max(1, len(gaussians) // 20_000)
+    points = gaussians.means[::step].astype(np.float64)
+    depths = []
+    for camera in cameras:
+        pixels, depth = camera.project(points)
+        inside = (depth > NEAR) & (pixels >= 0).all(axis=1)
+        inside &= (pixels < [camera.width, camera.height]).all(axis=1)
+        depths.append(depth[inside])
+    seen: DoubleArray = np.concatenate(depths) if depths else np.zeros(0)
+    if len(seen) == 0:
+        return 0.0, 1.0
+    near, far = np.log(np.percentile(seen, [2, 98]))
+    return float(near), max(float(far), float(near) + 1e-6)
+
+
+def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """Colors (H, W, 3) of depths (H, W); ``span`` of logs, see `depth_span`."""
+    near, far = span
+    t = np.clip((np.log(np.maximum(depth, 1e-20)) - near) / (far - near), 0, 1)[..., None]
+    color = np.zeros((*depth.shape, 3), np.float32)
+    for coefficients in _DEPTH_COLOR:
+        color = color * t + np.array(coefficients, np.float32)
+    result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
+    return result
+
+
+def _with_alpha(image: FloatArray, alpha: FloatArray) -> UInt8Array:
+    """(H, W, 4) with straight colors, as PNG wants them."""
+    straight = image / np.maximum(alpha, 1e-6)[..., None]
+    return _bytes(np.concatenate([straight, alpha[..., None]], axis=2))
+
+
+def _bytes(image: FloatArray) -> UInt8Array:
+    result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return result
