@@ -1,9 +1,10 @@
 """Masks without any model: regions merged on color, contour and the splats' depth.
 
-Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, until the next merge
-looks wrong. What depth adds is the shape of the surface: objects meet what they stand on in a
-concave crease (Stein 2014, "Convexity based object partitioning"), and their own edges are convex.
-Nothing here knows what an object is: a quick start, not a match for Segment Anything.
+Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is cut
+where a merge looks wrong: unlike parts, or a shape that things do not have. What depth adds is the
+shape of the surface: objects meet what they stand on in a concave crease (Stein 2014, "Convexity
+based object partitioning"), and their own edges are convex. Nothing here knows what an object is:
+a quick start, not a match for Segment Anything.
 """
 
 from dataclasses import dataclass
@@ -18,9 +19,7 @@ NAME = "regions"
 _SMOOTH_RADIUS = 3  # pixels
 _SMOOTH_SPACE, _SMOOTH_VALUE = 5.0, 12.0  # sigmas: pixels, Lab units
 _CONTOUR_SCALES = ((1.7, 0.6), (4.6, 0.8))  # sigma in pixels, weight: contour, and not texture
-_LAB = np.array([0.62, 1.9, 1.9], np.float32)  # lightness changes with shading, hue less
 _ROUNDS = 6  # of SLIC
-_BINS = 6  # of lightness; two more for each of a and b
 _REACH = 3  # pixels to both sides over which a crease is looked for
 _DEPTH_SIGMA = 1.5  # pixels of smoothing
 _LOG_DEPTH = 90.0  # Lab units of superpixels for a step by the factor e
@@ -28,10 +27,6 @@ _NORMAL = 20.0  # Lab units of superpixels for a unit between normals
 _NOISE_SIGMA = 12.0  # pixels around over which roughness is meaned
 _ROUGH_MOST = 4.0  # half strengths: a true step counts no more than this as roughness
 _ROUGH = 0.9  # share of the mean roughness around that is no crease
-_STOP_COLOR, _STOP_SHAPE = (
-    6.1,
-    4.2,
-)  # costs at which merging ends at detail 1, without and with depth
 
 
 @dataclass(frozen=True)
@@ -155,6 +150,7 @@ def _small_regions(
     from skimage.color import rgb2lab
 
     from gaga_core.providers import regions_kernels
+    from gaga_core.providers.regions_tree import merged
 
     lab = np.ascontiguousarray(rgb2lab(image), dtype=np.float32)
     smooth = np.empty_like(lab)
@@ -177,7 +173,9 @@ def _small_regions(
     if creases:
         cues.append(np.maximum.reduce(creases))
     pieces, n = _superpixels(np.concatenate(features, axis=2, dtype=np.float32), config)
-    return _merged(lab, pieces, n, np.stack(cues), config)
+    costs = (config.mean, config.histogram, config.contour, config.size_power)
+    weights = np.array([*costs, config.flat, config.crease])
+    return merged(lab, pieces, n, np.stack(cues), weights, config.detail)
 
 
 def _above_noise(bend: FloatArray, half: float) -> FloatArray:
@@ -227,50 +225,6 @@ def _superpixels(features: FloatArray, config: RegionsConfig) -> tuple[IntArray,
     pieces, queue = np.empty_like(labels), np.empty(labels.size, np.int32)
     least = int(config.superpixel**2 / 4)
     return pieces, regions_kernels.connected(labels, features, least, queue, pieces)
-
-
-def _merged(
-    lab: FloatArray, pieces: IntArray, n: int, cues: FloatArray, config: RegionsConfig
-) -> IntArray:
-    """Regions (H, W): the superpixels ``pieces``, merged."""
-    from gaga_core.providers import regions_merge_kernels as kernels
-
-    flat = pieces.ravel()
-    area = np.bincount(flat, minlength=n).astype(np.float32)
-    sums = [np.bincount(flat, lab[..., c].ravel(), n) * _LAB[c] for c in range(3)]
-    color = np.column_stack(sums).astype(np.float32)
-    bins, n_bins = _color_bins(lab)
-    histogram = np.zeros((n, n_bins), np.float32)
-    kernels.add_histograms(pieces, bins, histogram)
-    length, strength = np.zeros((n, n), np.float32), np.zeros((len(cues), n, n), np.float32)
-    kernels.add_borders(pieces, cues, length, strength)
-    weights = np.array(
-        [
-            config.mean,
-            config.histogram,
-            config.contour,
-            config.size_power,
-            config.flat,
-            config.crease,
-        ]
-    )
-    parent = np.arange(n, dtype=np.int32)
-    stop = (_STOP_COLOR if len(cues) == 1 else _STOP_SHAPE) / config.detail
-    kernels.merge_all(area, color, histogram, length, strength, weights, stop, parent)
-    while not np.array_equal(parent, parent[parent]):
-        parent = parent[parent]
-    result: IntArray = parent[pieces]
-    return result
-
-
-def _color_bins(lab: FloatArray) -> tuple[IntArray, int]:
-    """Bin of each pixel among those that occur, and their number."""
-    n = _BINS + 2
-    lightness = np.clip(lab[..., 0] / 100 * _BINS, 0, _BINS - 1).astype(np.int64)
-    a = np.clip((lab[..., 1] + 60) / 120 * n, 0, n - 1).astype(np.int64)
-    b = np.clip((lab[..., 2] + 60) / 120 * n, 0, n - 1).astype(np.int64)
-    used, bins = np.unique((lightness * n + a) * n + b, return_inverse=True)
-    return bins.reshape(lab.shape[:2]).astype(np.int32), len(used)
 
 
 def _dense(labels: IntArray) -> IntArray:

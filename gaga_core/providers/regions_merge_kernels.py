@@ -84,10 +84,11 @@ def merge_all(
     length: FloatArray,  # (n, n)
     strength: FloatArray,  # (K, n, n)
     weights: DoubleArray,  # (6,)
-    stop: float,  # cost at which to end
-    parent: IntArray,  # (n,) own indices; written: whom each region joined
-) -> None:
-    """Merge the cheapest pair of neighbours again and again; the larger takes the smaller in."""
+    joined: IntArray,  # (n - 1, 2) written: larger, smaller; the larger goes on for both
+    costs: FloatArray,  # (n - 1,) written
+    common: FloatArray,  # (n - 1,) written: length of the border that vanished
+) -> int:
+    """Merge the cheapest pair of neighbours until one is left; number of merges."""
     n = len(area)
     total = area.sum()
     cost = np.full((n, n), np.inf, np.float32)
@@ -103,14 +104,15 @@ def merge_all(
                 )
                 if cost[a, b] < least[a]:
                     least[a], with_whom[a] = cost[a, b], b
-    for _ in range(n - 1):
+    for step in range(n - 1):
         a = int(least.argmin())
-        if not least[a] < stop:
-            break
+        if not least[a] < np.inf:
+            return step
         b = with_whom[a]
         if area[b] > area[a]:
             a, b = b, a
-        parent[b] = a
+        joined[step, 0], joined[step, 1] = a, b
+        costs[step], common[step] = least[a], length[a, b]
         area[a] += area[b]
         color[a] += color[b]
         histogram[a] += histogram[b]
@@ -140,3 +142,4 @@ def merge_all(
                     least[t] = cost[t, with_whom[t]]
                 elif new < least[t]:
                     least[t], with_whom[t] = new, a
+    return n - 1

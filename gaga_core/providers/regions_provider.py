@@ -7,7 +7,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.providers.base import ModelCard, Picture, fingerprint_of
 from gaga_core.providers.regions import NAME, RegionsConfig, regions
 
-_VERSION = 1  # grows whenever the same picture and settings get other regions
+_VERSION = 2  # grows whenever the same picture and settings get other regions
 
 
 @dataclass(frozen=True)

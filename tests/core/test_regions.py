@@ -270,17 +270,14 @@ def test_settings_out_of_range_are_named(wrong: dict[str, float]) -> None:
         RegionsConfig(**wrong)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("with_depth", "bar"), [(False, 0.58), (True, 0.70)])
+@pytest.mark.parametrize(("with_depth", "bar"), [(False, 0.63), (True, 0.70)])
 def test_ycb_table_reaches_the_bar(with_depth: bool, bar: float, ycb_table: Path) -> None:
-    """Mean best IoU of the 15 objects on every eighth photo.
-
-    What is aimed at without depth, 0.62, is not reached yet: 0.60 over all photos. This guards
-    what there is; `tests.bench` holds the bars.
-    """
+    """Mean best IoU of the 15 objects on every eighth photo, none of which settings were fitted
+    to: those were the even ones."""
     folder = open_scene_folder(ycb_table)
     gaussians = run_stage(read_ply_stage(folder.model_path)) if folder.model_path else None
     best: list[float] = []
-    for camera in folder.cameras[::8]:
+    for camera in folder.cameras[1::8]:
         depth = None
         if with_depth:
             assert gaussians is not None
