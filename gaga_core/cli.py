@@ -19,7 +19,8 @@ from gaga_core.cli_files import Demo, Doctor, Edit, Export, Info
 from gaga_core.cli_masks import Masks
 from gaga_core.cli_query import Query
 from gaga_core.cli_reconstruct import Reconstruct
-from gaga_core.cli_scene import Associate, Compare, Evaluate, Lift, Render, Run
+from gaga_core.cli_run import Run
+from gaga_core.cli_scene import Associate, Compare, Evaluate, Lift, Render
 from gaga_core.errors import GagaError
 
 Command = (

@@ -2,15 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tyro.conf import Positional
 
 from gaga_core import cli_output as out
 from gaga_core.errors import GagaError
-
-if TYPE_CHECKING:
-    from gaga_core.run_scene import RunConfig
 
 
 @dataclass(frozen=True)
@@ -82,11 +79,11 @@ class Lift:
 
 @dataclass(frozen=True)
 class Render:
-    """Render views of a scene: color, group ids, depth, or groups as the identities say."""
+    """Render views of a scene, or a film along a camera path: color, groups, depth."""
 
     scene: Positional[Path]
-    """Scene folder."""
-    out: Path
+    """Scene folder; for a film also a splat file or a saved project, with its edits."""
+    out: Path | None = None
     """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
     what: Literal["rgb", "groups", "depth", "identity"] = "rgb"
     """What a pixel says. identity: group ids decoded from the rendered identity encodings."""
@@ -94,13 +91,27 @@ class Render:
     """train, test, all, or names of views."""
     model: Path | None = None
     """The 3D Gaussians; default: the newest model of the scene folder."""
+    video: Path | None = None
+    """Write a film instead of pictures: NAME.mp4 (H.264) or NAME.webm (VP9)."""
+    path: Path | None = None
+    """The film's camera path, as the window saves it; default: the one saved with the project."""
+    size: tuple[int, int] = (1280, 720)
+    """Width and height of the film, pixels."""
+    fps: float = 30.0
+    """Pictures a second of the film."""
+    quality: int = 75
+    """Of the film: 1 (small) to 100."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
     """Print the result as JSON."""
 
     def run(self) -> int:
-        """Write one picture a view."""
+        """Write one picture a view, or the film."""
+        if self.video is not None:
+            return self._film(self.video)
+        if self.out is None:
+            raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.lift import render_identity
         from gaga_core.pipeline import render_views
@@ -117,6 +128,29 @@ class Render:
             )
         written = out.follow(after_warm_up(stage))
         out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
+        return 0
+
+    def _film(self, target: Path) -> int:
+        from gaga_core.film import FilmConfig, film_stage
+        from gaga_core.io.video_out import VideoConfig
+        from gaga_core.project import open_path_stage
+        from gaga_core.raster import choose
+        from gaga_core.scene.camera_json import load_path
+        from gaga_core.warm import after_warm_up
+
+        if self.what == "identity" or self.model is not None:
+            raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
+        video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
+        config = FilmConfig(self.what, video=video)
+        path = load_path(self.path) if self.path is not None else None
+        project = out.follow(open_path_stage(self.scene))
+        path = path if path is not None else project.film
+        if len(path.keyframes) < 2:
+            raise GagaError("This project has no camera path. Make one in the window, or --path.")
+        stage = film_stage(project.scene, path, target, config, rasterizer=choose(self.backend))
+        out.follow(after_warm_up(stage))
+        shown = {"file": str(target), "seconds": round(path.seconds, 3), "fps": self.fps}
+        out.result({**shown, "pictures": len(path.frame_times(self.fps))}, as_json=self.json)
         return 0
 
 
@@ -190,58 +224,3 @@ class Compare:
         stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
         out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
         return 0
-
-
-@dataclass(frozen=True)
-class Run:
-    """Run every stage that is missing in a scene folder: reconstruct, associate, lift, pictures."""
-
-    scene: Positional[Path]
-    """Scene folder; with --executor a folder of many."""
-    masks: Path | None = None
-    """Folder of label maps; default: the only one in SCENE/masks."""
-    model: Path | None = None
-    """The 3D Gaussians; default: the newest model of the scene folder."""
-    preset: Literal["robust", "paper"] = "robust"
-    """Preset of the association."""
-    quality: Literal["draft", "standard", "full"] = "draft"
-    """Of splats that are still to be trained."""
-    executor: Literal["none", "local", "dask", "ray"] = "none"
-    """Who runs a folder of many scenes: processes here, or workers of dask or ray."""
-    workers: int = 2
-    """Scenes at once, where the workers are started here."""
-    address: str = ""
-    """Of a dask scheduler or a ray cluster that is running; default: start one here."""
-    json: bool = False
-    """Print the result as JSON."""
-
-    def run(self) -> int:
-        """Bring the folder to the state that the window needs."""
-        from gaga_core.grouping.associate import AssociateConfig
-        from gaga_core.reconstruct_scene import ReconstructConfig
-        from gaga_core.run_scene import RunConfig, run_folder
-        from gaga_core.warm import after_warm_up
-
-        config = RunConfig(
-            reconstruct=ReconstructConfig(quality=self.quality),
-            masks=self.masks,
-            associate=AssociateConfig.of(self.preset),
-        )
-        if self.executor != "none":
-            return self._run_many(config, self.executor)
-        stage = run_folder(self.scene, config, model=self.model)
-        done = out.follow(after_warm_up(stage))
-        out.result({"scene": str(self.scene), "stages_run": list(done)}, as_json=self.json)
-        return 0
-
-    def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:
-        from gaga_core.executors import EngineConfig, list_scenes, run_scenes
-        from gaga_core.warm import after_warm_up
-
-        if self.model is not None:
-            raise GagaError("--model is for one scene. Leave it out with --executor.")
-        workers = EngineConfig(engine, self.workers, address=self.address)
-        list_scenes(self.scene)  # before kernels are compiled for nothing
-        report = out.follow(after_warm_up(run_scenes(self.scene, config, workers)))
-        out.scores(report, as_json=self.json)
-        return 1 if report.failed else 0

@@ -39,7 +39,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.export import exported_indices
 from gaga_core.scene.objects import group_colors, group_name
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import RGB, Scene
 
 Form = Literal["coco", "dataset"]
 _STAGE = "Export masks"
@@ -179,11 +179,13 @@ def _write_tables(
     if form == "coco":
         return
     write_json(staging / "panoptic.json", panoptic_document(pictures, names))
-    write_json(staging / "groups.json", _groups_document(pictures, names))
+    write_json(staging / "groups.json", _groups_document(pictures, names, scene.colors))
 
 
-def _groups_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> Json:
-    colors = group_colors(np.array(list(names), np.int32))
+def _groups_document(
+    pictures: Sequence[LabelledPicture], names: Mapping[int, str], own: Mapping[int, RGB]
+) -> Json:
+    colors = group_colors(np.array(list(names), np.int32), own)
     groups: list[Json] = []
     for (group, name), color in zip(names.items(), colors, strict=True):
         areas = [s.area for picture in pictures for s in picture.segments if s.group == group]

@@ -7,11 +7,17 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
+from gaga_core.errors import GagaError
+from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.kernels import n_threads
 from gaga_core.raster import backend_report
 
 _PACKAGES = ("numpy", "numba", "scipy", "moderngl", "imgui-bundle", "glfw", "pycolmap", "torch")
 _PROBE_SECONDS = 60
+_EXTRAS = (  # package, the extra that brings it, what it is for
+    ("transformers", "models", "masks by SAM and other models, search by words"),
+    ("distributed", "executors", "many scenes at once with --executor dask"),
+)
 
 
 @dataclass(frozen=True)
@@ -34,10 +40,42 @@ def examine() -> list[Finding]:
             findings.append(Finding(package, importlib.metadata.version(package), True))
         except importlib.metadata.PackageNotFoundError:
             findings.append(Finding(package, "missing: install gaga-studio again with pip", False))
+    findings.append(_ffmpeg())
+    findings += [_extra(*extra) for extra in _EXTRAS]
     findings.append(_opengl())
     findings.append(_cuda())
     findings.append(_rasterizer())
     return findings
+
+
+def _ffmpeg() -> Finding:
+    """The program that reads and writes videos."""
+    try:
+        program = ffmpeg_program()
+        told = subprocess.run(
+            [program, "-version"],
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=_PROBE_SECONDS,
+            check=True,
+        ).stdout
+    except (GagaError, ImportError, subprocess.SubprocessError, OSError):
+        text = "missing: videos can be neither read nor written; pip install imageio-ffmpeg"
+        return Finding("ffmpeg", text, False)
+    words = told.split()
+    version = words[2] if len(words) > 2 else "unknown version"
+    return Finding("ffmpeg", f"{version}: reads and writes videos", True)
+
+
+def _extra(package: str, extra: str, purpose: str) -> Finding:
+    """A package that can be done without: it is no fault that it is missing."""
+    name = "dask" if package == "distributed" else package
+    try:
+        return Finding(name, f"{importlib.metadata.version(package)}: {purpose}", True)
+    except importlib.metadata.PackageNotFoundError:
+        text = f"not installed ({purpose}): pip install 'gaga-studio[{extra}]'"
+        return Finding(name, text, True)
 
 
 def _opengl() -> Finding:

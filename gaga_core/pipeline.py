@@ -24,8 +24,8 @@ from gaga_core.identity.votes import associated_labels
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import mask_folder, write_labels
-from gaga_core.io.ply import read_ply_stage
 from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
@@ -212,7 +212,7 @@ def read_model(folder: SceneFolder) -> Stage[Gaussians]:
         raise GagaError(
             f"There is no model in {folder.root}. Put a point_cloud.ply there, or name one."
         )
-    return (yield from read_ply_stage(folder.model_path))
+    return (yield from read_splats_stage(folder.model_path))
 
 
 def read_groups(folder: SceneFolder, n_gaussians: int) -> tuple[IntArray, FloatArray]:

@@ -43,6 +43,7 @@ from gaga_core.reconstruct.video import extract_frames
 
 QUALITIES = ("draft", "standard", "full")
 WORKSPACE = ".gaga-reconstruct"
+SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
 _PICTURE_SIDE = 1600  # pixels of the pictures in a scene folder (Kerbl 2023)
 _PREPARED_SIDE = 3200  # pixels: larger photos bring nothing to the matching
 
@@ -60,6 +61,7 @@ class ReconstructConfig:
     threads: int = 0  # 0 = all
     only: Literal["all", "sfm"] = "all"
     accept_wrong: bool = False  # keep a model that the checks refuse
+    hold_out: bool = True  # keep the test views out of the training, to measure on
 
     def __post_init__(self) -> None:
         if self.quality not in QUALITIES:
@@ -85,6 +87,14 @@ class ReconstructConfig:
         if self.max_side is not None:
             config = replace(config, longest_side=self.max_side)
         return config
+
+
+class WrongModelError(GagaError):
+    """The checks refuse the placement of the photos; ``finding`` says why and what to try."""
+
+    def __init__(self, finding: str) -> None:
+        super().__init__(f"{finding} (--accept-wrong keeps it all the same.)")
+        self.finding = finding
 
 
 @dataclass(frozen=True)
@@ -192,17 +202,19 @@ def train_scene(
     start, cpu_start, settings = time.perf_counter(), time.process_time(), config.train()
     model = read_colmap(sparse)
     engine = rasterizer or choose()
+    test = folder.test if config.hold_out else ()
     views = yield from load_views_stage(
-        folder.cameras, folder.image_paths, folder.test, settings.longest_side
+        folder.cameras, folder.image_paths, test, settings.longest_side
     )
     initial = yield from first_splats_stage(
         model.points, model.point_colors, views.train, settings, engine
     )
     workspace = folder.root / WORKSPACE
     workspace.mkdir(exist_ok=True)
+    (workspace / SETTINGS).write_text(json.dumps(asdict(config)), encoding="utf-8")
     with joined_team() as team:
         trained = yield from train_stage(
-            initial, views, settings, engine, checkpoint=workspace / "train.npz", team=team
+            initial, views, settings, engine, checkpoint=workspace / CHECKPOINT, team=team
         )
         if team.rank == 0:
             yield Progress("Write splats", 0, 1)
@@ -287,11 +299,7 @@ def _priors(photos: PhotoSet) -> dict[str, float]:
 def _refuse(verdicts: Sequence[Verdict], config: ReconstructConfig) -> None:
     errors = [verdict.text for verdict in verdicts if verdict.level == "error"]
     if errors and not config.accept_wrong:
-        raise GagaError(
-            "The model of these photos is not to be trusted. "
-            + " ".join(errors)
-            + " (--accept-wrong keeps it all the same.)"
-        )
+        raise WrongModelError("The model of these photos is not to be trusted. " + " ".join(errors))
 
 
 def _sfm_entry(

@@ -4,17 +4,22 @@
 was made from, or when a stage that it needs is about to run. To add one, add its entry in order.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gaga_core import lift
+from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.pipeline import associate_scene, read_model, render_views
 from gaga_core.progress import Stage
+from gaga_core.providers.choose import provider_named
+from gaga_core.providers.regions import NAME as REGIONS
 from gaga_core.reconstruct_scene import ReconstructConfig, find_photos, reconstruct_scene
+from gaga_core.segment import RECORD, segment_scene
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,8 @@ class RunConfig:
     """Settings of the stages of a run."""
 
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
-    masks: str | Path | None = None  # a provider's name or a folder; None = the only one
+    masks: str | Path | None = None  # a folder, or a name in SCENE/masks; None = the only one
+    masks_from: str = ""  # who makes missing masks; "" = regions, if there are none
     associate: AssociateConfig = field(default_factory=AssociateConfig)
     mode: lift.Mode = "vote"  # of the lift
 
@@ -54,7 +60,7 @@ class SceneStage:
 
     name: str
     needs: tuple[str, ...]  # stages whose results it is made from
-    is_done: Callable[[SceneFolder], bool]  # its result is there and not older than its sources
+    is_done: Callable[[Work], bool]  # its result is there and not older than its sources
     run: Callable[[Work], Stage[object]]
 
 
@@ -66,8 +72,8 @@ def run_missing(
     ``model`` overrides the folder's splats, as in `open_scene_folder`. A stage that is cancelled
     or fails leaves nothing of its own; what the stages before it wrote stays.
     """
-    missing = missing_stages(folder)
     work = Work(folder, config or RunConfig(), model)
+    missing = missing_stages(folder, config)
     for stage in STAGES:
         if stage.name in missing:
             yield from stage.run(work)
@@ -76,22 +82,29 @@ def run_missing(
 
 
 def run_folder(
-    root: Path, config: RunConfig | None = None, *, model: Path | None = None
+    root: Path,
+    config: RunConfig | None = None,
+    *,
+    photos: Path | None = None,
+    model: Path | None = None,
 ) -> Stage[tuple[str, ...]]:
-    """`run_missing` for a folder that may hold nothing but input/ or a video yet."""
+    """`run_missing` for a folder that may hold nothing but input/ or a video yet.
+
+    ``photos`` is a folder of photos or a video that lies elsewhere; ``root`` is made of it.
+    """
     config, done = config or RunConfig(), tuple[str, ...]()
-    if not is_scene_folder(root) and find_photos(root) is not None:
-        yield from reconstruct_scene(None, root, config.reconstruct)
+    if not is_scene_folder(root) and (photos or find_photos(root)) is not None:
+        yield from reconstruct_scene(photos, root, config.reconstruct)
         done = ("reconstruct",)
     rest = yield from run_missing(open_scene_folder(root, model=model), config, model=model)
     return (*done, *rest)
 
 
-def missing_stages(folder: SceneFolder) -> tuple[str, ...]:
+def missing_stages(folder: SceneFolder, config: RunConfig | None = None) -> tuple[str, ...]:
     """Names of the stages that still have to run, in their order."""
-    missing: list[str] = []
+    work, missing = Work(folder, config or RunConfig()), list[str]()
     for stage in STAGES:
-        if any(name in missing for name in stage.needs) or not stage.is_done(folder):
+        if any(name in missing for name in stage.needs) or not stage.is_done(work):
             missing.append(stage.name)
     return tuple(missing)
 
@@ -105,28 +118,74 @@ def _is_newer(path: Path, source: Path) -> bool:
     return path.is_file() and path.stat().st_mtime_ns >= source.stat().st_mtime_ns
 
 
-def _is_reconstructed(folder: SceneFolder) -> bool:
-    return folder.model_path is not None
+def _is_reconstructed(work: Work) -> bool:
+    return work.folder.model_path is not None
 
 
 def _reconstruct(work: Work) -> Stage[object]:
     return (yield from reconstruct_scene(None, work.folder.root, work.config.reconstruct))
 
 
-def _is_associated(folder: SceneFolder) -> bool:
-    return _labels(folder).is_file()
+def _has_masks(work: Work) -> bool:
+    """Whether there are masks to associate: the wanted ones, or any; half of them are none.
+
+    A scene that has groups needs no masks any more, unless others are wanted than it has.
+    """
+    config, found = work.config, work.folder.mask_folders
+    if config.masks is not None:
+        return True  # the user's own
+    if config.masks_from:
+        return config.masks_from in found and not _lacks_views(work, found[config.masks_from])
+    if _labels(work.folder).is_file():
+        return True
+    return bool(found) and not (list(found) == [REGIONS] and _lacks_views(work, found[REGIONS]))
+
+
+def _lacks_views(work: Work, masks: Path) -> bool:
+    """Whether masks that were made here end before the last training view: a run was stopped."""
+    if not (masks / RECORD).is_file():
+        return False
+    stems = (Path(name).stem for name in work.folder.train)
+    return any(not (masks / f"{stem}.png").is_file() for stem in stems)
+
+
+def _make_masks(work: Work) -> Stage[object]:
+    if not work.folder.image_paths:
+        raise GagaError(
+            f"{work.folder.root} has no masks and no photos to make them of. Put the photos into "
+            f"{work.folder.root / 'images'}, or label maps into {work.folder.root / 'masks'}."
+        )
+    provider = provider_named(work.config.masks_from or REGIONS)
+    return (yield from segment_scene(work.folder, provider))
+
+
+def _is_associated(work: Work) -> bool:
+    """Whether there are groups, and of the provider that is asked for by name."""
+    if not _labels(work.folder).is_file():
+        return False
+    wanted = work.config.masks_from if work.config.masks is None else ""
+    return not wanted or _associated_masks(work.folder) == wanted
+
+
+def _associated_masks(folder: SceneFolder) -> str:
+    """Name of the mask folder that the groups were made of; "" when it is not known."""
+    try:
+        report = json.loads((folder.work / "report.json").read_text(encoding="utf-8"))
+        return Path(report["associate"]["mask_folder"]).name
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def _associate(work: Work) -> Stage[object]:
     gaussians = yield from work.model()
     config = work.config
-    return (
-        yield from associate_scene(work.folder, config.masks, config.associate, gaussians=gaussians)
-    )
+    masks = config.masks or config.masks_from or None
+    return (yield from associate_scene(work.folder, masks, config.associate, gaussians=gaussians))
 
 
-def _is_lifted(folder: SceneFolder) -> bool:
-    return _is_associated(folder) and _is_newer(folder.work / lift.FILE, _labels(folder))
+def _is_lifted(work: Work) -> bool:
+    labels = _labels(work.folder)
+    return labels.is_file() and _is_newer(work.folder.work / lift.FILE, labels)
 
 
 def _lift(work: Work) -> Stage[object]:
@@ -139,13 +198,11 @@ def _shown(folder: SceneFolder) -> tuple[str, ...]:
     return folder.test or tuple(camera.name for camera in folder.cameras)
 
 
-def _is_rendered(folder: SceneFolder) -> bool:
-    pictures = folder.work / "renders" / "groups"
-    names = [f"{Path(name).stem}.png" for name in _shown(folder)]
+def _is_rendered(work: Work) -> bool:
+    labels, pictures = _labels(work.folder), work.folder.work / "renders" / "groups"
+    names = [f"{Path(name).stem}.png" for name in _shown(work.folder)]
     # Pictures older than the labels show groups that are gone.
-    return _is_associated(folder) and all(
-        _is_newer(pictures / name, _labels(folder)) for name in names
-    )
+    return labels.is_file() and all(_is_newer(pictures / name, labels) for name in names)
 
 
 def _render(work: Work) -> Stage[object]:
@@ -155,7 +212,8 @@ def _render(work: Work) -> Stage[object]:
 
 STAGES = (
     SceneStage("reconstruct", (), _is_reconstructed, _reconstruct),
-    SceneStage("associate", ("reconstruct",), _is_associated, _associate),
+    SceneStage("masks", (), _has_masks, _make_masks),
+    SceneStage("associate", ("reconstruct", "masks"), _is_associated, _associate),
     SceneStage("lift", ("associate",), _is_lifted, _lift),
     SceneStage("render", ("associate",), _is_rendered, _render),
 )

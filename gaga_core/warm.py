@@ -6,7 +6,7 @@ that no list of kernels and of their argument types has to be kept.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from gaga_core.scene.scene import Scene
 STAGE = "Prepare kernels"
 _SIDE = 48  # pixels: several tiles
 _N_VIEWS = 3
+_TRAIN_STEPS = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class _Sample:
 
 
 def warm_up_stage() -> Stage[None]:
-    """Compile all that associating, rendering and picking run, or load it from the disk.
+    """Compile all that associating, rendering, picking and training run, or load it from the disk.
 
     When it has come to its end, `kernels.is_compiled` says so until the next upgrade. Cancelling
     it loses nothing: what was compiled stays.
@@ -58,6 +59,7 @@ def warm_up_stage() -> Stage[None]:
         ("object list", _objects),
         ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
+        ("training", _train),
     ]
     for i, (name, step) in enumerate(steps):
         yield Progress(STAGE, i, len(steps), name)
@@ -131,6 +133,31 @@ def _objects(sample: _Sample) -> object:
 def _search(sample: _Sample) -> object:
     scene = Scene.of(sample.gaussians, sample.labels)
     return group_facts(scene, sample.cameras), group_digests(scene)
+
+
+def _train(sample: _Sample) -> object:
+    """A training of a few steps: half size and full, every SH degree, density, held-out views."""
+    # Loaded here: whoever associates or renders has no use for it.
+    from gaga_core.reconstruct.initial import first_splats_stage
+    from gaga_core.reconstruct.settings import TrainConfig
+    from gaga_core.reconstruct.train import train
+    from gaga_core.reconstruct.views import TrainView, TrainViews
+
+    pictures = [sample.rasterizer.render(sample.gaussians, c).image for c in sample.cameras]
+    views = [
+        TrainView(camera, (np.clip(picture, 0, 1) * 255).astype(np.uint8))
+        for camera, picture in zip(sample.cameras, pictures, strict=True)
+    ]
+    draft = TrainConfig.of("draft")
+    density = replace(draft.density, every=4, max_splats=800)
+    config = replace(draft, iterations=_TRAIN_STEPS, density=density, longest_side=_SIDE)
+    held_out = TrainViews(tuple(views[1:]), tuple(views[:1]))
+    points = sample.gaussians.means.astype(np.float64)
+    colors = np.full((len(points), 3), 128, np.uint8)
+    initial = run_stage(
+        first_splats_stage(points, colors, held_out.train, config, sample.rasterizer)
+    )
+    return train(initial, held_out, config, sample.rasterizer)
 
 
 def _association(preset: str) -> Callable[[_Sample], object]:

@@ -11,7 +11,17 @@ def xvfb() -> Iterator[str]:
     """Start Xvfb on a free display number and point DISPLAY at it. ``OSError`` without Xvfb."""
     read_end, write_end = os.pipe()
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1920x1080x24", "-nolisten", "tcp"],
+        [
+            "Xvfb",
+            "-displayfd",
+            str(write_end),
+            "-screen",
+            "0",
+            "1920x1080x24",
+            "-noreset",
+            "-nolisten",
+            "tcp",
+        ],
         pass_fds=(write_end,),
         stderr=subprocess.DEVNULL,
     )

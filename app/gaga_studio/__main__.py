@@ -23,7 +23,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         epilog="The headless command is called gaga.",
     )
     parser.add_argument(
-        "path", nargs="?", type=Path, help="a scene folder, a .ply file or a saved project"
+        "path", nargs="?", type=Path, help="a scene folder, a file of splats or a saved project"
     )
     parser.add_argument("--demo", action="store_true", help="open the demo scene")
     parser.add_argument("--version", action="version", version=f"gaga-studio {__version__}")

@@ -16,7 +16,9 @@ from gaga_core.scene import edits, selection
 from gaga_core.scene.arrange import ground_map, mirror_map
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.grade import Grade, grade_affine
+from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.sureness import uncertain
 from gaga_studio.document import NOTHING_SELECTED, Document
 from gaga_studio.notices import Level
 from gaga_studio.session import Session
@@ -72,14 +74,21 @@ def split(session: Session) -> bool:
     return session.attempt(run)
 
 
-def assign(session: Session, group: int) -> bool:
-    """Give the selected splats to an object."""
+def assign(session: Session, group: int, splats: IntArray | None = None) -> bool:
+    """Give the selected splats (or ``splats`` (K,)) to an object.
+
+    Whole objects are merged into it, so that the memory bank knows their masks as the object's.
+    """
 
     def run() -> bool:
         document = session.need()
-        scene, splats = document.settled().scene, _selected(document)
+        scene = document.settled().scene
+        chosen = _selected(document) if splats is None else splats
         title = f"Assign to {document.name_of(group)}"
-        return document.do(edits.set_labels(scene, splats, group, title))
+        whole = _whole(scene, chosen)
+        if group and whole:
+            return document.do(edits.merge_groups(scene, (group, *whole), title))
+        return document.do(edits.set_labels(scene, chosen, group, title))
 
     return session.attempt(run)
 
@@ -138,6 +147,22 @@ def align_to_ground(session: Session, points: DoubleArray) -> bool:
         scene = document.settled().scene
         everything = selection.everything(scene)
         return document.do(edits.transform(scene, everything, moved, "Align to ground"))
+
+    return session.attempt(run)
+
+
+def select_uncertain(session: Session) -> bool:
+    """Select the splats of doubtful group: of the selected objects, or of everything."""
+
+    def run() -> bool:
+        document = session.need()
+        scene, groups = document.settled().scene, document.read.selected_groups()
+        among = group_indices(scene, groups) if groups else selection.everything(scene)
+        found = uncertain(scene, among, document.sure_below)
+        if len(found) == 0:
+            session.notify(Level.INFO, f"No splat is below {100 * document.sure_below:.0f} %.")
+            return False
+        return document.select(found, "set", "Select uncertain")
 
     return session.attempt(run)
 
@@ -252,6 +277,14 @@ def _edit(
         return document.do(build(document.settled().scene, splats, title))
 
     return session.attempt(run)
+
+
+def _whole(scene: Scene, splats: IntArray) -> tuple[int, ...]:
+    """The objects that ``splats`` (K,) are, if they are whole objects and nothing else."""
+    groups = np.unique(scene.labels[splats])
+    is_whole = len(groups) > 0 and groups[0] > 0
+    is_whole = is_whole and len(group_indices(scene, groups.tolist())) == len(splats)
+    return tuple(int(group) for group in groups) if is_whole else ()
 
 
 def _selected(document: Document) -> IntArray:

@@ -2,7 +2,8 @@
 
 Middle drag orbits, always; left drag orbits unless the tool wants it; Alt + left drag orbits too
 (trackpads). Right drag and Shift + middle drag pan; the wheel and Ctrl + middle drag zoom. A click
-is a press that moved less than ``CLICK_PIXELS``. Shift adds, Ctrl removes, both intersect.
+is a press that moved less than ``CLICK_PIXELS``; a right click opens the menu of what is there.
+Shift adds, Ctrl removes, both intersect.
 """
 
 from collections.abc import Iterator
@@ -53,6 +54,7 @@ class Act(Enum):
     ZOOM = auto()
     CLICK = auto()
     DOUBLE_CLICK = auto()
+    MENU = auto()  # of what is there
     TOOL_PRESS = auto()
     TOOL_DRAG = auto()
     TOOL_RELEASE = auto()
@@ -174,8 +176,9 @@ class Gestures:
         if press.is_drag:
             if press.act is Act.TOOL_DRAG:
                 yield Action(Act.TOOL_RELEASE, pointer.u, pointer.v, how=press.how)
-        elif press.button == "left":
-            yield Action(Act.CLICK, press.u, press.v, how=press.how)
+        elif press.button != "middle":
+            act = Act.CLICK if press.button == "left" else Act.MENU
+            yield Action(act, press.u, press.v, how=press.how)
 
 
 _BUTTONS: tuple[Button, ...] = ("left", "right", "middle")

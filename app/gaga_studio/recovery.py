@@ -51,17 +51,19 @@ class Recovery:
 class Autosave:
     """Writes the open project while it has unsaved edits; one writer thread."""
 
-    def __init__(self, every_s: float = EVERY_S) -> None:
-        self._every = every_s
+    def __init__(self, every_s: float | None = None) -> None:
+        self._wanted = every_s  # None: as in the settings
         self._folder = root() / f"{os.getpid()}-{uuid4().hex[:8]}"
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._pending: Future[None] | None = None
-        self._written: tuple[object, int] | None = None  # document and state that are in the folder
-        self._next = time.monotonic() + every_s
+        self._written: tuple[object, object] | None = None  # document and content in the folder
+        self._next = time.monotonic() + (EVERY_S if every_s is None else every_s)
 
     def tick(self, session: Session) -> None:
         """Once a frame: write when it is time, remove what is not needed any more."""
         self._note_failure(session)
+        every = self._wanted if self._wanted is not None else session.settings.autosave_minutes * 60
+        self._next = min(self._next, time.monotonic() + every)
         if self._pending is not None:
             return
         document = session.document
@@ -69,13 +71,13 @@ class Autosave:
             if self._written is not None:
                 self._written = None
                 self._pending = self._writer.submit(self._clear)
-            self._next = time.monotonic() + self._every
+            self._next = time.monotonic() + every
             return
-        now = (document, document.history.state_id)
+        now = (document, document.changes.content(document.history.state_id))
         # A drag is not an edit yet; what is written must be a state that undo knows.
         if time.monotonic() < self._next or session.is_previewing or now == self._written:
             return
-        self._next = time.monotonic() + self._every
+        self._next = time.monotonic() + every
         self._written = now
         project = replace(document.project, scene=replace(document.scene))
         note = {

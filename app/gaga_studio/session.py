@@ -5,6 +5,7 @@ Pull, not push: panels read it every frame (STYLE 11). Main thread only; works w
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
@@ -22,11 +23,16 @@ from gaga_core.scene.scene import Scene
 from gaga_studio import offers, paths, tasks
 from gaga_studio.camera_rig import CameraRig
 from gaga_studio.document import NOTHING_SELECTED, Document
+from gaga_studio.easel import Easel
 from gaga_studio.hovering import Hovering
 from gaga_studio.jobs import JobRunner
 from gaga_studio.notices import Level, Notice, Question, unsaved_question
 from gaga_studio.settings import Settings, load_settings, save_settings
+from gaga_studio.training import Training
 from gaga_studio.view import ImageSource, ToolName, ViewState
+
+if TYPE_CHECKING:
+    from gaga_core.photo_source import PhotoFind
 
 _MOST_NOTICES = 50
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
@@ -47,12 +53,16 @@ class Session:
         self.request = ""  # dialog that a command asks for; see `take_request`
         self.should_quit = False
         self.live: BankSnapshot | None = None  # while an association runs
+        self.photos: PhotoFind | None = None  # opened, but without splats
+        self.training: Training | None = None  # while splats are made of them
         self.filter = ""  # of the object list
         self.hint = ""  # what the last click met, until the next one
         self.images: ImageSource | None = None
+        self.easel: Easel | None = None  # draws films with OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
+        self.has_exported = False  # anything, since the program was started
         self.settings, problem = (settings, "") if settings else load_settings()
         self.view.background = self.settings.background_color
         if problem:
@@ -79,6 +89,8 @@ class Session:
         """Use and save these preferences."""
         self.settings = settings
         self.view.background = settings.background_color
+        if self.document is not None:
+            self.document.history.set_budget(settings.undo_bytes)
         self.attempt(lambda: save_settings(settings))
 
     def attempt(self, action: Callable[[], object]) -> bool:
@@ -101,6 +113,11 @@ class Session:
     def scene(self) -> Scene | None:
         """The scene that is open."""
         return self.document.scene if self.document is not None else None
+
+    @property
+    def shown(self) -> Scene | None:
+        """What the picture shows: the open scene, or splats that are being trained."""
+        return self.training.scene if self.training is not None else self.scene
 
     @property
     def history(self) -> History | None:
@@ -132,7 +149,7 @@ class Session:
         def opened(project: Project) -> None:
             project.path = home
             self._take(project)
-            self.need().changes.saved(-1)  # nothing of it is on disk
+            self.need().changes.saved(None)  # nothing of it is on disk
             then()
 
         self.jobs.start("Recover", open_path_stage(folder), on_done=opened)
@@ -167,6 +184,8 @@ class Session:
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
+        if self.easel is not None:
+            self.easel.close()
         self.jobs.shut_down()
         self.hovering.shut_down()
 
@@ -185,10 +204,14 @@ class Session:
     def _start_opening(self, path: Path | None) -> None:
         """Open ``path``, or the demo."""
         title = f"Open {path.name}" if path else "Open the demo"
-        stage = open_path_stage(path) if path else tasks.open_demo_stage(paths.demo_scene())
+        stage = tasks.open_stage(path) if path else tasks.open_demo_stage(paths.demo_scene())
 
-        def opened(project: Project) -> None:
-            self._take(project)
+        def opened(project: "Project | PhotoFind") -> None:
+            if isinstance(project, Project):
+                self._take(project)
+            else:
+                self._forget()
+                self.photos = project
             if path is not None:
                 self.change_settings(self.settings.opened(path))
             self.jobs.start_quiet("Prepare kernels", tasks.kernels_stage())
@@ -200,11 +223,12 @@ class Session:
         found = tasks.masks_of(project)
         self._forget()
         self.document, (self.provider, self.masks) = Document(project), found
+        self.document.history.set_budget(self.settings.undo_bytes)
         self.rig.frame_scene(*splat_box(project.scene), self.cameras)
         self.active_view = 0 if self.cameras else None
 
     def _forget(self) -> None:
-        self.document = self.live = self.active_view = None
+        self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self.hovering.away()
 
@@ -217,13 +241,16 @@ class Session:
         if self.scene is None or is_moving or self.is_previewing:
             self.hovering.away()
         else:
-            self.hovering.update(self.scene, self.rig.camera, self.rig.pose)
+            look = self.view.is_antialiased(self.scene)
+            self.hovering.update(self.scene, self.rig.camera, self.rig.pose, look)
 
     # --- reading
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Cameras of the open folder's photos, by name."""
+        """Cameras of the photos that the picture is about, by name."""
+        if self.training is not None:
+            return self.training.cameras
         folder = self.project.folder if self.project is not None else None
         return folder.cameras if folder is not None else ()
 

@@ -3,11 +3,17 @@
 Each runs as a job; its result arrives as an edit or a notice.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
+from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
+from gaga_core.io.splat_files import form_of
+from gaga_core.scene import edits
+from gaga_core.scene.build_append import read_added_stage
+from gaga_core.scene.export import What, export_losses
 from gaga_studio import tasks
-from gaga_studio.notices import Level
+from gaga_studio.notices import Level, Question
 from gaga_studio.session import Session
 from gaga_studio.view import Mode
 
@@ -22,7 +28,22 @@ def _associate(session: Session, provider: str, preset: str) -> None:
     document = session.need()
     session.provider, session.masks = tasks.masks_of(document.project, provider)
     stage = tasks.associate_project_stage(document.project, session.masks, preset)
-    mode = session.view.mode
+    progress, end = watch_bank(session)
+
+    def done(result: Association) -> None:
+        session.notify(Level.INFO, f"Found {document.group(result)} objects.")
+        for note in result.notes:
+            session.notify(Level.WARNING, note)
+
+    session.jobs.start("Associate masks", stage, progress, done, end)
+
+
+def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:
+    """Observers of a job that fills a memory bank: of its progress, and of its end.
+
+    While it runs the picture shows the groups growing; then what it showed before.
+    """
+    document, mode = session.document, session.view.mode
 
     def progress(payload: object) -> None:
         if isinstance(payload, BankSnapshot) and session.document is document:
@@ -30,26 +51,76 @@ def _associate(session: Session, provider: str, preset: str) -> None:
             view.mode = view.mode if session.live else Mode.GROUPS  # seen growing
             session.live = payload
 
-    def done(result: Association) -> None:
-        session.notify(Level.INFO, f"Found {document.group(result)} objects.")
-        for note in result.notes:
-            session.notify(Level.WARNING, note)
-
     def end() -> None:
         session.view.mode = mode if session.live else session.view.mode
         session.live = None
 
-    session.jobs.start("Associate masks", stage, progress, done, end)
+    return progress, end
 
 
 def export(session: Session, what: tasks.Export, path: Path, *, groups: bool = False) -> None:
     """Write what is visible, the selection, or one .ply per (selected, else any) object.
 
-    ``path`` is a folder for "objects"; ``groups`` adds a column with the group to a .ply.
+    ``path`` is a folder for "objects", else its name says the form of the file; ``groups`` adds a
+    column with the group to a .ply.
     """
     if session.scene is None:
         return
     scene, chosen = session.need().settled().scene, session.selected_groups()
     stage = tasks.export_stage(scene, what, path, chosen=chosen, groups=groups)
     title = f"Export to {path.name}"
-    session.jobs.start(title, stage, on_done=lambda text: session.notify(Level.INFO, text))
+
+    def done(text: str) -> None:
+        session.has_exported = True
+        session.notify(Level.INFO, text)
+
+    session.jobs.start(title, stage, on_done=done)
+
+
+def when_agreed(
+    session: Session, what: tasks.Export, path: Path, then: Callable[[], object]
+) -> None:
+    """Do ``then``, which exports to the file ``path``; when that loses something, ask first."""
+    session.attempt(lambda: _ask_about_losses(session, what, path, then))
+
+
+def _ask_about_losses(
+    session: Session, what: tasks.Export, path: Path, then: Callable[[], object]
+) -> None:
+    scene = session.need().settled().scene
+    kind: What = "selected" if what == "selected" else "visible"
+    lost = export_losses(scene, form_of(path), what=kind)
+    if not lost:
+        then()
+        return
+
+    def chosen(choice: str) -> None:
+        if choice == "Export":
+            then()
+
+    text = " ".join([f"{path.name} does not keep everything.", *lost])
+    session.pending_question = Question(text, ("Export", "Cancel"), chosen)
+
+
+def add_splats(session: Session, path: Path) -> None:
+    """Add the splats of another file to the open scene, selected, as one edit."""
+    document = session.document
+    if document is None:
+        return
+
+    def done(read: tuple[Gaussians, str]) -> None:
+        if session.document is not document:
+            return
+        splats, digest = read
+        document.do(edits.append(document.settled().scene, splats, path, digest))
+        session.notify(
+            Level.INFO, f"Added {len(splats):,} splats of {path.name}; they are selected."
+        )
+        if splats.is_antialiased != document.scene.gaussians.is_antialiased:
+            session.notify(
+                Level.WARNING,
+                f"{path.name} was trained for another look (antialiased or not) than this scene, "
+                "so its fine parts may look thinner or thicker here.",
+            )
+
+    session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)

@@ -38,8 +38,12 @@ def _look(_period: int) -> Backend:
 def status_text(session: Session, tool: Tool) -> str:
     """One line, never empty."""
     document = session.document
+    if session.training is not None:
+        return "The splats are shown as they are trained. Drag orbits, the wheel zooms."
+    if session.photos is not None:
+        return "Make splats of these photos, or open something else."
     if document is None:
-        return "Open a scene folder or a .ply file, or drop one here."
+        return "Open a scene folder or a file of splats, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
     if document.cleaning is not None:

@@ -5,10 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import moderngl
+import numpy as np
 from imgui_bundle import imgui
 
+from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
-from gaga_studio import cleaning, paths, recovery, window
+from gaga_studio import cleaning, filming, paths, recovery, window, words
+from gaga_studio.easel import Easel
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
@@ -17,9 +20,13 @@ from gaga_studio.pacing import Pacing
 from gaga_studio.session import Session
 from gaga_studio.status import status_text
 from gaga_studio.ui import (
+    bookmarks,
+    camera_path,
     files,
+    first_steps,
     history,
     inspector,
+    masks,
     memory_bank,
     menu,
     notices,
@@ -31,11 +38,12 @@ from gaga_studio.ui import (
     status,
     theme,
     toolbar,
+    translated,
     views,
 )
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.viewport import ViewportPanel
-from gaga_studio.view import Mode
+from gaga_studio.view import Mode, ViewState
 from gaga_studio.window import Hooks, Panel, Window, WindowOptions
 
 _REST_RATE = 2.0  # frames a second while nothing happens
@@ -54,6 +62,7 @@ class Studio:
         options: WindowOptions | None = None,
     ) -> None:
         self.session = session or Session()
+        words.use(self.session.settings.language)  # the tabs are named once
         self.ui = UiState(native_dialogs=files.has_native())
         self.viewport: Viewport | None = None
         self.images: ImageStore | None = None
@@ -61,8 +70,10 @@ class Studio:
         self._first: tuple[Path | None, bool] = (path, demo)
         self._pacing = Pacing()
         self._autosave = recovery.Autosave()
+        self._steps = first_steps.Progress()
         self._backend = ""
         self._document: object = None
+        self._masks: object = None
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
@@ -104,8 +115,10 @@ class Studio:
             Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
             Panel("Select by", lambda: selecting.draw(session, ui), "Right", "RightBottom"),
             Panel("Memory bank", lambda: memory_bank.draw(session, ui), "RightDown", "RightBottom"),
-            Panel("Views", lambda: views.draw(session, ui), "Bottom", "RightBottom"),
-            Panel("History", lambda: history.draw(session, ui), "BottomRight", "RightBottom"),
+            Panel("Views", lambda: views.draw(session, ui), "Bottom", "Right"),
+            Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
+            Panel("Bookmarks", lambda: bookmarks.draw(session, ui), "Bottom", "Right"),
+            Panel("History", lambda: history.draw(session, ui), "RightDown", "Right"),
         )
 
     def _started(self) -> None:
@@ -115,6 +128,9 @@ class Studio:
         self._pacing.is_software = self.viewport.is_software
         self.images = ImageStore(self._ctx)
         self.session.images = self.images
+        self.session.easel = Easel(
+            most=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]), is_fast=not self.viewport.is_software
+        )
         path, demo = self._first
         recovery.offer(self.session)
         if path is not None:
@@ -135,13 +151,22 @@ class Studio:
 
     def _before_frame(self) -> None:
         theme.use(self.session.settings.theme)
+        words.use(self.session.settings.language)
+        if not words.is_english():
+            translated.install()
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
+        filming.tick(self.session, imgui.get_io().delta_time)
+        if self.session.easel is not None:
+            self.session.easel.serve(self._paint)
         self._autosave.tick(self.session)
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget()
+            self._masks = None
+        if self.session.masks is not self._masks:  # made anew, they have the same names
+            self._masks = self.session.masks
             if self.images is not None:
                 self.images.clear()
         title = self.session.title
@@ -153,6 +178,8 @@ class Studio:
         """After the panels: dialogs, sheets, notices."""
         requests.take(self.session, self.ui)
         sheets.draw(self.session, self.ui)
+        masks.draw(self.session, self.ui)
+        first_steps.draw(self.session, self.ui, self._steps)
         notices.draw(self.session, self.ui)
 
     def _status(self) -> None:
@@ -191,22 +218,31 @@ class Studio:
         if self.viewport is None:
             return 0
         session = self.session
-        view = self._pacing.view_for(session.view, self._motion(camera), len(session.scene or ()))
+        view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
         if cleaning.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview speaks in colors of its own
         before, start = self.viewport.n_draws, time.perf_counter()
-        texture = self.viewport.draw(session.scene, camera, view, self._overlays())
+        texture = self.viewport.draw(session.shown, camera, view, self._overlays())
         if self.viewport.n_draws != before and self._ctx is not None:
             self._ctx.finish()  # so that the time is the picture's, not the queue's
             self._pacing.drew((time.perf_counter() - start) * 1000)
         return texture
+
+    def _paint(self, camera: Camera, view: ViewState) -> UInt8Array:
+        """A picture for a film or a file, at full quality."""
+        if self.viewport is None:
+            return np.zeros((camera.height, camera.width, 3), np.uint8)
+        focus = self.session.focus if view.mode is Mode.MASK else 0
+        overlays = Overlays(focused_group=focus)
+        self.viewport.draw(self.session.scene, camera, view, overlays, wait=True)
+        return self.viewport.read_pixels()
 
     def _motion(self, camera: Camera) -> tuple[object, ...]:
         """What changes from frame to frame while the camera moves or an object is dragged."""
         session = self.session
         dragged = session.is_previewing and session.scene is not None
         revision = session.scene.revision.placements if dragged and session.scene else 0
-        return (camera.cam_from_world.tobytes(), dragged, revision)
+        return (camera.cam_from_world.tobytes(), camera.K.tobytes(), dragged, revision)
 
     def _overlays(self) -> Overlays:
         session = self.session
@@ -228,6 +264,8 @@ class Studio:
         is_drawn = self.viewport is None or (self.viewport.settled and self._pacing.is_settled)
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
+        is_driven |= self.session.view.playback.is_playing or self.session.view.holds_photo
+        is_driven |= self.session.easel is not None and self.session.easel.is_wanted
         return is_driven or is_loading or not is_drawn
 
     def _frame_rate(self) -> float:

@@ -3,22 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray
 from gaga_core.demo import ensure_demo
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.io.masks import mask_folder
+from gaga_core.io.scene_folder import find_model
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.project import Project, open_path_stage, save_project
 from gaga_core.raster import choose
 from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from gaga_core.photo_source import PhotoFind
 
 Export = Literal["scene", "selected", "objects"]
 
@@ -28,6 +31,17 @@ def open_demo_stage(folder: Path) -> Stage[Project]:
     made = yield from ensure_demo(folder)
     project = yield from open_path_stage(made)
     return project
+
+
+def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
+    """Open what is there; of photos without splats, or a video, what can be made of them."""
+    from gaga_core.photo_source import look_at_photos
+
+    yield Progress("Look at the folder", 0, 1, path.name)
+    found = look_at_photos(path)
+    if found is not None and find_model(found.scene) is None:
+        return found
+    return (yield from open_path_stage(found.scene if found is not None else path))
 
 
 def kernels_stage() -> Stage[None]:
@@ -77,9 +91,8 @@ def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> St
 
 
 def file_gaussians(scene: Scene) -> Gaussians:
-    """The Gaussians of the opened file, in its order: everything but duplicates."""
-    original: BoolArray = scene.source == np.arange(len(scene), dtype=np.int64)
-    n = int(original.sum())  # duplicates are appended, so the originals are a prefix
+    """The Gaussians of the opened file, in its order: no duplicates, no splats of other files."""
+    n = scene.n_opened  # all others are appended, so these are a prefix
     return scene.gaussians if n == len(scene) else scene.gaussians.take(np.arange(n))
 
 

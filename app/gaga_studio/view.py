@@ -1,7 +1,7 @@
 """How the scene is shown: what panels set and the viewport reads."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol
 
@@ -66,6 +66,23 @@ class Outline:
         return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
+class Compare(StrEnum):
+    """What lies over the picture at a photo's camera."""
+
+    OFF = "off"
+    SWIPE = "swipe"  # the photo up to a line that can be dragged
+    DIFFERENCE = "difference"  # how far the picture is from the photo
+
+
+@dataclass
+class Playback:
+    """The preview of the camera's path."""
+
+    at: float = 0.0  # seconds
+    is_playing: bool = False
+    chosen: int = 0  # keyframe
+
+
 @dataclass
 class ViewState:
     """The picture's settings; the camera is in ``CameraRig``."""
@@ -87,6 +104,12 @@ class ViewState:
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: tuple[float, float, float] | None = None  # what turns and scales are about; None: middle
+    compare: Compare = Compare.OFF
+    swipe: float = 0.5  # share of the photo's width that shows the photo
+    holds_photo: bool = False  # the photo lies over the picture while the keys are held
+    show_cube: bool = True  # the view cube in a corner of the picture
+    playback: Playback = field(default_factory=Playback)
+    pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
 
     def is_antialiased(self, scene: Scene) -> bool:
         """Whether the splats are drawn in the mip look: as the file says, unless overridden."""

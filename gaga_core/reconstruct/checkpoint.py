@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -96,3 +97,12 @@ def load_checkpoint(path: Path, digest: str) -> TrainState | None:
     if any(length != n for length in lengths) or not 0 <= state.iteration <= len(state.losses):
         raise GagaError(f"{path} is damaged. {cure}")
     return state
+
+
+def iteration_of(path: Path) -> int | None:
+    """Iterations done in a checkpoint, without reading the rest; None when there is none."""
+    try:
+        with np.load(path) as arrays:
+            return int(arrays["iteration"])
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None

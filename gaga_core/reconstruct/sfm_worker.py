@@ -21,6 +21,7 @@ import pycolmap
 from gaga_core.reconstruct.sfm_facts import write_facts
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
 
+_DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
 
 
@@ -193,9 +194,26 @@ def _map(settings: WorkerSettings, workspace: Path) -> None:
     model = workspace / "model"
     shutil.rmtree(model, ignore_errors=True)
     model.mkdir()
+    _round(best)
     best.write_binary(model)
     write_facts(workspace / "facts.npz", best, workspace / "database.db", sizes)
     shutil.rmtree(out, ignore_errors=True)
+
+
+def _round(model: pycolmap.Reconstruction) -> None:
+    """Drop the last digits, which differ from run to run: threads add up in any order.
+
+    A training makes another scene of another last digit. COLMAP's scenes have a size of about 10.
+    """
+    for frame in model.frames.values():
+        pose = frame.rig_from_world
+        rotation = pycolmap.Rotation3d(np.round(pose.rotation.quat, _DECIMALS))
+        rotation.normalize()
+        frame.rig_from_world = pycolmap.Rigid3d(rotation, np.round(pose.translation, _DECIMALS))
+    for point in model.points3D.values():
+        point.xyz = np.round(point.xyz, _DECIMALS)
+    for camera in model.cameras.values():
+        camera.params = np.round(camera.params, _DECIMALS)
 
 
 def _mapping_options(

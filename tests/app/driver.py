@@ -172,7 +172,7 @@ def drive(
     settings: Settings | None = None,
 ) -> Studio:
     """Open a window, run ``test`` in it, close it; errors of the test are raised here."""
-    session = Session(settings or Settings())
+    session = Session(settings or Settings(first_steps_done=True))
     options = WindowOptions(size=size)
     studio = Studio(path, demo=demo, session=session, options=options)
     studio.ui.native_dialogs = False

@@ -21,6 +21,9 @@ _ALWAYS = {
     "view.panels",
     "view.info",
     "view.background",
+    "view.cube",
+    "camera.faster",
+    "camera.slower",
     "object.clean_first",
     "tool.splats",
     "tool.visible_only",
@@ -31,6 +34,7 @@ _ALWAYS = {
     "tool.reset_pivot",
     "help.palette",
     "help.shortcuts",
+    "help.first_steps",
     "help.about",
 }
 
@@ -98,13 +102,26 @@ def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
 
 
 _NEEDS_MORE = {
+    *(f"camera.bookmark_{key}" for key in range(1, 10)),
+    "camera.play",
+    "file.make_splats",
+    "file.make_splats_as",
+    "camera.clear_path",
+    "camera.save_path",
+    "camera.film",
     "job.cancel",
     "object.show_all",
     "object.clean_apply",
+    "object.find_in_view",
+    "object.index",
+    "object.name_all",
     "edit.confirm",
     "tool.remove_corner",
+    "tool.pivot_here",
     "object.unlock_all",
     "object.split",
+    "object.split_masks",
+    "object.worst_view",
     "select.alike",
 }
 

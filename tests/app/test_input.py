@@ -80,8 +80,17 @@ def test_a_drag_is_no_click_even_when_it_returns() -> None:
     assert sum(a.dx for a in actions) == 0
 
 
-def test_right_click_does_nothing() -> None:
-    assert _play([{"right": True}, {"right": False}]) == []
+def test_right_click_opens_the_menu_and_middle_click_does_nothing() -> None:
+    assert _play([{"right": True}, {"right": False}]) == [Action(Act.MENU, 100, 100)]
+    assert _play([{"right": True}, {"u": 103.0}, {"right": False}], looks=True) == [
+        Action(Act.MENU, 100, 100)
+    ]
+    assert _play([{"middle": True}, {"middle": False}]) == []
+
+
+def test_a_right_drag_opens_no_menu_even_when_it_returns() -> None:
+    actions = _play([{"right": True}, {"u": 200.0}, {"u": 100.0}, {"right": False}])
+    assert [a.act for a in actions] == [Act.PAN, Act.PAN]
 
 
 def test_tool_drag_starts_where_the_button_went_down() -> None:

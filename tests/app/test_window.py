@@ -174,7 +174,7 @@ def test_the_list_selects_ranges_hides_and_filters(display: str, balls: Path) ->
         d.frames()
         hidden = d.session.objects()
         assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
-        d.engine.item_click("//Objects/##Filter")
+        d.engine.item_click("//Objects/##Find")
         d.engine.key_chars(f"group {groups[1]}")
         d.frames()
         assert d.exists(_row(groups[1]))

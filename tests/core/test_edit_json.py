@@ -14,8 +14,9 @@ from gaga_core.scene.script import run_script
 from tests.core.edit_walk import Snapshot, builders, snapshot, walk_scene
 
 
-def _without_bank(shot: Snapshot) -> tuple[object, object]:
-    return {k: v for k, v in shot.columns.items() if k != "confidence"}, shot.names
+def _without_bank(shot: Snapshot) -> tuple[object, object, object]:
+    columns = {k: v for k, v in shot.columns.items() if k != "confidence"}
+    return columns, shot.names, shot.colors
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -79,7 +79,7 @@ def test_a_stage_that_is_to_run_takes_those_that_need_it_along(
 
     added = SceneStage("masks", (), lambda _: later.is_dir(), segment)
     place = [stage.name for stage in run_scene.STAGES].index("associate")
-    before, after = run_scene.STAGES[:place], run_scene.STAGES[place + 1 :]
+    before, after = run_scene.STAGES[: place - 1], run_scene.STAGES[place + 1 :]
     first = replace(run_scene.STAGES[place], needs=("masks",))
     monkeypatch.setattr(run_scene, "STAGES", (*before, added, first, *after))
     assert run_stage(run_missing(folder)) == ("masks", "associate", "lift", "render")
@@ -98,7 +98,7 @@ def test_a_stage_that_fails_leaves_what_came_before(folder: SceneFolder) -> None
     for path in folder.mask_folders.values():
         path.rename(folder.root / "elsewhere")
     (folder.work / "labels.npz").unlink()
-    with pytest.raises(GagaError, match="no masks"):
+    with pytest.raises(GagaError, match="no masks and no photos"):
         run_stage(run_missing(open_scene_folder(folder.root)))
 
 

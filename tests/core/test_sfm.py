@@ -5,6 +5,7 @@ import shutil
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -156,3 +157,23 @@ def test_pairs_of_photos_that_look_alike_are_enough(
     assert len(facts.names) == 8
     assert len((work / "pairs.txt").read_text().splitlines()) < 28
     assert time.process_time() - start < 60
+
+
+def test_the_last_digits_of_a_model_do_not_depend_on_the_order_of_threads(
+    placed_room: PlacedRoom,
+) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    from gaga_core.reconstruct.sfm_worker import _round
+
+    def numbers(model: Any) -> list[float]:
+        poses = [frame.rig_from_world for _, frame in sorted(model.frames.items())]
+        found = [x for pose in poses for x in (*pose.rotation.quat, *pose.translation)]
+        return [*found, *(x for _, p in sorted(model.points3D.items()) for x in p.xyz)]
+
+    models = [pycolmap.Reconstruction(placed_room.workspace / "model") for _ in range(2)]
+    for point in models[1].points3D.values():
+        point.xyz = point.xyz + 1e-14
+    assert numbers(models[0]) != numbers(models[1])
+    for model in models:
+        _round(model)
+    assert numbers(models[0]) == numbers(models[1])

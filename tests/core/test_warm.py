@@ -15,11 +15,16 @@ _NOTHING_LEFT = """
 import gc
 import numba
 import numpy as np
+from dataclasses import replace
 from functools import partial
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.reconstruct.initial import first_splats_stage
+from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.train import train
+from gaga_core.reconstruct.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.picking import pick
 from gaga_core.scene.scene import Scene
@@ -48,6 +53,12 @@ cpu.render(g, made.cameras[0], channels=np.zeros((len(g), 7), np.float32))
 cpu.render(g, made.cameras[0])
 scene = Scene.of(g, made.labels)
 pick(scene, made.cameras[0], 80.5, 60.5)
+pictures = [(cpu.render(g, c).image.clip(0, 1) * 255).astype(np.uint8) for c in made.cameras[:3]]
+first, *rest = (TrainView(c, p) for c, p in zip(made.cameras, pictures))
+views, settings = TrainViews(tuple(rest), (first,)), replace(TrainConfig.of("draft"), iterations=20)
+points, colors = g.means[::4].astype(np.float64), np.full((len(g.means[::4]), 3), 99, np.uint8)
+initial = run_stage(first_splats_stage(points, colors, rest, settings, cpu))
+train(initial, views, settings, cpu)
 object_table(scene)
 after = compiled()
 new = {name: (n, before.get(name, 0)) for name, n in after.items() if n != before.get(name, 0)}

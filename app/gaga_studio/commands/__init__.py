@@ -6,6 +6,7 @@ A file each for the menus; a new command is one entry there.
 from collections.abc import Mapping
 
 from gaga_studio.commands.base import Command
+from gaga_studio.commands.camera import CAMERA_COMMANDS
 from gaga_studio.commands.edit import EDIT_COMMANDS
 from gaga_studio.commands.file import FILE_COMMANDS
 from gaga_studio.commands.help import HELP_COMMANDS
@@ -29,13 +30,14 @@ __all__ = [
     "shortcut_of",
 ]
 
-GROUPS = ("File", "Edit", "Select", "Object", "View", "Tools", "Help")
+GROUPS = ("File", "Edit", "Select", "Object", "View", "Camera", "Tools", "Help")
 COMMANDS: tuple[Command, ...] = (
     *FILE_COMMANDS,
     *EDIT_COMMANDS,
     *SELECT_COMMANDS,
     *OBJECTS_COMMANDS,
     *VIEW_COMMANDS,
+    *CAMERA_COMMANDS,
     *TOOLS_COMMANDS,
     *HELP_COMMANDS,
 )

@@ -144,6 +144,12 @@ def remove_corner(session: Session) -> None:
         session.view.outline = session.view.outline.without_last()
 
 
+def toggle_first_steps(session: Session) -> None:
+    """The card of five steps: bring it back, or put it away."""
+    put_away = not session.settings.first_steps_done
+    session.change_settings(replace(session.settings, first_steps_done=put_away))
+
+
 def toggle_snap(session: Session) -> None:
     """Handles: freely or in steps."""
     session.view.snaps = not session.view.snaps
@@ -158,6 +164,13 @@ def set_pivot(session: Session) -> None:
     """Turn and scale about the point that the camera turns around (double click sets it)."""
     x, y, z = (float(value) for value in session.rig.pose.pivot)
     session.view.pivot = (x, y, z)
+
+
+def set_pivot_here(session: Session) -> None:
+    """Turn and scale about the point of the surface that was clicked."""
+    if session.view.pointed is not None:
+        x, y, z = session.view.pointed
+        session.view.pivot = (x, y, z)
 
 
 def reset_pivot(session: Session) -> None:

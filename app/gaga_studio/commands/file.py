@@ -1,11 +1,34 @@
 """File: opening, saving, exporting."""
 
+from gaga_studio import reconstructing
 from gaga_studio.commands import reasons
 from gaga_studio.commands.base import Command, ask
 
 FILE_COMMANDS: tuple[Command, ...] = (
     Command("file.open_folder", "Open scene folder…", "File", ask("open_folder"), "Ctrl+O"),
     Command("file.open_file", "Open splat file…", "File", ask("open_file"), "Ctrl+Shift+O"),
+    Command(
+        "file.make_splats",
+        "Make splats from photos",
+        "File",
+        reconstructing.make,
+        enabled=reconstructing.why_not,
+        describe=reconstructing.title,
+    ),
+    Command(
+        "file.make_splats_as",
+        "Make splats as…",
+        "File",
+        ask("photos"),
+        enabled=reconstructing.why_not,
+    ),
+    Command(
+        "file.add_splats",
+        "Add splats…",
+        "File",
+        ask("add_splats"),
+        enabled=reasons.not_saveable,
+    ),
     Command("file.demo", "Open the demo", "File", lambda s: s.open_demo(), enabled=reasons.busy),
     Command(
         "file.save",
@@ -46,11 +69,26 @@ FILE_COMMANDS: tuple[Command, ...] = (
         enabled=reasons.not_exportable_objects,
     ),
     Command(
+        "file.export_masks",
+        "Export masks…",
+        "File",
+        ask("export_masks"),
+        enabled=reasons.not_exportable_masks,
+    ),
+    Command(
         "file.save_script",
         "Save the edits as a script…",
         "File",
         ask("save_script"),
         enabled=reasons.no_edits,
+    ),
+    Command(
+        "file.save_picture",
+        "Save picture…",
+        "File",
+        ask("save_picture"),
+        "Ctrl+Alt+S",
+        enabled=reasons.not_saveable,
     ),
     Command(
         "file.close", "Close", "File", lambda s: s.close(), "Ctrl+W", enabled=reasons.not_saveable

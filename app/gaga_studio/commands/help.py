@@ -1,9 +1,17 @@
 """Help: finding commands and keys."""
 
+from gaga_studio.commands import acts
 from gaga_studio.commands.base import Command, ask
 
 HELP_COMMANDS: tuple[Command, ...] = (
     Command("help.palette", "Find a command…", "Help", ask("palette"), "F3", ("Ctrl+P",)),
     Command("help.shortcuts", "Keys and mouse", "Help", ask("shortcuts"), "F1"),
+    Command(
+        "help.first_steps",
+        "First steps",
+        "Help",
+        acts.toggle_first_steps,
+        is_on=lambda s: not s.settings.first_steps_done,
+    ),
     Command("help.about", "About gaga-studio", "Help", ask("about")),
 )

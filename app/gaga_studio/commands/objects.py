@@ -1,10 +1,39 @@
 """Object: what is done with objects."""
 
-from gaga_studio import arranging, cleaning, stages
+from gaga_studio import arranging, cleaning, masking, quality, repairing, searching, stages
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command, ask
 
 OBJECTS_COMMANDS: tuple[Command, ...] = (
+    Command(
+        "object.masks",
+        "Make masks…",
+        "Object",
+        ask("masks"),
+        "Ctrl+M",
+        enabled=reasons.no_photos_for_masks,
+    ),
+    Command(
+        "object.masks_quick",
+        "Make masks without a model (regions)",
+        "Object",
+        masking.make,
+        enabled=reasons.no_photos_for_masks,
+    ),
+    Command(
+        "object.import_masks",
+        "Import masks from a folder…",
+        "Object",
+        ask("import_masks"),
+        enabled=reasons.no_views,
+    ),
+    Command(
+        "object.import_masks_file",
+        "Import masks from a file…",
+        "Object",
+        ask("import_masks_file"),
+        enabled=reasons.no_views,
+    ),
     Command(
         "object.associate",
         "Find objects (associate masks)",
@@ -12,6 +41,30 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         stages.associate,
         "Ctrl+G",
         enabled=reasons.no_masks,
+    ),
+    Command(
+        "object.find", "Find an object…", "Object", ask("find"), "Ctrl+F", enabled=reasons.no_groups
+    ),
+    Command(
+        "object.find_in_view",
+        "Find it in this view",
+        "Object",
+        ask("find_in_view"),
+        enabled=reasons.no_detection,
+    ),
+    Command(
+        "object.index",
+        "Index this scene",
+        "Object",
+        searching.index,
+        enabled=reasons.not_indexable,
+    ),
+    Command(
+        "object.name_all",
+        "Name the objects",
+        "Object",
+        searching.name_all,
+        enabled=reasons.not_nameable,
     ),
     Command(
         "object.hide",
@@ -62,6 +115,34 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Object",
         arranging.split,
         enabled=reasons.not_one_object,
+    ),
+    Command(
+        "object.split_masks",
+        "Split into the two things that its masks show",
+        "Object",
+        repairing.split_by_masks,
+        enabled=reasons.not_one_object_with_masks,
+    ),
+    Command(
+        "object.uncertain",
+        "Select uncertain splats",
+        "Object",
+        arranging.select_uncertain,
+        enabled=reasons.no_confidence,
+    ),
+    Command(
+        "object.quality",
+        "Measure the quality of the objects",
+        "Object",
+        quality.measure,
+        enabled=reasons.no_bank,
+    ),
+    Command(
+        "object.worst_view",
+        "Go to the worst view",
+        "Object",
+        quality.worst_view,
+        enabled=reasons.no_quality,
     ),
     Command("object.lock", "Lock", "Object", arranging.lock, enabled=reasons.no_selection),
     Command(

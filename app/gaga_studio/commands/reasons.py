@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio import cleaning
+from gaga_studio import cleaning, masking, quality, searching
 from gaga_studio.session import Session
 from gaga_studio.view import ToolName
 
@@ -86,7 +86,37 @@ def no_masks(session: Session) -> str:
     reason = not_saveable(session)
     if reason or len(session.masks):
         return reason
-    return "This scene has no masks. Put label maps into its masks folder and open it again."
+    return "This scene has no masks. Use Make masks, or Import masks."
+
+
+def no_photos_for_masks(session: Session) -> str:
+    """Needs photos with places, and the job runner."""
+    return masking.no_photos(session)
+
+
+def no_views(session: Session) -> str:
+    """Needs views, and the job runner."""
+    return no_photos(session) or busy(session)
+
+
+def not_exportable_masks(session: Session) -> str:
+    """Needs objects, views and the job runner."""
+    return no_groups(session) or no_views(session)
+
+
+def not_indexable(session: Session) -> str:
+    """Needs objects, views, a model of words and pictures, and the job runner."""
+    return not_exportable_masks(session) or searching.no_embedder()
+
+
+def not_nameable(session: Session) -> str:
+    """Needs an index of the scene, and the job runner."""
+    return not_exportable_objects(session) or searching.no_index(session)
+
+
+def no_detection(session: Session) -> str:
+    """Needs a text in the search box, a detector, and the job runner."""
+    return no_groups(session) or searching.no_detector() or searching.no_question(session)
 
 
 def not_one_object(session: Session) -> str:
@@ -96,6 +126,32 @@ def not_one_object(session: Session) -> str:
         return reason
     n = len(session.selected_groups())
     return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+def no_bank(session: Session) -> str:
+    """Needs a memory bank with masks, and the job runner."""
+    if session.scene is None:
+        return no_scene(session)
+    if session.scene.bank is None:
+        return "Nothing is known of the masks behind these objects. Use Find objects first."
+    return no_masks(session)
+
+
+def not_one_object_with_masks(session: Session) -> str:
+    """Needs one selected object that several masks joined, and the job runner."""
+    reason = not_one_object(session) or no_bank(session)
+    if reason:
+        return reason
+    n_masks = len(session.decisions(session.selected_groups()[0]))
+    return "" if n_masks > 1 else "This object has no masks that could be told apart."
+
+
+def no_quality(session: Session) -> str:
+    """Needs the measured quality of the object in the inspector."""
+    reason = no_scene(session)
+    if reason or quality.of_group(session, session.focus) is not None:
+        return reason
+    return "Nothing is measured of this object. Use Measure the quality of the objects first."
 
 
 def not_several_objects(session: Session) -> str:
@@ -145,6 +201,26 @@ def no_photos(session: Session) -> str:
     return no_scene(session) or ("" if session.cameras else "This scene has no photos.")
 
 
+def no_keyframe(session: Session) -> str:
+    """Needs a keyframe of the camera's path."""
+    if session.project is not None and session.project.film.keyframes:
+        return ""
+    return no_scene(session) or "The camera's path has no keyframes. Add one first."
+
+
+def no_path(session: Session) -> str:
+    """Needs two keyframes or more."""
+    reason = no_keyframe(session)
+    if reason or (session.project is not None and len(session.project.film.keyframes) > 1):
+        return reason
+    return "The camera's path has one keyframe only. Add another one."
+
+
+def not_filmable(session: Session) -> str:
+    """Needs two keyframes or more, and the job runner."""
+    return no_path(session) or busy(session)
+
+
 def no_undo(session: Session) -> str:
     """Needs an edit."""
     history = session.history
@@ -155,6 +231,13 @@ def no_redo(session: Session) -> str:
     """Needs an undone edit."""
     history = session.history
     return "" if history is not None and history.can_redo else "There is nothing to redo."
+
+
+def nothing_pointed(session: Session) -> str:
+    """Needs a point of the surface that was clicked with the right button."""
+    if session.view.pointed is not None:
+        return no_scene(session)
+    return no_scene(session) or "No point is chosen. Click one in the picture, right button."
 
 
 def no_outline(session: Session) -> str:

@@ -60,6 +60,13 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         enabled=reasons.no_scene,
     ),
     Command(
+        "tool.pivot_here",
+        "Set the pivot here",
+        "Tools",
+        acts.set_pivot_here,
+        enabled=reasons.nothing_pointed,
+    ),
+    Command(
         "tool.reset_pivot",
         "Pivot in the middle of the selection",
         "Tools",

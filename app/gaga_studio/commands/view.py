@@ -3,7 +3,6 @@
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command
 from gaga_studio.commands.modes import MODE_COMMANDS
-from gaga_studio.session import Session
 
 
 def _axis(axis: str) -> Command:

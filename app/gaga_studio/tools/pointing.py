@@ -59,12 +59,13 @@ class Pointing:
             self._tools[self._active].cancel(session)
             self._gestures.cancel()
             self._active = session.tool
-        if session.document is None:
+        if session.shown is None:
             return
         looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
-        tool = self.tool(session)
-        for action in self._gestures.update(pointer, keys, tool_drags=tool.takes_drag, looks=looks):
-            if not _move_camera(session, action):
+        tool, is_open = self.tool(session), session.document is not None
+        drags = tool.takes_drag and is_open
+        for action in self._gestures.update(pointer, keys, tool_drags=drags, looks=looks):
+            if not _move_camera(session, action) and is_open:
                 _use(session, tool, action, pointer)
         move, speed = fly_move(keys, session.rig.is_flying)
         session.rig.fly(move, dt, speed * session.settings.fly_speed)
@@ -97,12 +98,30 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
             session.focus_at(place.u, place.v, place.width, place.height)
     elif action.act is Act.CLICK:
         tool.click(session, place)
+    elif action.act is Act.MENU:
+        _menu(session, place)
     elif action.act is Act.TOOL_PRESS:
         tool.press(session, place)
     elif action.act is Act.TOOL_DRAG:
         tool.drag(session, place)
     elif action.act is Act.TOOL_RELEASE:
         tool.release(session, place)
+
+
+def _menu(session: Session, place: Place) -> None:
+    """A right click: the menu of the object there, which is selected; in an outline: a corner less.
+
+    With nothing there the menu is the whole scene's.
+    """
+    view = session.view
+    if view.outline is not None:
+        view.outline = view.outline.without_last()
+        return
+    found = session.pick(place.u, place.v, place.width, place.height)
+    view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])
+    if found is not None and found.group and found.group not in session.selected_groups():
+        session.select_group(found.group)
+    session.request = "object_menu" if found is not None and found.group else "scene_menu"
 
 
 def _rest(session: Session, tool: Tool, place: Place | None) -> None:

@@ -20,12 +20,25 @@ ICONS = {
     "edit.duplicate": icons.DUPLICATE,
     "edit.delete": icons.DELETE,
     "object.associate": icons.RUN,
+    "object.masks": icons.MASK,
+    "object.masks_quick": icons.MASK,
+    "object.find": icons.SEARCH,
+    "file.export_masks": icons.EXPORT,
     "object.hide": icons.EYE_OFF,
     "object.show_all": icons.EYE,
     "object.isolate": icons.ISOLATE,
     "object.rename": icons.RENAME,
     "object.merge": icons.MERGE,
     "object.clean": icons.CLEAN,
+    "object.lock": icons.LOCK,
+    "object.unlock_all": icons.UNLOCK,
+    "object.separate": icons.SEPARATE,
+    "tool.pivot_here": icons.PIVOT,
+    "help.first_steps": icons.STEPS,
+    "object.split": icons.SPLIT,
+    "object.split_masks": icons.MEMORY,
+    "object.quality": icons.QUALITY,
+    "object.uncertain": icons.CONFIDENCE,
     "view.color": icons.COLOR,
     "view.groups": icons.GROUPS,
     "view.depth": icons.DEPTH,
@@ -37,6 +50,15 @@ ICONS = {
     "view.frame_all": icons.HOME,
     "view.frusta": icons.FRUSTA,
     "view.fly": icons.FLY,
+    "view.ortho": icons.ORTHO,
+    "camera.add_bookmark": icons.BOOKMARK_NEW,
+    "camera.swipe": icons.SWIPE,
+    "camera.difference": icons.DIFFERENCE,
+    "camera.add_keyframe": icons.PATH,
+    "camera.turntable": icons.TURNTABLE,
+    "camera.play": icons.PLAY,
+    "camera.film": icons.FILM,
+    "file.save_picture": icons.PICTURE,
     "tool.pick": icons.PICK,
     "tool.rect": icons.RECT,
     "tool.lasso": icons.LASSO,
@@ -62,13 +84,25 @@ _OBJECT_MENU = (
     "view.frame_selected",
     "object.isolate",
     "object.hide",
+    "object.lock",
+    "object.rename",
     "",
     "edit.duplicate",
+    "object.separate",
+    "object.split",
+    "object.split_masks",
     "object.merge",
     "object.clean",
     "edit.delete",
     "",
     "file.export_selected",
+)
+_SCENE_MENU = (
+    "select.all",
+    "select.none",
+    "object.show_all",
+    "",
+    "view.frame_all",
 )
 
 
@@ -122,7 +156,26 @@ def command_item(session: Session, command_id: str) -> None:
 
 def object_menu(session: Session) -> None:
     """What can be done with the selected objects: the context menu of list and picture."""
-    for command_id in _OBJECT_MENU:
+    _items(session, _OBJECT_MENU)
+
+
+def picture_menus(session: Session) -> None:
+    """The menus of a right click in the picture: on an object, and on nothing."""
+    if imgui.begin_popup("Object in the picture"):
+        widgets.escape_closes()
+        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here"))
+        imgui.end_popup()
+    if imgui.begin_popup("Scene in the picture"):
+        widgets.escape_closes()
+        if session.view.pointed is not None:
+            _items(session, ("tool.pivot_here", ""))
+        _items(session, _SCENE_MENU)
+        imgui.end_popup()
+
+
+def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
+    """Commands as menu items; "" is a line."""
+    for command_id in command_ids:
         if command_id:
             command_item(session, command_id)
         else:

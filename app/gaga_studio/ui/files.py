@@ -244,5 +244,5 @@ def _list(dialog: FileDialog) -> None:
     files: list[Path] = []
     if dialog.kind not in _FOLDERS:
         wanted = dialog.suffixes
-        files = [p for p in children if p.is_file() and (not wanted or p.suffix in wanted)]
+        files = [p for p in children if p.is_file() and (not wanted or p.suffix.lower() in wanted)]
     dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())

@@ -17,8 +17,10 @@ def draw(session: Session, ui: UiState) -> None:
         return
     history = document.history
     entries = history.entries()
-    if not imgui.begin_child("Entries", ImVec2(0, 0)):
+    foot = imgui.get_text_line_height_with_spacing()
+    if not imgui.begin_child("Entries", ImVec2(0, -foot)):
         imgui.end_child()
+        _total(history.nbytes, history.budget)
         return
     clicked = _line(0, "As opened", "", history.cursor == 0, True)
     target = 0 if clicked else None
@@ -33,6 +35,20 @@ def draw(session: Session, ui: UiState) -> None:
     if target is not None and target != history.cursor:
         document.go_to(target)
     imgui.end_child()
+    _total(history.nbytes, history.budget)
+
+
+def _total(used: int, budget: int) -> None:
+    """What undo holds, and may hold."""
+    widgets.dim(widgets.elided(f"{_size(used)} of {_size(budget)}", _room()))
+    widgets.tooltip(
+        "What undo holds, and what it may hold (Preferences); with more, the oldest edits cannot "
+        "be undone any more"
+    )
+
+
+def _room() -> float:
+    return float(imgui.get_content_region_avail().x)
 
 
 def _line(position: int, title: str, size: str, is_here: bool, done: bool) -> bool:
@@ -56,4 +72,4 @@ def _size(n: int) -> str:
         return f"{n} B"
     if n < 1_000_000:
         return f"{n / 1000:.0f} kB"
-    return f"{n / 1e6:.1f} MB"
+    return f"{n / 1e6:.1f} MB" if n < 100_000_000 else f"{n / 1e6:,.0f} MB"

@@ -1,16 +1,31 @@
 """What commands ask of the window: file dialogs and sheets."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from gaga_studio import arranging, cleaning, stages
+from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES
+from gaga_core.providers.weights import models_folder
+from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
+from gaga_studio import arranging, cleaning, filming, masking, searching, stages
 from gaga_studio.document import Document
 from gaga_studio.session import Session
-from gaga_studio.ui import files, objects
+from gaga_studio.ui import files, masks, objects, saving, search
 from gaga_studio.ui.files import FileDialog, Kind
 from gaga_studio.ui.state import UiState
 
-SHEETS = ("palette", "shortcuts", "about", "preferences")
+SHEETS = (
+    "palette",
+    "shortcuts",
+    "about",
+    "preferences",
+    "masks",
+    "export_masks",
+    "object_menu",
+    "photos",
+    "scene_menu",
+    *saving.SHEETS,
+)
 
 
 def take(session: Session, ui: UiState) -> None:
@@ -20,8 +35,13 @@ def take(session: Session, ui: UiState) -> None:
         ui.open_popup = request
     elif request == "rename":
         objects.rename_selected(session, ui)
+    elif request == "find":
+        search.focus(ui)
+    elif request == "find_in_view":
+        searching.find_here(session, search.picture_size(ui))
     elif request and ui.dialog is None:
-        ui.dialog, ui.on_path = _dialog(session, request, ui.native_dialogs)
+        found = _masks(session, ui, request) or _camera(session, ui, request)
+        ui.dialog, ui.on_path = found or _dialog(session, request, ui.native_dialogs)
     if ui.dialog is None:
         return
     files.draw(ui.dialog)
@@ -30,6 +50,73 @@ def take(session: Session, ui: UiState) -> None:
         ui.dialog = ui.on_path = None
         if path is not None and act is not None:
             act(path)
+
+
+def _camera(
+    session: Session, ui: UiState, request: str
+) -> tuple[FileDialog, Callable[[Path], object]] | None:
+    """Dialogs about the camera's path, its film, and pictures."""
+    if session.document is None:
+        return None
+    stem, start, wishes = Path(session.document.name).stem, _start_folder(session), ui.wishes
+
+    def ask(
+        title: str, name: str, suffixes: tuple[str, ...], kind: Kind = Kind.SAVE_FILE
+    ) -> FileDialog:
+        action = "Save" if kind is Kind.SAVE_FILE else "Open"
+        native = ui.native_dialogs
+        return FileDialog(title, kind, start, name, suffixes, use_native=native, action=action)
+
+    if request == "film_file":
+        dialog = ask("Save the film", f"{stem}.mp4", (".mp4", ".webm"))
+        return dialog, lambda path: session.attempt(
+            lambda: filming.export_film(session, path, wishes.config(session))
+        )
+    if request == "picture_file":
+        dialog = ask("Save the picture", f"{stem}.png", (".png", ".jpg"))
+        size, clear = (wishes.width, wishes.height), wishes.transparent
+        return dialog, lambda path: filming.save_picture(session, path, size, transparent=clear)
+    if request == "save_path":
+        dialog = ask("Save the camera's path", f"{stem} path.json", (".json",))
+        return dialog, lambda path: filming.save_path_file(session, path)
+    if request == "open_path":
+        dialog = ask("Open a camera path", "", (".json",), Kind.OPEN_FILE)
+        return dialog, lambda path: filming.open_path_file(session, path)
+    return None
+
+
+def _masks(
+    session: Session, ui: UiState, request: str
+) -> tuple[FileDialog, Callable[[Path], object]] | None:
+    """Dialogs about masks."""
+    start, native = _start_folder(session), ui.native_dialogs
+    if request == "mask_weights":
+        ui.masks.reopen = True
+        dialog = FileDialog(
+            "Choose a model's folder, or a sam_vit_*.pth file in it",
+            Kind.OPEN_FOLDER,
+            models_folder() if models_folder().is_dir() else start,
+            use_native=native,
+        )
+        return dialog, lambda path: masks.take_weights(session, ui, path)
+    if session.document is None:
+        return None
+    if request == "import_masks":
+        title = "Import masks from a folder"
+        dialog = FileDialog(title, Kind.OPEN_FOLDER, start, use_native=native, action="Import")
+        return dialog, lambda path: masking.import_from(session, path)
+    if request == "import_masks_file":
+        suffixes = (".json", ".npz", ".npy")
+        title = "Import masks from a file"
+        dialog = FileDialog(
+            title, Kind.OPEN_FILE, start, "", suffixes, use_native=native, action="Import"
+        )
+        return dialog, lambda path: masking.import_from(session, path)
+    if request == "export_masks_to":
+        name = f"{Path(session.document.name).stem} masks"
+        dialog = _new_folder("Export masks into a folder", start, name, "Export", native)
+        return dialog, lambda path: masking.export(session, ui.masks.form, path)
+    return None
 
 
 def _dialog(
@@ -41,10 +128,10 @@ def _dialog(
         return dialog, session.open
     if request == "open_file":
         dialog = FileDialog(
-            "Open a splat file or a project",
+            "Open a splat file, a project or a video",
             Kind.OPEN_FILE,
             start,
-            suffixes=(".ply", ".json"),
+            suffixes=(*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
             use_native=native,
         )
         return dialog, session.open
@@ -61,6 +148,10 @@ def _writing(
         title, action = "Save the project in a folder", "Save"
         dialog = _new_folder(title, start, f"{stem}.gaga", action, native)
         return dialog, session.save
+    if request == "add_splats":
+        title = "Add the splats of another file"
+        dialog = FileDialog(title, Kind.OPEN_FILE, start, "", READ_SUFFIXES, native, "Add")
+        return dialog, lambda path: stages.add_splats(session, path)
     if request == "export_objects":
         title = "Export one .ply per object into a folder"
         dialog = _new_folder(title, start, f"{stem} objects", "Export", native)
@@ -68,8 +159,13 @@ def _writing(
     if request == "export_selected":
         groups = session.selected_groups()
         name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
-        dialog = _save_ply("Export the selection", start, f"{name}.ply", native)
-        return dialog, lambda path: cleaning.export(session, "selected", path)
+        dialog = _save_splats("Export the selection", start, f"{name}.ply", native)
+
+        def selected(path: Path) -> None:
+            then = partial(cleaning.export, session, "selected", path)
+            stages.when_agreed(session, "selected", path, then)
+
+        return dialog, selected
     if request == "save_script":
         dialog = FileDialog(
             "Save the edits as a script",
@@ -82,14 +178,21 @@ def _writing(
         )
         return dialog, lambda path: arranging.save_script(session, path)
     if request == "export_scene":
-        dialog = _save_ply("Export what is visible", start, f"{stem} edited.ply", native)
-        return dialog, lambda path: stages.export(session, "scene", path)
+        dialog = _save_splats("Export what is visible", start, f"{stem} edited.ply", native)
+
+        def visible(path: Path) -> None:
+            then = partial(stages.export, session, "scene", path)
+            stages.when_agreed(session, "scene", path, then)
+
+        return dialog, visible
     return None, None
 
 
-def _save_ply(title: str, start: Path, name: str, native: bool) -> FileDialog:
+def _save_splats(title: str, start: Path, name: str, native: bool) -> FileDialog:
+    """The name says the form: the title lists them."""
+    title = f"{title} as {', '.join(WRITE_SUFFIXES[:-1])} or {WRITE_SUFFIXES[-1]}"
     return FileDialog(
-        title, Kind.SAVE_FILE, start, name, (".ply",), use_native=native, action="Export"
+        title, Kind.SAVE_FILE, start, name, WRITE_SUFFIXES, use_native=native, action="Export"
     )
 
 

@@ -1,14 +1,13 @@
 """Sheets over the window: a question, all commands by name, the keys, preferences, about."""
 
-from dataclasses import replace
-
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core import __version__
 from gaga_studio import commands
 from gaga_studio.commands import COMMANDS, GROUPS, Command
 from gaga_studio.session import Session
-from gaga_studio.ui import actions, icons, theme, widgets
+from gaga_studio.ui import actions, icons, preferences, saving, theme, training, widgets
+from gaga_studio.ui.modal import begin_modal, close_row
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -19,16 +18,9 @@ MOUSE = (
     ("Drag", "Orbit (with the pick tool), else the tool"),
     ("Middle drag", "Orbit; with Shift pan, with Ctrl zoom"),
     ("Right drag", "Pan"),
+    ("Right click", "The menu of the object"),
     ("Wheel", "Zoom"),
     ("W A S D, Q, E", "Fly; Shift fast, Alt slow"),
-)
-_THEMES = (("dark", "Dark"), ("light", "Light"))
-_PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
-_MODAL = (
-    imgui.WindowFlags_.no_resize
-    | imgui.WindowFlags_.no_saved_settings
-    | imgui.WindowFlags_.always_auto_resize
-    | imgui.WindowFlags_.no_move
 )
 _LICENCES = (
     "Apache-2.0. With Dear ImGui Bundle (MIT), moderngl (MIT), numba (BSD), NumPy (BSD), "
@@ -44,9 +36,12 @@ def draw(session: Session, ui: UiState) -> None:
         ui.palette_text, ui.palette_at = "", 0
     _palette(session, ui)
     _shortcuts(session)
-    _preferences(session)
+    preferences.draw(session, ui)
+    saving.draw(session, ui.wishes)
+    training.sheet(session, ui)
     _about()
     _question(session)
+    actions.picture_menus(session)
 
 
 def _names() -> dict[str, str]:
@@ -55,31 +50,13 @@ def _names() -> dict[str, str]:
         "shortcuts": "Keys and mouse",
         "about": "About gaga-studio",
         "preferences": "Preferences",
+        "masks": "Make masks",
+        "export_masks": "Export masks",
+        "object_menu": "Object in the picture",
+        "scene_menu": "Scene in the picture",
+        "photos": training.SHEET,
+        **saving.SHEETS,
     }
-
-
-def _begin_modal(name: str, width: float) -> bool:
-    viewport = imgui.get_main_viewport()
-    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
-    fitting = min(width, viewport.size.x * 0.94)
-    high = viewport.size.y * 0.92
-    imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, high))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(8))
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(1.1), em(0.9)))
-    is_open, _ = imgui.begin_popup_modal(name, None, _MODAL)
-    imgui.pop_style_var(2)
-    if is_open and name != "Question":
-        widgets.escape_closes()
-    return is_open
-
-
-def _close_row() -> None:
-    imgui.dummy(ImVec2(0, em(0.3)))
-    width = em(6)
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
-    if widgets.button("Close", Face(width=width)):
-        imgui.close_current_popup()
 
 
 def _question(session: Session) -> None:
@@ -87,7 +64,7 @@ def _question(session: Session) -> None:
     name = "Question"
     if question is not None and not imgui.is_popup_open(name):
         imgui.open_popup(name)
-    if not _begin_modal(name, em(28)):
+    if not begin_modal(name, em(28)):
         return
     if question is None:
         imgui.close_current_popup()
@@ -183,7 +160,7 @@ def _searched(command: Command) -> str:
 
 
 def _shortcuts(session: Session) -> None:
-    if not _begin_modal("Keys and mouse", em(50)):
+    if not begin_modal("Keys and mouse", em(50)):
         return
     columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
     height = min(em(30), imgui.get_main_viewport().size.y * 0.92 - em(7))
@@ -202,7 +179,7 @@ def _shortcuts(session: Session) -> None:
             _sheet(group, [(keys, title) for keys, title in rows if keys])
         imgui.end_table()
     imgui.end_child()
-    _close_row()
+    close_row()
     imgui.end_popup()
 
 
@@ -219,44 +196,8 @@ def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]
         imgui.pop_text_wrap_pos()
 
 
-def _preferences(session: Session) -> None:
-    if not _begin_modal("Preferences", em(28)):
-        return
-    settings = session.settings
-    imgui.push_item_width(em(12))
-    changed, size = imgui.slider_float(
-        "Size of text and buttons", settings.ui_scale, 0.7, 2.0, "%.2f×"
-    )
-    if imgui.is_item_deactivated_after_edit() or changed:
-        settings = replace(settings, ui_scale=size)
-    changed, speed = imgui.slider_float("Fly speed", settings.fly_speed, 0.1, 5.0, "%.1f×")
-    if changed:
-        settings = replace(settings, fly_speed=speed)
-    settings = replace(
-        settings,
-        theme=_choice("Theme", _THEMES, settings.theme),
-        keys=_choice("Keys as in", _PROFILES, settings.keys),
-    )
-    changed, inverted = imgui.checkbox("The wheel zooms the other way", settings.invert_zoom)
-    if changed:
-        settings = replace(settings, invert_zoom=inverted)
-    imgui.pop_item_width()
-    if settings != session.settings:
-        session.change_settings(settings)
-    _close_row()
-    imgui.end_popup()
-
-
-def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> str:
-    """A drop-down of (value, text)."""
-    names = [value for value, _ in choices]
-    at = names.index(current) if current in names else 0
-    changed, at = imgui.combo(label, at, [text for _, text in choices])
-    return names[at] if changed else current
-
-
 def _about() -> None:
-    if not _begin_modal("About gaga-studio", em(30)):
+    if not begin_modal("About gaga-studio", em(30)):
         return
     with theme.face(strong=True, scale=1.4):
         imgui.text_unformatted("gaga-studio")
@@ -269,5 +210,5 @@ def _about() -> None:
     )
     widgets.dim(_LICENCES, wrap=True)
     imgui.pop_text_wrap_pos()
-    _close_row()
+    close_row()
     imgui.end_popup()

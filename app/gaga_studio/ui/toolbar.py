@@ -44,6 +44,10 @@ def draw(session: Session, ui: UiState) -> None:
     actions.command_icon(session, "edit.redo")
     _rule()
     _modes(session, with_text=width > em(58))
+    imgui.same_line()
+    if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
+        imgui.new_line()
+        return
     _rule()
     actions.command_icon(session, "view.frusta")
     _next()
@@ -101,6 +105,8 @@ def _modes(session: Session, *, with_text: bool) -> None:
         on=session.view.mode not in shown,
     ):
         imgui.open_popup("More modes")
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
     if imgui.begin_popup("More modes"):
         for mode in Mode:
             if mode not in shown:

@@ -12,7 +12,7 @@ from gaga_studio.ui.theme import em
 
 _CHOICES = (
     ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
-    ("file.open_file", icons.FILE, "Open a splat file", "A .ply, or a saved project"),
+    ("file.open_file", icons.FILE, "Open a splat file", "PLY, SPZ, SOG, .splat, project"),
     ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
 )
 _MOST_RECENT = 5
@@ -21,6 +21,7 @@ _MOST_RECENT = 5
 def draw(session: Session, ui: UiState) -> None:
     """Three large choices in the middle; below them what was open lately."""
     room = imgui.get_content_region_avail()
+    room.y -= ui.steps_strip
     corner = imgui.get_cursor_screen_pos()
     if session.jobs.running is not None:
         _opening(session, room)

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
+from gaga_studio import words
 from gaga_studio.ui import theme
 from gaga_studio.ui.theme import em
 
@@ -166,7 +167,8 @@ def number(text: str, color: ImVec4 | None = None) -> None:
 
 
 def elided(text: str, width: float) -> str:
-    """``text`` cut with an ellipsis so that it fits ``width`` pixels."""
+    """``text``, in the user's language, cut with an ellipsis so that it fits ``width`` pixels."""
+    text = words.tr(text)
     if imgui.calc_text_size(text).x <= width:
         return text
     low, high = 0, len(text)
@@ -184,7 +186,7 @@ def line(text: str, color: ImVec4 | None = None) -> None:
     shown = elided(text, imgui.get_content_region_avail().x)
     with theme.text_color(color or theme.TEXT):
         imgui.text_unformatted(shown)
-    if shown != text:
+    if shown != words.tr(text):
         tooltip(text)
 
 
@@ -215,6 +217,7 @@ def empty_state(icon: str, title: str, detail: str) -> None:
 
 def wrapped(text: str, color: ImVec4) -> None:
     """Text in centred lines that fit the panel."""
+    text = words.tr(text)
     width = imgui.get_content_region_avail().x - em(0.5)
     with theme.text_color(color):
         for part in _lines(text, width):

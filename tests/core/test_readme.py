@@ -1,0 +1,47 @@
+"""The Python of the README runs as it stands, and does what it says."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.color import rgb_from_dc
+from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.project import Project, save_project
+from gaga_core.scene.scene import Scene
+from tests.scenes import objects_scene
+
+_README = Path(__file__).resolve().parents[2] / "README.md"
+
+
+def _blocks() -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", _README.read_text(encoding="utf-8"), re.M | re.S)
+
+
+def test_the_readme_is_short_and_holds_one_block() -> None:
+    assert len(_README.read_text(encoding="utf-8").splitlines()) < 150
+    (block,) = _blocks()
+    calls = [
+        line for line in block.splitlines() if line and not line.startswith(("from", "import"))
+    ]
+    assert len(calls) <= 5
+
+
+def test_the_block_opens_recolors_deletes_and_exports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = objects_scene(4, 120, n_cameras=2)
+    write_ply(tmp_path / "scene.ply", made.gaussians)
+    scene = Scene.of(made.gaussians, made.labels)
+    save_project(Project(scene, tmp_path / "scene.ply"), tmp_path / "SCENE")
+    monkeypatch.chdir(tmp_path)
+    (block,) = _blocks()
+    exec(compile(block, "README.md", "exec"), {})  # noqa: S102  it is ours
+    result = read_ply(tmp_path / "edited.ply")
+    assert len(result.means) == int((made.labels != 4).sum()), "object 4 is deleted"
+    red = rgb_from_dc(result.sh[:, 0]).mean(axis=0)
+    assert red.shape == (3,)
+    recolored = made.labels[made.labels != 4] == 3
+    mean = rgb_from_dc(result.sh[:, 0])[recolored].mean(axis=0)
+    np.testing.assert_allclose(mean, [0.9, 0.1, 0.1], atol=0.05)
