@@ -18,7 +18,7 @@ from uuid import uuid4
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
-from gaga_core.project import save_project
+from gaga_core.project import Project, open_path_stage, save_project
 from gaga_studio import paths
 from gaga_studio.notices import Level, Question
 from gaga_studio.session import Session
@@ -153,7 +153,7 @@ def offer(session: Session) -> bool:
 
     def chosen(choice: str) -> None:
         if choice == "Recover":
-            session.recover(newest.folder, newest.project, _remover(newest.folder))
+            _recover(session, newest)
         elif choice == "Discard":
             _remover(newest.folder)()
             offer(session)
@@ -165,6 +165,18 @@ def offer(session: Session) -> bool:
         chosen,
     )
     return True
+
+
+def _recover(session: Session, found: Recovery) -> None:
+    """Open what was autosaved as unsaved edits of the project that it belongs to."""
+
+    def opened(project: Project) -> None:
+        project.path = found.project
+        session.take(project)
+        session.need().changes.saved(None)  # nothing of it is on disk
+        _remover(found.folder)()
+
+    session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
 
 
 def _remover(folder: Path) -> Callable[[], None]:

@@ -13,7 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
-from gaga_core.project import Project, open_path_stage
+from gaga_core.project import Project
 from gaga_core.scene.bounds import splat_box
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.history import History
@@ -143,17 +143,6 @@ class Session:
         """Open the demo scene; the first time it is made."""
         self._when_saved("before the demo is opened", lambda: self._start_opening(None))
 
-    def recover(self, folder: Path, home: Path | None, then: Callable[[], None]) -> None:
-        """Open an autosaved project as unsaved edits of the one saved at ``home``, if any."""
-
-        def opened(project: Project) -> None:
-            project.path = home
-            self._take(project)
-            self.need().changes.saved(None)  # nothing of it is on disk
-            then()
-
-        self.jobs.start("Recover", open_path_stage(folder), on_done=opened)
-
     def close(self) -> None:
         """Close the scene, after asking about unsaved edits."""
         self._when_saved("before it is closed", self._forget)
@@ -208,7 +197,7 @@ class Session:
 
         def opened(project: "Project | PhotoFind") -> None:
             if isinstance(project, Project):
-                self._take(project)
+                self.take(project)
             else:
                 self._forget()
                 self.photos = project
@@ -218,7 +207,7 @@ class Session:
 
         self.jobs.start(title, stage, on_done=opened)
 
-    def _take(self, project: Project) -> None:
+    def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""
         found = tasks.masks_of(project)
         self._forget()

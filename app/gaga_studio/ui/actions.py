@@ -45,7 +45,7 @@ ICONS = {
     "view.confidence": icons.CONFIDENCE,
     "view.centres": icons.CENTRES,
     "view.rings": icons.RINGS,
-    "view.mask": icons.MASK,
+    "view.mask": icons.MASK_MODE,
     "view.frame_selected": icons.FOCUS,
     "view.frame_all": icons.HOME,
     "view.frusta": icons.FRUSTA,
