@@ -78,7 +78,7 @@ def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Pat
     assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
 
 
-def test_a_folder_without_masks_says_where_they_go(
+def test_a_folder_without_masks_offers_to_make_them(
     new_session: Callable[[], Session], scene_folder: Path
 ) -> None:
     shutil.rmtree(scene_folder / "masks")
@@ -87,7 +87,8 @@ def test_a_folder_without_masks_says_where_they_go(
     finish(session)
     offer = session.stage_offer()
     assert offer is not None
-    assert "masks/NAME" in offer.reason
+    assert "no masks" in offer.reason
+    assert offer.command == "object.masks_quick"
     stages.associate(session)
     assert "no masks" in session.notices[-1].text
     assert session.jobs.running is None

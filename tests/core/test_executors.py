@@ -86,14 +86,14 @@ def test_two_workers_and_one_that_dies(scenes: Path) -> None:
 
 
 def test_a_scene_that_fails_is_named_and_stops_no_other(scenes: Path) -> None:
-    shutil.rmtree(scenes / "a" / "masks")
+    (scenes / "a" / "point_cloud.ply").write_bytes(b"no splats")
     report = run_stage(run_scenes(scenes, engine=LOCAL))
     assert [outcome.scene for outcome in report.failed] == ["a"]
-    assert "masks" in report.failed[0].failed
+    assert "point_cloud.ply" in report.failed[0].failed
     assert report.table()[1][0] == "a"
-    assert "masks" in report.table()[1][3]
+    assert "point_cloud.ply" in report.table()[1][3]
     entry = json.loads((scenes / "a" / "gaga" / "report.json").read_text())["run"]
-    assert "masks" in entry["failed"]
+    assert "point_cloud.ply" in entry["failed"]
     assert missing_stages(open_scene_folder(scenes / "b")) == ()
 
 
