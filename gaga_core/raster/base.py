@@ -15,7 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 
@@ -84,6 +86,41 @@ class TrainStep:
 
 # picture (H, W, 3) and target -> value and its gradient by the picture (H, W, 3), both float32
 ImageLoss = Callable[[FloatArray, FloatArray], tuple[float, FloatArray]]
+
+
+def check_render(
+    gaussians: Gaussians,
+    channels: FloatArray | None,
+    background: DoubleArray | FloatArray | None,
+) -> int:
+    """Check what `Rasterizer.render` is given; the number of channels of its picture."""
+    n_channels = 3
+    if channels is not None:
+        check_shape("channels", channels, (len(gaussians), "C"), np.float32)
+        n_channels = channels.shape[1]
+    if background is not None:
+        check_shape("background", background, (n_channels,))
+    return n_channels
+
+
+def check_pixels(camera: Camera, pixels: LongArray) -> None:
+    """Check the flat pixel indices (P,) of `Rasterizer.weights`."""
+    check_shape("pixels", pixels, ("P",))
+    n_pixels = camera.width * camera.height
+    if len(pixels) and (pixels.min() < 0 or pixels.max() >= n_pixels):
+        raise ValueError(f"pixels: flat indices must be in 0..{n_pixels - 1}")
+
+
+def check_vote(
+    gaussians: Gaussians, camera: Camera, labels: IntArray, histogram: FloatArray
+) -> None:
+    """Check what `Rasterizer.vote` is given."""
+    check_shape("labels", labels, (camera.height, camera.width), np.int32)
+    check_shape("histogram", histogram, (len(gaussians), "K"), np.float32)
+    if int(labels.max()) >= histogram.shape[1]:
+        raise ValueError(f"labels: {labels.max()} has no column of {histogram.shape[1]}")
+    if not (histogram.flags.c_contiguous and histogram.flags.writeable):
+        raise ValueError("histogram: expected a writable C-contiguous array")
 
 
 class Rasterizer(Protocol):

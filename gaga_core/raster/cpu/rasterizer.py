@@ -13,6 +13,9 @@ from gaga_core.raster.base import (
     LabelFrame,
     PixelWeights,
     TrainStep,
+    check_pixels,
+    check_render,
+    check_vote,
 )
 from gaga_core.raster.cpu import blend_kernels as kernels
 from gaga_core.raster.cpu.backward import Forward, backward, forward
@@ -40,12 +43,7 @@ class CpuRasterizer:
         background: DoubleArray | FloatArray | None = None,
     ) -> Frame:
         """Blend SH color, or ``channels`` (N, C), and depth over ``background`` (C,)."""
-        n_channels = 3
-        if channels is not None:
-            check_shape("channels", channels, (len(gaussians), "C"), np.float32)
-            n_channels = channels.shape[1]
-        if background is not None:
-            check_shape("background", background, (n_channels,))
+        n_channels = check_render(gaussians, channels, background)
         view = prepare(gaussians, camera)
         behind = np.zeros(max(3, n_channels), np.float32)
         behind[:n_channels] = 0 if background is None else background
@@ -67,10 +65,7 @@ class CpuRasterizer:
         w_min: float = 0.0,
     ) -> PixelWeights:
         """Blending weights above ``w_min`` of ``pixels`` (P,), flat indices v * width + u."""
-        check_shape("pixels", pixels, ("P",))
-        n_pixels = camera.width * camera.height
-        if len(pixels) and (pixels.min() < 0 or pixels.max() >= n_pixels):
-            raise ValueError(f"pixels: flat indices must be in 0..{n_pixels - 1}")
+        check_pixels(camera, pixels)
         return sampled_weights(prepare(gaussians, camera), camera.width, pixels, w_min)
 
     def vote(
@@ -81,12 +76,7 @@ class CpuRasterizer:
         histogram: FloatArray,
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored."""
-        check_shape("labels", labels, (camera.height, camera.width), np.int32)
-        check_shape("histogram", histogram, (len(gaussians), "K"), np.float32)
-        if int(labels.max()) >= histogram.shape[1]:
-            raise ValueError(f"labels: {labels.max()} has no column of {histogram.shape[1]}")
-        if not (histogram.flags.c_contiguous and histogram.flags.writeable):
-            raise ValueError("histogram: expected a writable C-contiguous array")
+        check_vote(gaussians, camera, labels, histogram)
         add_votes(prepare(gaussians, camera), for_kernel(labels, np.int32), histogram)
 
     def label_splat(self, gaussians: Gaussians, camera: Camera, labels: IntArray) -> LabelFrame:

@@ -18,6 +18,9 @@ from gaga_core.raster.base import (
     LabelFrame,
     PixelWeights,
     TrainStep,
+    check_pixels,
+    check_render,
+    check_vote,
 )
 from gaga_core.raster.cuda.backward import Forward, backward, forward, sh_colors
 from gaga_core.raster.cuda.listing import list_entries, measure_alpha_max
@@ -66,12 +69,7 @@ class CudaRasterizer:
         background: DoubleArray | FloatArray | None = None,
     ) -> Frame:
         """Blend SH color, or ``channels`` (N, C), and depth over ``background`` (C,)."""
-        n_channels = 3
-        if channels is not None:
-            check_shape("channels", channels, (len(gaussians), "C"), np.float32)
-            n_channels = channels.shape[1]
-        if background is not None:
-            check_shape("background", background, (n_channels,))
+        n_channels = check_render(gaussians, channels, background)
         behind = send(np.zeros(n_channels) if background is None else background, self._device)
         view = self._prepare(gaussians, camera)
         shape = (camera.height, camera.width)
@@ -94,10 +92,8 @@ class CudaRasterizer:
         self, gaussians: Gaussians, camera: Camera, pixels: LongArray, *, w_min: float = 0.0
     ) -> PixelWeights:
         """Blending weights above ``w_min`` of ``pixels`` (P,), flat indices v * width + u."""
-        check_shape("pixels", pixels, ("P",))
+        check_pixels(camera, pixels)
         n_pixels = camera.width * camera.height
-        if len(pixels) and (pixels.min() < 0 or pixels.max() >= n_pixels):
-            raise ValueError(f"pixels: flat indices must be in 0..{n_pixels - 1}")
         view = self._prepare(gaussians, camera)
         wanted = torch.zeros(n_pixels, dtype=torch.bool, device=self._device)
         wanted[torch.tensor(pixels, dtype=torch.int64, device=self._device)] = True
@@ -129,12 +125,7 @@ class CudaRasterizer:
         A picture is W c for channels c; so the gradient of sum(picture * mask of k) by c is the
         column k of the votes, and gsplat's backward pass gives 32 of them at once.
         """
-        check_shape("labels", labels, (camera.height, camera.width), np.int32)
-        check_shape("histogram", histogram, (len(gaussians), "K"), np.float32)
-        if int(labels.max()) >= histogram.shape[1]:
-            raise ValueError(f"labels: {labels.max()} has no column of {histogram.shape[1]}")
-        if not (histogram.flags.c_contiguous and histogram.flags.writeable):
-            raise ValueError("histogram: expected a writable C-contiguous array")
+        check_vote(gaussians, camera, labels, histogram)
         view = self._prepare(gaussians, camera)
         if view.is_empty:
             return
