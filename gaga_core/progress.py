@@ -5,6 +5,7 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 """
 
 from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -42,17 +43,27 @@ def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = 
             on_progress(progress)
 
 
+def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
+    """Run ``stage`` with its progress changed; it is closed at once when this is."""
+    with closing(stage):
+        while True:
+            try:
+                step = next(stage)
+            except StopIteration as end:
+                value: T = end.value
+                return value
+            yield change(step)
+
+
 def part(stage: Stage[T], index: int, n_parts: int, title: str, *, prefix: str = "") -> Stage[T]:
     """Run ``stage``; its progress is passed on as that of one of ``n_parts`` parts of ``title``.
 
     ``prefix`` stands before each message.
     """
-    while True:
-        try:
-            step = next(stage)
-        except StopIteration as end:
-            value: T = end.value
-            return value
+
+    def change(step: Progress) -> Progress:
         done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
         message = prefix + step.message
-        yield replace(step, stage=title, done=done, total=n_parts * _STEPS, message=message)
+        return replace(step, stage=title, done=done, total=n_parts * _STEPS, message=message)
+
+    return mapped(stage, change)

@@ -1,13 +1,12 @@
 """From photos to splats in the window: the offer, the job, what it shows, and what is asked."""
 
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, mapped
 from gaga_studio.notices import Level, Question
 from gaga_studio.session import Session
 from gaga_studio.training import Live, Training
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from gaga_core.reconstruct_scene import ReconstructConfig, Reconstruction
 
 TITLE = "Make splats"
-T = TypeVar("T")
 _STEPS = 1000  # of the job's bar
 _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
@@ -137,30 +135,18 @@ def _stage(found: "PhotoFind", plan: Plan) -> "Stage[Reconstruction | _Refused]"
     if find_sparse(plan.scene) is None:
         place = reconstruct_scene(found.photos, plan.scene, replace(config, only="sfm"))
         try:
-            placed = yield from _mapped(place, _in_steps(0, share))
+            placed = yield from mapped(place, _in_steps(0, share))
         except WrongModelError as error:
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
     seen = Live(folder.cameras, notes)
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
-    return (yield from _mapped(_mapped(train, _in_steps(share, 1)), _gathered(seen)))
+    return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
 
 
 def _nothing() -> Stage[None]:
     yield Progress(TITLE, 0, 0, "Preparing")
-
-
-def _mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
-    """``stage`` with its progress changed; closed at once when this is."""
-    with closing(stage):
-        while True:
-            try:
-                step = next(stage)
-            except StopIteration as end:
-                value: T = end.value
-                return value
-            yield change(step)
 
 
 def _in_steps(start: float, end: float) -> Callable[[Progress], Progress]:
