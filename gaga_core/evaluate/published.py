@@ -17,7 +17,6 @@ class Figures:
     values: tuple[float, ...]  # in the order of the protocol's metrics
 
 
-INSTANCE_METRICS = ("IoU", "precision", "recall")
 PROMPT_METRICS = ("mIoU", "mBIoU")
 
 INSTANCE: Mapping[str, tuple[Figures, ...]] = {

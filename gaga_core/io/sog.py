@@ -96,6 +96,7 @@ def read_sog_stage(path: Path) -> Stage[Gaussians]:
         with zipfile.ZipFile(path) as archive:
             sog = _opened(path, lambda name: _of_zip(archive, name))
             return without_broken_rows(path, (yield from _decoded(sog)))
+    # The last two are zipfile's words for an unknown compression and for a password.
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, SyntaxError) as error:

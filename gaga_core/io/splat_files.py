@@ -56,11 +56,6 @@ def form_of(path: Path) -> Form:
     )
 
 
-def is_splat_file(path: Path) -> bool:
-    """Whether a name is that of a file of splats, or a folder of a SOG."""
-    return path.suffix.lower() in READ_SUFFIXES or is_sog_meta(path) or is_sog_meta(path / META)
-
-
 def read_splats(path: Path) -> Gaussians:
     """Read a file of splats of any kind; see `read_splats_stage`."""
     return run_stage(read_splats_stage(path))
