@@ -5,8 +5,10 @@ Whoever starts long work calls `after_warm_up`; the window runs `warm_up_stage` 
 that no list of kernels and of their argument types has to be kept.
 """
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
+from gaga_core.io.ply import write_ply
 from gaga_core.kernels import is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
@@ -60,6 +63,7 @@ def warm_up_stage() -> Stage[None]:
         ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
         ("training", _train),
+        ("files", _write),
     ]
     for i, (name, step) in enumerate(steps):
         yield Progress(STAGE, i, len(steps), name)
@@ -158,6 +162,11 @@ def _train(sample: _Sample) -> object:
         first_splats_stage(points, colors, held_out.train, config, sample.rasterizer)
     )
     return train(initial, held_out, config, sample.rasterizer)
+
+
+def _write(sample: _Sample) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        write_ply(Path(folder) / "sample.ply", sample.gaussians)
 
 
 def _association(preset: str) -> Callable[[_Sample], object]:

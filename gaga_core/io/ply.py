@@ -8,6 +8,8 @@ the end. plyfile is used here alone.
 import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
 
@@ -18,6 +20,7 @@ from gaga_core.arrays import AnyArray, BoolArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.ply_kernels import pack_rows
 from gaga_core.progress import Progress, Stage, run_stage
 
 _BLOCK = 1 << 12  # rows: about 1 MB, so that each column finds them in the cache
@@ -110,16 +113,23 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     others = [name for name in gaussians.extra if name not in _NORMALS]
     fields += [(name, _dtype_of(gaussians, name)) for name in others]
     dtype = np.dtype(fields)
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        file.write(_header(dtype, n, gaussians.comments))
-        buffer = np.empty(min(_BLOCK, n), dtype)
-        for start in range(0, n, _BLOCK):
+    # One thread writes a block while the next one is packed.
+    with (
+        atomic_write(path) as temporary,
+        temporary.open("wb") as file,
+        ThreadPoolExecutor(1, thread_name_prefix="ply") as writer,
+    ):
+        written = writer.submit(file.write, _header(dtype, n, gaussians.comments))
+        buffers = cycle([np.zeros(min(_BLOCK, n), dtype) for _ in range(2)])
+        for start, buffer in zip(range(0, n, _BLOCK), buffers, strict=False):
             if start % (_STEP * _BLOCK) == 0:
                 yield Progress("Write splats", start, n, path.name)
             part = slice(start, min(start + _BLOCK, n))
             block = buffer[: part.stop - start]
-            _pack(gaussians, part, block, rest)
-            file.write(block.data)
+            _pack(gaussians, part, block)
+            written.result()  # raises what stopped it; then the other buffer is free
+            written = writer.submit(file.write, block.data)
+        written.result()
     yield Progress("Write splats", n, n, path.name)
 
 
@@ -284,26 +294,28 @@ def _dtype_of(gaussians: Gaussians, name: str) -> str:
     return "<f4"
 
 
-def _pack(gaussians: Gaussians, part: slice, rows: AnyArray, rest: tuple[str, ...]) -> None:
-    for i, name in enumerate(_MEANS):
-        rows[name] = gaussians.means[part, i]
-    for name in _NORMALS:
-        rows[name] = 0
-    for i, name in enumerate(_DC):
-        rows[name] = gaussians.sh[part, 0, i]
-    per_channel = len(rest) // 3
-    for channel in range(3 if rest else 0):  # columns of a channel lie side by side
-        at = rows.dtype.fields[rest[channel * per_channel]][1]  # type: ignore[index]
-        shape, strides = (len(rows), per_channel), (rows.dtype.itemsize, 4)
-        columns: AnyArray = np.ndarray(shape, "<f4", rows.data, at, strides)
-        columns[:] = gaussians.sh[part, 1:, channel]
-    rows["opacity"] = gaussians.logit_opacities[part]
-    for i, name in enumerate(_SCALES):
-        rows[name] = gaussians.log_scales[part, i]
-    for i, name in enumerate(_QUATS):
-        rows[name] = gaussians.quats[part, i]
+def _pack(gaussians: Gaussians, part: slice, rows: AnyArray) -> None:
+    """Fill ``rows``, whose normals are 0 already, with the splats of ``part``."""
+    pack_rows(
+        np.ascontiguousarray(gaussians.means[part]),
+        np.ascontiguousarray(gaussians.sh[part]),
+        np.ascontiguousarray(gaussians.logit_opacities[part]),
+        np.ascontiguousarray(gaussians.log_scales[part]),
+        np.ascontiguousarray(gaussians.quats[part]),
+        _side_by_side(rows, "x", 3),
+        _side_by_side(rows, "f_dc_0", 3 * gaussians.sh.shape[1] + 8),
+    )
     for name, column in gaussians.extra.items():
         rows[name] = column[part]
+
+
+def _side_by_side(rows: AnyArray, first: str, n: int) -> FloatArray:
+    """View (B, n) of ``n`` float columns of ``rows`` that begin with the column ``first``."""
+    fields = rows.dtype.fields
+    assert fields is not None
+    shape, strides = (len(rows), n), (rows.dtype.itemsize, 4)
+    view: FloatArray = np.ndarray(shape, "<f4", rows.data, fields[first][1], strides)
+    return view
 
 
 def _header(dtype: np.dtype[np.void], n: int, comments: tuple[str, ...]) -> bytes:
