@@ -1,4 +1,4 @@
-"""Search by words alone: the color table, facts of groups, the grammar, and answers."""
+"""Search by words alone: facts of groups, the grammar, and answers."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
-from gaga_core.query.colors import NAMES, color_table, name_weights
 from gaga_core.query.facts import compact_rows, facts_of, group_facts
 from gaga_core.query.grammar import parse
 from gaga_core.query.named import name_scores
@@ -74,38 +73,6 @@ def ask(scene: Scene, text: str, camera: Camera | None = FRONT) -> Answer:
 
 def meant(answer: Answer) -> set[int]:
     return set(answer.groups[: answer.n_meant].tolist())
-
-
-# --- colors ---------------------------------------------------------------------------------------
-
-
-def test_every_color_of_the_table_is_divided_among_the_names() -> None:
-    table = color_table()
-    share, vivid = table[:, : len(NAMES)], table[:, len(NAMES) :]
-    assert np.allclose(share.sum(axis=1), 1, atol=1e-5)
-    assert (vivid <= share + 1e-6).all()
-    assert (vivid >= 0).all()
-
-
-@pytest.mark.parametrize(
-    ("code", "name"),
-    [
-        ("e01010", "red"), ("701010", "red"), ("f08020", "orange"), ("f0e020", "yellow"),
-        ("20a030", "green"), ("103a18", "green"), ("20b0b0", "turquoise"), ("2050d0", "blue"),
-        ("101c60", "blue"), ("8030b0", "purple"), ("f090b8", "pink"), ("6b4226", "brown"),
-        ("808080", "grey"), ("050505", "black"), ("fafafa", "white"), ("e4d4ac", "beige"),
-    ],
-)  # fmt: skip
-def test_plain_colors_have_their_names(code: str, name: str) -> None:
-    rgb = np.array([int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)])
-    assert NAMES[int(name_weights(rgb).argmax())] == name
-
-
-def test_shade_does_not_change_the_color_of_a_hue() -> None:
-    for code, name in (("d81e1e", "red"), ("1e56c8", "blue"), ("2a9a34", "green")):
-        rgb = np.array([int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)])
-        for light in (0.45, 0.7, 1.0):
-            assert NAMES[int(name_weights(rgb * light).argmax())] == name
 
 
 # --- facts ----------------------------------------------------------------------------------------
