@@ -79,8 +79,7 @@ class AppendSplats:
         self._bump(scene)
 
     def _bump(self, scene: Scene) -> None:
-        """Other tools mirror the kept rows, unless the shape of all rows changed."""
-        scene.revision.splats_changed(self.n if self.splats.sh.shape[1] <= self.n_sh else 0)
+        scene.revision.splats_changed(self.n)
         scene.revision.labels += 1
         scene.revision.state += 1
         scene.revision.placement += 1

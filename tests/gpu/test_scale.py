@@ -83,6 +83,34 @@ def test_duplicates_are_sent_alone_and_arrive_whole(gl: Any, sh_degree: int) -> 
     buffers.release()
 
 
+def test_files_of_any_degree_arrive_whole_and_leave_whole(gl: Any) -> None:
+    """A walk of added files, undos and redos: the color of all rows widens and narrows."""
+    gaussians = random_gaussians(3000, sh_degree=1)
+    scene = Scene.of(gaussians, np.ones(3000, np.int32))
+    history, buffers = History(scene), SceneBuffers(gl)
+    buffers.sync(scene)
+    rng = np.random.default_rng(2)
+    degrees = set()
+    for step in range(24):
+        for _ in range(int(rng.integers(1, 3))):
+            move = rng.random()
+            if move < 0.4:
+                # Rows of the scene: their sizes stay within what the card's steps cover.
+                added = gaussians.take(rng.permutation(3000)[:400])
+                n_sh = (int(rng.integers(4)) + 1) ** 2
+                added = replace(added, sh=rng.random((400, n_sh, 3), np.float32))
+                history.do(edits.append(scene, added, Path("a.ply"), "0"))
+            elif move < 0.8:
+                history.undo()
+            else:
+                history.redo()
+        buffers.sync(scene)
+        degrees.add(scene.gaussians.sh_degree)
+        assert _contents(buffers) == _fresh(gl, scene), step
+    assert degrees == {1, 2, 3}
+    buffers.release()
+
+
 def test_a_duplicate_does_not_send_the_scene_again(
     gl: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
