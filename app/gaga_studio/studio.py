@@ -1,5 +1,6 @@
 """The one place that joins window, session, panels and picture; the frame loop."""
 
+import logging
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,14 @@ from imgui_bundle import imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
 from gaga_studio import cleaning, filming, paths, recovery, window, words
 from gaga_studio.easel import Easel
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.log import start_log
+from gaga_studio.notices import Level
 from gaga_studio.pacing import Pacing
 from gaga_studio.session import Session
 from gaga_studio.status import status_text
@@ -41,11 +44,13 @@ from gaga_studio.ui import (
     translated,
     views,
 )
+from gaga_studio.ui.guard import Guard
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.viewport import ViewportPanel
 from gaga_studio.view import Mode, ViewState
 from gaga_studio.window import Hooks, Panel, Window, WindowOptions
 
+_LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
 _JOB_RATE = 12.0  # while a job runs: its progress moves, and the processor is the job's
 
@@ -71,6 +76,7 @@ class Studio:
         self._pacing = Pacing()
         self._autosave = recovery.Autosave()
         self._steps = first_steps.Progress()
+        self._guard = Guard(self._failed)
         self._backend = ""
         self._document: object = None
         self._masks: object = None
@@ -88,17 +94,17 @@ class Studio:
     # --- what the window calls
 
     def _hooks(self) -> Hooks:
-        session, ui = self.session, self.ui
+        session, ui, guarded = self.session, self.ui, self._guard.wrap
         return Hooks(
             started=self._started,
             ending=self._ending,
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=lambda: shortcuts.pressed(session, self._escape),
-            menu=lambda: menu.draw(session, ui, self.window.reset_layout),
-            tool_bar=lambda: toolbar.draw(session, ui),
-            status=self._status,
+            keys=guarded("Keys", lambda: shortcuts.pressed(session, self._escape)),
+            menu=guarded("Menu", lambda: menu.draw(session, ui, self.window.reset_layout)),
+            tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, ui)),
+            status=guarded("Status bar", self._status),
             overlay=self._overlay,
             dropped=self._dropped,
             may_close=self._may_close,
@@ -109,7 +115,7 @@ class Studio:
     def _panels(self) -> tuple[Panel, ...]:
         session, ui = self.session, self.ui
         main = "MainDockSpace"
-        return (
+        panels = (
             Panel("Viewport", lambda: self.picture.draw(session, ui), main, main, is_bare=True),
             Panel("Objects", lambda: objects.draw(session, ui), "Left", "Right"),
             Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
@@ -118,8 +124,9 @@ class Studio:
             Panel("Views", lambda: views.draw(session, ui), "Bottom", "Right"),
             Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
             Panel("Bookmarks", lambda: bookmarks.draw(session, ui), "Bottom", "Right"),
-            Panel("History", lambda: history.draw(session, ui), "RightDown", "Right"),
+            Panel("History", lambda: history.draw(session, ui), "RightDown", "RightBottom"),
         )
+        return tuple(replace(p, draw=self._guard.wrap(p.label, p.draw)) for p in panels)
 
     def _started(self) -> None:
         self._ctx = attach()
@@ -149,7 +156,22 @@ class Studio:
             self.viewport.release()
         self.viewport = self.images = None
 
+    def _failed(self, place: str, error: Exception) -> None:
+        """An error while something was drawn or done: a sentence, the rest in the log."""
+        if isinstance(error, GagaError):
+            self.session.notify(Level.ERROR, str(error))
+            return
+        _LOG.error("%s failed", place, exc_info=error)
+        self.session.notify(
+            Level.ERROR, f"Something went wrong in {place}; the details are in the log file."
+        )
+
     def _before_frame(self) -> None:
+        self._guard.call("Session", self._prepare)
+        self._guard.call("Autosave", lambda: self._autosave.tick(self.session))
+
+    def _prepare(self) -> None:
+        """Everything that a frame needs before it is drawn."""
         theme.use(self.session.settings.theme)
         words.use(self.session.settings.language)
         if not words.is_english():
@@ -160,7 +182,6 @@ class Studio:
         filming.tick(self.session, imgui.get_io().delta_time)
         if self.session.easel is not None:
             self.session.easel.serve(self._paint)
-        self._autosave.tick(self.session)
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget()
@@ -176,11 +197,12 @@ class Studio:
 
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
-        requests.take(self.session, self.ui)
-        sheets.draw(self.session, self.ui)
-        masks.draw(self.session, self.ui)
-        first_steps.draw(self.session, self.ui, self._steps)
-        notices.draw(self.session, self.ui)
+        session, ui, call = self.session, self.ui, self._guard.call
+        call("File dialog", lambda: requests.take(session, ui))
+        call("Dialogs", lambda: sheets.draw(session, ui))
+        call("Make masks", lambda: masks.draw(session, ui))
+        call("First steps", lambda: first_steps.draw(session, ui, self._steps))
+        call("Notices", lambda: notices.draw(session, ui))
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.pointing.tool(self.session))
@@ -203,7 +225,7 @@ class Studio:
 
     def _dropped(self, dropped: list[Path]) -> None:
         if dropped:
-            self.session.open(dropped[0])
+            self._guard.call("Open", lambda: self.session.open(dropped[0]))
 
     def _may_close(self) -> bool:
         if self.session.unsaved and not self.session.should_quit:

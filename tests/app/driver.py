@@ -1,7 +1,9 @@
 """Runs a test against a real ``Studio``: its window, its session, the pixels of its picture."""
 
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -170,8 +172,12 @@ def drive(
     demo: bool = False,
     size: tuple[int, int] = (800, 500),
     settings: Settings | None = None,
+    may_fail: bool = False,
 ) -> Studio:
-    """Open a window, run ``test`` in it, close it; errors of the test are raised here."""
+    """Open a window, run ``test`` in it, close it; errors of the test are raised here.
+
+    So are errors of panels, which the window itself survives, unless the window ``may_fail``.
+    """
     session = Session(settings or Settings(first_steps_done=True))
     options = WindowOptions(size=size)
     studio = Studio(path, demo=demo, session=session, options=options)
@@ -193,8 +199,24 @@ def drive(
             driver.after_frame()
 
     params.callbacks.after_swap = after_frame
-    testing.run(test_function=run, runner_params=params)
+    with _failures() as failures:
+        testing.run(test_function=run, runner_params=params)
+    assert may_fail or not failures, "\n".join(failures)
     return studio
+
+
+@contextmanager
+def _failures() -> Iterator[list[str]]:
+    """What the log says of panels that failed inside the block, with tracebacks."""
+    found: list[str] = []
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = lambda record: found.append(handler.format(record))  # type: ignore[method-assign]
+    logger = logging.getLogger("gaga_studio.studio")
+    logger.addHandler(handler)
+    try:
+        yield found
+    finally:
+        logger.removeHandler(handler)
 
 
 KEY = imgui.Key
