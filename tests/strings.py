@@ -27,6 +27,8 @@ _SILENT = re.compile(
 )
 # Calls in gaga_core whose texts reach the window.
 _HEARD = {"GagaError", "Progress", "part", "warn"}
+# Calls whose texts are read whatever they look like.
+_SAID = re.compile(r"words\.listed|.*\.add_text")
 _TITLES = {"title", "verb", "note", "notes", "warning"}
 _SHORTCUT = re.compile(r"((Ctrl|Shift|Alt)\+)+\S+|F\d+|[A-Z]")
 _PLACES = {  # titles that are names of places, not texts
@@ -63,6 +65,15 @@ def pseudo(text: str) -> str:
 def _of_window(tree: ast.Module) -> Iterator[str]:
     for node in _read(tree, _docstrings(tree)):
         yield from _texts_of(node)
+    for call in ast.walk(tree):
+        if isinstance(call, ast.Call) and _SAID.fullmatch(_name(call.func)):
+            yield from (text for text in _constants(call.args) if re.search(r"[A-Za-z]{2}", text))
+
+
+def _constants(nodes: Iterable[ast.expr]) -> Iterator[str]:
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
 
 
 def _of_core(tree: ast.Module) -> Iterator[str]:

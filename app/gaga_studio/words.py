@@ -78,6 +78,11 @@ def tr(text: str) -> str:
     return text if _Used.language.texts is None or not text else _translated(text)
 
 
+def listed(text: str) -> str:
+    """``text`` as it is; the call puts it into the catalogue, even if it looks like no sentence."""
+    return text
+
+
 def label(text: str) -> str:
     """The label of a control in the language in use, under its English identity ("…###Close")."""
     if _Used.language.texts is None:

@@ -1,17 +1,23 @@
 """The texts of the window: all of them in one file, each findable again when it is filled in."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from imgui_bundle import imgui
 
-from gaga_studio import paths, words
+from gaga_studio import commands, paths, tour, words
 from gaga_studio.commands import COMMANDS
 from gaga_studio.settings import Settings
+from gaga_studio.ui import translated
+from gaga_studio.view import Mode
 from tests import strings
 from tests.app.driver import Driver, drive
+
+_FOREIGN = re.compile("[áçéíñöšüýÁÇÉÍÑÖŠÜÝ~]")  # what `strings.pseudo` leaves behind
 
 
 @pytest.fixture
@@ -103,3 +109,45 @@ def test_the_window_speaks_another_language(
 
     settings = Settings(language="en-XA", first_steps_done=True, preset="paper")
     drive(walk, path=scene_folder, size=(1280, 720), settings=settings)
+
+
+@pytest.mark.window
+def test_what_is_drawn_without_a_widget_is_translated_too(
+    display: str,
+    grouped_scene: Path,
+    pseudo: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every word that reaches the screen through a draw list is in the catalogue, or a name."""
+    drawn: set[str] = set()
+    plain = imgui.ImDrawList.add_text
+
+    def record(*args: Any) -> None:
+        drawn.update(a for a in args if isinstance(a, str))
+        plain(*args)
+
+    # Below the translation, which is put over it again.
+    monkeypatch.setattr(imgui.ImDrawList, "add_text", record)
+    monkeypatch.setattr(translated._Installed, "done", False)
+
+    def walk(d: Driver) -> None:
+        assert pseudo["Try the demo"] in drawn
+        d.session.open(grouped_scene)
+        d.settle()
+        d.session.select_group(1)
+        for mode in (Mode.GROUPS, Mode.DEPTH, Mode.MASK):
+            d.session.view.mode = mode
+            d.frames(3)
+        tour.go_to_view(d.session, 0)
+        d.settle()
+        commands.run("camera.swipe", d.session)
+        d.settle()
+        names = {camera.name for camera in d.session.cameras} | {d.session.title}
+        for text in drawn - names:
+            assert not re.search(r"[^\W\d_]{2}", text) or _FOREIGN.search(text), text
+        swipe = pseudo["Photo left of the line, picture right of it"]
+        assert {swipe, pseudo["test"]} <= drawn
+        assert {pseudo[side].upper() for side in ("front", "back", "left", "right")} & drawn
+
+    settings = Settings(language="en-XA", first_steps_done=True, preset="paper")
+    drive(walk, size=(1280, 720), settings=settings)

@@ -58,6 +58,7 @@ _LABELS = [
 _TEXTS = [
     "bullet_text",
     "calc_text_size",
+    "progress_bar",
     "separator_text",
     "set_item_tooltip",
     "set_tooltip",
@@ -76,6 +77,8 @@ def install() -> None:
     _Installed.done = True
     for name in (*_LABELS, *_TEXTS):
         setattr(imgui, name, _wrapped(getattr(imgui, name), name))
+    drawn = _wrapped(imgui.ImDrawList.add_text, "add_text")
+    imgui.ImDrawList.add_text = drawn  # type: ignore[method-assign]
 
 
 class _Installed:

@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.arrays import DoubleArray
+from gaga_studio import words
 from gaga_studio.session import Session
 from gaga_studio.ui import theme
 from gaga_studio.ui.theme import em
@@ -14,12 +15,12 @@ _EDGE = 0.62  # from here to the rim of a face its edge, or corner, is meant
 _DRAG_PIXELS = 4.0
 _DRAG_GAIN = 2.5  # of an orbit, against a drag in the picture
 _SIDES: tuple[tuple[str, tuple[int, int, int]], ...] = (
-    ("FRONT", (0, -1, 0)),
-    ("BACK", (0, 1, 0)),
-    ("LEFT", (-1, 0, 0)),
-    ("RIGHT", (1, 0, 0)),
-    ("TOP", (0, 0, 1)),
-    ("BOTTOM", (0, 0, -1)),
+    (words.listed("front"), (0, -1, 0)),
+    (words.listed("back"), (0, 1, 0)),
+    (words.listed("left"), (-1, 0, 0)),
+    (words.listed("right"), (1, 0, 0)),
+    (words.listed("top"), (0, 0, 1)),
+    (words.listed("bottom"), (0, 0, -1)),
 )
 Side = tuple[int, int, int]  # right, back, up, each -1, 0 or 1
 
@@ -90,7 +91,7 @@ def hit(cube: DoubleArray, u: float, v: float) -> Side | None:
 
 def name_of(side: Side) -> str:
     """ "front", "front right", "top back left"."""
-    names = [name.lower() for name, normal in reversed(_SIDES) if np.dot(normal, side) > 0]
+    names = [words.tr(name) for name, normal in reversed(_SIDES) if np.dot(normal, side) > 0]
     return " ".join(names)
 
 
@@ -113,11 +114,12 @@ def _faces(cube: DoubleArray, middle: ImVec2, scale: float, meant: Side | None) 
         drawing.add_quad(a, b, c, d, theme.u32(theme.LINE_STRONG), theme.scaled(1))
         if facing > 0.45:
             with theme.face(strong=True, scale=0.62):
-                extent = imgui.calc_text_size(name)
+                text = words.tr(name).upper()
+                extent = imgui.calc_text_size(text)
                 at = cube @ normal
                 x = middle.x + scale * at[0] - extent.x / 2
                 y = middle.y + scale * at[1] - extent.y / 2
-                drawing.add_text(ImVec2(x, y), theme.u32(theme.TEXT, min(1.0, facing)), name)
+                drawing.add_text(ImVec2(x, y), theme.u32(theme.TEXT, min(1.0, facing)), text)
 
 
 _Cell = tuple[Side, list[int], tuple[float, float], tuple[float, float]]
