@@ -196,7 +196,7 @@ class Window:
         compact = _layout(
             _COMPACT,
             [
-                ("MainDockSpace", "Right", imgui.Dir.right, 0.38),
+                ("MainDockSpace", "Right", imgui.Dir.right, 0.43),
                 ("Right", "RightBottom", imgui.Dir.down, 0.53),
             ],
             [(panel, panel.compact_space) for panel in self.panels],

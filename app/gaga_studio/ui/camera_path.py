@@ -31,19 +31,19 @@ def draw(session: Session) -> None:
 
 def _buttons(session: Session, path: CameraPath) -> None:
     actions.command_button(session, "camera.add_keyframe", "Add keyframe")
-    imgui.same_line()
+    widgets.beside(f"{icons.TURNTABLE}  Turntable")
     actions.command_button(session, "camera.turntable", "Turntable")
     if not path.keyframes:
         return
-    imgui.same_line(0, em(1))
+    widgets.beside("Closed", em(1))
     hint = "After the last keyframe the camera goes on to the first"
     if widgets.toggle("Closed", path.is_closed, hint=hint):
         filming.set_closed(session, not path.is_closed)
-    imgui.same_line()
+    widgets.beside("Even speed")
     hint = "The same speed all the way: the times between the keyframes follow their distances"
     if widgets.toggle("Even speed", path.even_speed, hint=hint):
         filming.set_even_speed(session, not path.even_speed)
-    imgui.same_line(0, em(1))
+    widgets.beside(f"{icons.FILM}  Save film…", em(1))
     actions.command_button(session, "camera.film", "Save film…")
 
 
@@ -85,14 +85,14 @@ def _table(session: Session, path: CameraPath) -> None:
     times = path.times()
     for index, key in enumerate(path.keyframes):
         imgui.push_id(index)
-        width = em(9)
+        width = em(6.4)
         text = f"{index + 1}   at {times[index]:.1f} s"
         if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
             filming.choose(session, index)
         widgets.tooltip("Click to go there")
-        imgui.same_line(width + em(1))
+        imgui.same_line(width + em(0.4))
         if index or path.is_closed:
-            imgui.set_next_item_width(em(7))
+            imgui.set_next_item_width(em(6.4))
             form = "%.2f s before" if index else "%.2f s back"
             imgui.begin_disabled(path.even_speed)
             imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
@@ -101,7 +101,7 @@ def _table(session: Session, path: CameraPath) -> None:
             imgui.end_disabled()
             if changed:
                 filming.set_seconds(session, index, seconds)
-        imgui.same_line(width + em(9))
+        imgui.same_line(width + em(7.2))
         _row_buttons(session, index)
         imgui.pop_id()
 

@@ -47,8 +47,8 @@ def draw_choice(session: Session, beside: bool) -> None:
     """The choice to clean always; ``beside`` the button that was drawn last."""
     command = commands.command("object.clean_first")
     if beside:
-        imgui.same_line()
-    if imgui.checkbox(f"{command.title}###Clean first", session.settings.clean_first)[0]:
+        widgets.beside(command.title, extra=imgui.get_frame_height() - em(0.6))
+    if widgets.checkbox(f"{command.title}###Clean first", session.settings.clean_first)[0]:
         commands.run(command.id, session)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
 

@@ -23,7 +23,7 @@ _SLIDERS = (
 
 def draw(session: Session, ui: UiState) -> None:
     """A section of the inspector; closed until it is asked for."""
-    if not imgui.collapsing_header("Color grade"):
+    if not widgets.section("Color grade"):
         return
     ui.grade.follow(session)
     grade, changed, ended = ui.grade.value, False, False

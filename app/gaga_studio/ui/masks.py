@@ -14,7 +14,7 @@ from gaga_studio import mask_settings, masking
 from gaga_studio.masking import MaskForm, Trial, Views
 from gaga_studio.session import Session
 from gaga_studio.ui import bank_pictures, icons, pictures, theme, widgets
-from gaga_studio.ui.modal import begin_modal
+from gaga_studio.ui.modal import begin_modal, body_height
 from gaga_studio.ui.state import MaskDialog, UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
@@ -66,7 +66,7 @@ def _make(session: Session, ui: UiState) -> None:
         dialog.entries = masking.providers()
     entry = _entry(dialog)
     _introduction(session, dialog)
-    height = min(em(24), imgui.get_main_viewport().size.y * 0.92 - em(10))
+    height = body_height(em(31))
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
     if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
@@ -195,11 +195,11 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         if changed:
             settings = mask_settings.with_value(settings, slider, entry, value)
     views = widgets.segmented("Which photos", _VIEWS, wish.views, why_not={})
-    _, redo = imgui.checkbox("Make them anew", wish.redo)
+    _, redo = widgets.checkbox("Make them anew", wish.redo)
     widgets.tooltip("Also where masks of the same settings are there already")
     use_depth = wish.use_depth
     if kind == "regions":
-        _, use_depth = imgui.checkbox("Use the depth of the splats", use_depth)
+        _, use_depth = widgets.checkbox("Use the depth of the splats", use_depth)
         widgets.tooltip("Tells an object from what it stands on; takes a little longer")
     dialog.wish = replace(wish, settings=settings, views=views, redo=redo, use_depth=use_depth)
 
@@ -308,7 +308,7 @@ def _export(session: Session, ui: UiState) -> None:
     widgets.dim("The objects as every view shows them, edits included.", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     for form, title, text in _FORMS:
-        if imgui.radio_button(title, ui.masks.form == form):
+        if widgets.radio_button(title, ui.masks.form == form):
             ui.masks.form = form
         imgui.indent(em(1.7))
         widgets.dim(text, wrap=True)

@@ -9,7 +9,7 @@ from gaga_studio import words
 from gaga_studio.session import Session
 from gaga_studio.settings import RANGES, Settings, hex_color
 from gaga_studio.ui import widgets
-from gaga_studio.ui.modal import begin_modal, close_row
+from gaga_studio.ui.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 
@@ -26,8 +26,7 @@ def draw(session: Session, ui: UiState) -> None:
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays in sight.
-    room = imgui.get_main_viewport().size.y * 0.92 - em(6.5)
-    imgui.begin_child("Rows", ImVec2(0, min(em(26.5), room)))
+    imgui.begin_child("Rows", ImVec2(0, body_height(em(26.5))))
     imgui.push_item_width(em(13))
     settings = _look(before, ui)
     settings = _handling(settings, ui)
@@ -58,14 +57,14 @@ def _handling(settings: Settings, ui: UiState) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, ui, "fly_speed", "Fly speed", "%.1f×")
-    changed, inverted = imgui.checkbox("The wheel zooms the other way", settings.invert_zoom)
+    changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
     return replace(settings, invert_zoom=inverted) if changed else settings
 
 
 def _work(settings: Settings, ui: UiState) -> Settings:
     widgets.heading("Objects and edits")
     settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
-    changed, clean = imgui.checkbox("Always clean first", settings.clean_first)
+    changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
     if changed:
         settings = replace(settings, clean_first=clean)

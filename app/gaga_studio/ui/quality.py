@@ -27,7 +27,7 @@ def _agreement(session: Session, group: int) -> None:
     found = quality.of_group(session, group)
     _, is_now = quality.shown(session)
     text = "not measured" if found is None else f"{100 * found.agreement:.0f} %"
-    if not imgui.collapsing_header(f"Quality: {text}###Quality"):
+    if not widgets.section(f"Quality: {text}###Quality"):
         return
     if found is None:
         widgets.dim("How well its picture agrees with the masks that made it.", wrap=True)
@@ -44,8 +44,12 @@ def _agreement(session: Session, group: int) -> None:
         with theme.text_color(theme.WARN):
             imgui.text_wrapped("Measured before the last change of the objects.")
         actions.command_button(session, "object.quality", "Measure again", Face(icon=icons.QUALITY))
-    for view in found.views[:_WORST]:
+    if found.views:
+        widgets.dim("Views that agree least")
+    for position, view in enumerate(found.views[:_WORST]):
         face = Face(icon=icons.CAMERA, text=f"{view.view}  {100 * view.agreement:.0f} %")
+        if position:
+            widgets.beside(f"{face.icon}  {face.text}")
         hint = f"Fly there. Its masks have {view.n_mask:,} pixels, its picture {view.n_shown:,}."
         if widgets.button(f"Worst {view.view}", face, hint=hint):
             actions.fly_to(session, view.view)
@@ -57,7 +61,7 @@ def draw_confidence(session: Session, document: Document) -> None:
     if counts is None:
         return
     share = float(counts @ (np.arange(_BINS) + 0.5) / max(int(counts.sum()), 1) / _BINS)
-    if not imgui.collapsing_header(f"Confidence: {100 * share:.0f} %###Confidence"):
+    if not widgets.section(f"Confidence: {100 * share:.0f} %###Confidence"):
         return
     _histogram(counts / max(int(counts.max()), 1), document.sure_below)
     imgui.set_next_item_width(-1)
@@ -67,7 +71,7 @@ def draw_confidence(session: Session, document: Document) -> None:
         document.sure_below = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
     actions.command_button(session, "object.uncertain", "Select uncertain", Face())
-    imgui.same_line()
+    widgets.beside("Clean up the edge")
     actions.command_button(session, "object.clean", "Clean up the edge", Face())
 
 

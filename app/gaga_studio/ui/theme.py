@@ -34,10 +34,10 @@ ACCENT_STRONG = _both("3F7FD8", "2F74D0")
 ACCENT_SOFT = _both("5B9DF5", "2F74D0", 0.28)
 TEXT = _both("DFE1E6", "1E2126")
 DIM = _both("9DA2AC", "5A606B")
-FAINT = _both("6C717B", "858B96")
-GOOD = _both("6BBF8A", "23804A")
-WARN = _both("E3B34F", "9A6A00")
-BAD = _both("EA7068", "C03A32")
+FAINT = _both("6C717B", "7C828E")
+GOOD = _both("6BBF8A", "1D7038")
+WARN = _both("E3B34F", "855B00")
+BAD = _both("EA7068", "B8342C")
 PANEL = _both("212328", "F4F5F7")
 BACK = _both("1A1B1F", "E6E8EC")
 RAISED = _both("2C2F36", "FFFFFF")
@@ -85,6 +85,7 @@ _COLORS = {
     "header_hovered": _both("FFFFFF", "000000", 0.07),
     "header_active": _both("5B9DF5", "2F74D0", 0.38),
     "check_mark": ACCENT,
+    "checkbox_selected_bg": ACCENT_SOFT,
     "slider_grab": _both("7C828E", "8A919D"),
     "slider_grab_active": ACCENT,
     "separator": LINE,
@@ -97,6 +98,9 @@ _COLORS = {
     "scrollbar_grab": _both("3D424C", "C3C8D0"),
     "scrollbar_grab_hovered": _both("4B515D", "A9AFB9"),
     "scrollbar_grab_active": _both("5B6270", "8F96A2"),
+    "plot_lines": ACCENT,
+    "plot_lines_hovered": ACCENT,
+    "tree_lines": LINE,
     "plot_histogram": ACCENT,
     "plot_histogram_hovered": ACCENT,
     "table_header_bg": _both("26282E", "FBFBFC"),
@@ -105,7 +109,11 @@ _COLORS = {
     "table_row_bg": _both("000000", "000000", 0.0),
     "table_row_bg_alt": _both("FFFFFF", "000000", 0.018),
     "drag_drop_target": ACCENT,
+    "drag_drop_target_bg": ACCENT_SOFT,
+    "unsaved_marker": ACCENT,
     "nav_cursor": ACCENT,
+    "nav_windowing_highlight": ACCENT,
+    "nav_windowing_dim_bg": _both("0C0D0F", "40444C", 0.3),
     "input_text_cursor": TEXT,
 }
 
@@ -173,6 +181,7 @@ def apply_style() -> None:
     style.popup_border_size = 1
     style.frame_border_size = 0
     style.tab_border_size = 0
+    style.tab_min_width_shrink = 36  # rather short titles than tabs that scroll out of sight
     style.tab_bar_border_size = 0
     style.tab_bar_overline_size = 0
     style.docking_separator_size = 2

@@ -203,7 +203,9 @@ def _fields(plan: Plan, found: "PhotoFind") -> Plan:
         widgets.tooltip("Of the photos as they are; 0: from EXIF, else estimated")
         if changed:
             plan = reconstructing.plan_with(plan, focal=max(focal, 0.0))
-    changed, hold = imgui.checkbox("Hold every 8th photo out, to measure on", plan.config.hold_out)
+    changed, hold = widgets.checkbox(
+        "Hold every 8th photo out, to measure on", plan.config.hold_out
+    )
     widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
     if changed:
         plan = replace(plan, config=replace(plan.config, hold_out=hold))

@@ -1,6 +1,7 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -61,6 +62,19 @@ def button(
     return clicked and not why_not
 
 
+def beside(text: str, gap: float = 0.0, extra: float = 0.0) -> None:
+    """What is drawn next stands beside the last item where it fits, else below it.
+
+    It is a button that says ``text``, and ``extra`` pixels wider.
+    """
+    style = imgui.get_style()
+    gap = gap or style.item_spacing.x
+    width = imgui.calc_text_size(text).x + 2 * style.frame_padding.x + extra
+    right = imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x
+    if imgui.get_item_rect_max().x + gap + width <= right:
+        imgui.same_line(0, gap)
+
+
 def icon_button(
     name: str,
     icon: str,
@@ -73,11 +87,13 @@ def icon_button(
 ) -> bool:
     """A square button; ``name`` is its identity for tests, ``hint`` its tooltip."""
     side = size or imgui.get_frame_height()
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
     _push_flat(on)
     imgui.begin_disabled(bool(why_not))
     clicked = imgui.button(f"{icon}###{name}", ImVec2(side * 1.12, side))
     imgui.end_disabled()
     imgui.pop_style_color(4)
+    imgui.pop_style_var()
     tooltip(f"{hint or name}: {why_not}" if why_not else hint or name, shortcut)
     return clicked and not why_not
 
@@ -96,11 +112,12 @@ def toggle(label: str, on: bool, *, hint: str, why_not: str = "") -> bool:
 def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None) -> bool:
     """A borderless icon of text height, for table rows."""
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
     _push_flat(False)
     imgui.push_style_color(imgui.Col_.text, color or theme.DIM)
     clicked = imgui.button(f"{icon}###{name}", ImVec2(em(1.35), em(1.25)))
     imgui.pop_style_color(5)
-    imgui.pop_style_var()
+    imgui.pop_style_var(2)
     tooltip(hint)
     return clicked
 
@@ -154,6 +171,47 @@ def heading(text: str) -> None:
     imgui.dummy(ImVec2(0, em(0.15)))
     with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
         imgui.text_unformatted(text)
+
+
+def section(label: str) -> bool:
+    """The heading of a section that opens and closes; whether it is open."""
+    imgui.dummy(ImVec2(0, em(0.1)))
+    imgui.separator()
+    imgui.push_style_color(imgui.Col_.header, theme.CLEAR)
+    imgui.push_style_color(imgui.Col_.header_hovered, theme.HOVER)
+    imgui.push_style_color(imgui.Col_.header_active, theme.PRESSED)
+    # The arrow stands under the words above it: half the panel's padding is the header's own.
+    pad = ImVec2(imgui.get_style().window_padding.x / 2, imgui.get_style().frame_padding.y)
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, pad)
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
+        opened = imgui.collapsing_header(label)
+    imgui.pop_style_var(2)
+    imgui.pop_style_color(3)
+    return opened
+
+
+def checkbox(label: str, value: bool) -> tuple[bool, bool]:
+    """A box to tick, with an edge that is seen while it is empty."""
+    with _edge():
+        return imgui.checkbox(label, value)
+
+
+def radio_button(label: str, is_chosen: bool) -> bool:
+    """One of several, with an edge that is seen while it is empty."""
+    with _edge():
+        return imgui.radio_button(label, is_chosen)
+
+
+@contextmanager
+def _edge() -> Iterator[None]:
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, theme.scaled(1))
+    try:
+        yield
+    finally:
+        imgui.pop_style_var()
+        imgui.pop_style_color()
 
 
 def number(text: str, color: ImVec4 | None = None) -> None:
