@@ -138,15 +138,17 @@ def apply_grade(session: Session, grade: Grade) -> bool:
 
 
 def align_to_ground(session: Session, points: DoubleArray) -> bool:
-    """Turn and lift everything so that the plane of three ``points`` (3, 3) is the ground."""
+    """Turn and lift everything so that the plane of three ``points`` (3, 3) is the ground.
+
+    What is hidden or locked comes along, and so does the camera (see `CameraRig.follow`).
+    """
 
     def run() -> bool:
         document = session.need()
-        camera = session.rig.camera(2, 2)
-        moved = ground_map(points, session.rig.up, camera.position)
+        moved = ground_map(points, session.rig.up, session.rig.seen_from)
         scene = document.settled().scene
-        everything = selection.everything(scene)
-        return document.do(edits.transform(scene, everything, moved, "Align to ground"))
+        edit = edits.transform(scene, selection.whole(scene), moved, "Align to ground")
+        return document.do(edit, turned=moved)
 
     return session.attempt(run)
 

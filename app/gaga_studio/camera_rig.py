@@ -49,6 +49,7 @@ class CameraRig:
         self._start: Pose | None = None
         self._goal: Pose | None = None
         self._elapsed = 0.0
+        self._world: DoubleArray | None = None  # (4, 4) that `follow` saw last
 
     # --- reading
 
@@ -67,6 +68,11 @@ class CameraRig:
         """Centre of projection (3,), world."""
         result: DoubleArray = self.pose.pivot - self.pose.distance * self._axes(self.pose)[2]
         return result
+
+    @property
+    def seen_from(self) -> DoubleArray:
+        """Where the picture is taken from (3,), world: far off when it is orthographic."""
+        return self._camera(self._size).position
 
     @property
     def sideways(self) -> DoubleArray:
@@ -163,7 +169,7 @@ class CameraRig:
 
     def go_to(self, camera: Camera, *, animated: bool = True) -> None:
         """Stand where ``camera`` stands, roll included, and show at least what it shows."""
-        yaw, pitch, roll = self._angles(camera)
+        yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
         distance = self._depth_of_interest(camera)
         fov_x = 2 * float(np.arctan(camera.width / 2 / camera.K[0, 0]))
         fov_y = 2 * float(np.arctan(camera.height / 2 / camera.K[1, 1]))
@@ -173,7 +179,7 @@ class CameraRig:
     def go_to_shot(self, shot: Shot, *, animated: bool = True) -> None:
         """Show what ``shot`` shows, and turn around what it looks at."""
         camera = shot.camera(*self._size)
-        yaw, pitch, roll = self._angles(camera)
+        yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
         pivot = camera.position + shot.distance * camera.forward
         distance, fov_x, fov_y = shot.distance, shot.fov_x, shot.fov_y
         if shot.is_orthographic:  # what would be seen from near by with a common lens
@@ -218,6 +224,20 @@ class CameraRig:
             raise ValueError(f"axis: {axis!r} is none of {(*headings, 'top', 'bottom')}")
         self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
 
+    def follow(self, world: DoubleArray) -> None:
+        """Go along when the whole scene was turned: ``world`` (4, 4) says by what since the start.
+
+        The picture stays what it was, then it is levelled, smoothly.
+        """
+        before, self._world = self._world, world
+        if before is None or before is world:
+            return
+        motion = world @ np.linalg.inv(before)
+        goal = self._carried(self._target(), motion)
+        self.pose = self._carried(self.pose, motion)
+        steepest = float(np.clip(goal.pitch, -_STEEPEST, _STEEPEST))
+        self._jump(replace(goal, pitch=steepest, roll=0.0))
+
     def frame_scene(
         self,
         lo: DoubleArray,
@@ -230,6 +250,7 @@ class CameraRig:
 
         Without cameras: from the front, a little above, the whole box. Sets up and the scale too.
         """
+        self._world = None
         self.up = estimate_up(cameras)
         self._basis = upright_basis(self.up)
         centre = (lo + hi) / 2
@@ -271,14 +292,19 @@ class CameraRig:
         result: DoubleArray = np.stack(rolled) @ self._basis
         return result
 
-    def _angles(self, camera: Camera) -> tuple[float, float, float]:
-        """Yaw, pitch and roll of a camera."""
-        local = self._basis @ camera.forward
+    def _angles(self, axes: DoubleArray) -> tuple[float, float, float]:
+        """Yaw, pitch and roll of a camera with the rows right, down, forward (3, 3), world."""
+        local = self._basis @ axes[2]
         pitch = float(np.arcsin(np.clip(local[2], -1, 1)))
         yaw = float(np.arctan2(local[1], local[0]))
         right, down, _ = self._axes(replace(self.pose, yaw=yaw, pitch=pitch, roll=0.0))
-        x_axis = camera.cam_from_world[0, :3]
-        return yaw, pitch, float(np.arctan2(x_axis @ down, x_axis @ right))
+        return yaw, pitch, float(np.arctan2(axes[0] @ down, axes[0] @ right))
+
+    def _carried(self, pose: Pose, motion: DoubleArray) -> Pose:
+        """``pose`` after the rigid world map ``motion`` (4, 4)."""
+        yaw, pitch, roll = self._angles(self._axes(pose) @ motion[:3, :3].T)
+        pivot = motion[:3, :3] @ pose.pivot + motion[:3, 3]
+        return replace(pose, pivot=pivot, yaw=yaw, pitch=pitch, roll=roll)
 
     def _focal(self, size: tuple[int, int] | None = None) -> float:
         """Focal length in pixels at a picture size: both fields of view are inside."""

@@ -41,6 +41,7 @@ class Document:
         self.history = History(self.scene)
         self.read = Readings(self.scene)
         self.changes = Changes()
+        self._worlds = {0: np.eye(4)}  # how the whole scene was turned, by History.state_id
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset; see `repairing`
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
@@ -66,13 +67,33 @@ class Document:
 
     # --- history
 
-    def do(self, edit: Edit | None, *, is_content: bool = True) -> bool:
-        """Apply an edit; False when it is None. ``is_content``: something that a save keeps."""
-        before = self.history.state_id
+    @property
+    def world(self) -> DoubleArray:
+        """How the whole scene has been turned since it was opened (4, 4): what a camera follows.
+
+        The same array as long as it was not turned again.
+        """
+        return self._worlds.get(self.history.state_id, self._worlds[0])
+
+    def do(
+        self, edit: Edit | None, *, is_content: bool = True, turned: DoubleArray | None = None
+    ) -> bool:
+        """Apply an edit; False when it is None. ``is_content``: something that a save keeps.
+
+        ``turned`` (3, 4): the world map of an edit that moves the whole scene as one.
+        """
+        before, world = self.history.state_id, self.world
         done = self.history.do(edit)
-        self.changes.note(before, self.history.state_id, is_content)
+        if turned is not None:
+            world = np.vstack([turned, [0, 0, 0, 1]]) @ world
+        self._note(before, is_content, world)
         self._keep_focus()
         return done
+
+    def _note(self, before: int, is_content: bool, world: DoubleArray) -> None:
+        """What is known of the present state, which was made from state ``before``."""
+        self.changes.note(before, self.history.state_id, is_content)
+        self._worlds.setdefault(self.history.state_id, world)
 
     def undo(self) -> str | None:
         """Take the newest edit back; its title, None if there is none."""
@@ -108,9 +129,9 @@ class Document:
         """Make the preview an entry of the history; False if there is none."""
         if self.cleaning is not None:
             return False  # its colors are only to look at: `apply_cleaning`
-        before = self.history.state_id
+        before, world = self.history.state_id, self.world
         done = self.history.commit_preview()
-        self.changes.note(before, self.history.state_id, True)
+        self._note(before, True, world)
         return done
 
     def cancel_preview(self) -> None:

@@ -214,11 +214,13 @@ class Session:
         self.document, (self.provider, self.masks) = Document(project), found
         self.document.history.set_budget(self.settings.undo_bytes)
         self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+        self.rig.follow(self.document.world)
         self.active_view = 0 if self.cameras else None
 
     def _forget(self) -> None:
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
+        self.view.ground = ()
         self.hovering.away()
 
     # --- every frame
@@ -226,6 +228,8 @@ class Session:
     def tick(self, dt: float) -> None:
         """Take what jobs have produced, move the camera, look up the hovered object."""
         self.jobs.poll()
+        if self.document is not None:
+            self.rig.follow(self.document.world)
         is_moving = self.rig.update(dt)
         if self.scene is None or is_moving or self.is_previewing:
             self.hovering.away()

@@ -39,11 +39,13 @@ class ToolName(StrEnum):
     POLYGON = "polygon"
     BRUSH = "brush"
     SPHERE = "sphere"
+    GROUND = "ground"
     MOVE = "move"
     ROTATE = "rotate"
     SCALE = "scale"
 
 
+Point = tuple[float, float, float]  # world
 REGION_TOOLS = (ToolName.RECT, ToolName.LASSO, ToolName.POLYGON, ToolName.BRUSH)
 
 
@@ -101,9 +103,11 @@ class ViewState:
     visible_only: bool = False  # they take the visible surface; else everything behind it too
     brush_radius: float = 24.0  # pixels of the screen
     outline: "Outline | None" = None  # of the polygon tool
+    ground: tuple[Point, ...] = ()  # clicked so far with the ground tool
+    former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
-    pivot: tuple[float, float, float] | None = None  # what turns and scales are about; None: middle
+    pivot: Point | None = None  # what turns and scales are about; None: middle
     compare: Compare = Compare.OFF
     swipe: float = 0.5  # share of the photo's width that shows the photo
     holds_photo: bool = False  # the photo lies over the picture while the keys are held

@@ -5,7 +5,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, DoubleArray, check_shape
 from gaga_core.errors import GagaError
 
-_FLAT = 1e-6  # sine of the angle at which three points count as one line
+_FLAT = 0.02  # height of a triangle over its longest side, below which it counts as a line
 
 
 def mirror_map(axis: int, about: AnyArray) -> DoubleArray:
@@ -24,15 +24,18 @@ def ground_map(points: AnyArray, up: AnyArray, seen_from: AnyArray) -> DoubleArr
 
     The plane's normal that points to ``seen_from`` (3,), a place above the ground, becomes ``up``
     (3,), and the plane goes through the origin's height; the middle of the points stays over its
-    place. Raises ``GagaError`` when the points lie on a line.
+    place. Raises ``GagaError`` when the points lie on a line, or so nearly that they do not say how
+    the plane lies.
     """
     corners = np.asarray(points, np.float64)
     check_shape("points", corners, (3, 3))
-    one, two = corners[1] - corners[0], corners[2] - corners[0]
-    normal = np.cross(one, two)
-    size = np.linalg.norm(normal)
-    if not size > _FLAT * np.linalg.norm(one) * np.linalg.norm(two):
-        raise GagaError("The three points lie on a line. Choose three corners of the ground.")
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    size = np.linalg.norm(normal)  # longest side times height
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()
+    if not size > _FLAT * longest**2:
+        raise GagaError(
+            "The three points lie nearly on a line. Choose three corners of the ground, far apart."
+        )
     normal /= size
     middle = corners.mean(axis=0)
     if normal @ (np.asarray(seen_from, np.float64) - middle) < 0:

@@ -126,7 +126,7 @@ def _ground(scene: Scene, op: Op) -> Edit | None:
     if not up.any():
         raise GagaError(f'Operation {op.at} ("{op.kind}"): field "up" must not be zero.')
     moved = ground_map(vector_of(op, "points"), up, vector_of(op, "seen_from"))
-    return edits.transform(scene, selection.everything(scene), moved, "Align to ground")
+    return edits.transform(scene, selection.whole(scene), moved, "Align to ground")
 
 
 def _separate(scene: Scene, op: Op) -> Edit | None:

@@ -24,6 +24,7 @@ __all__ = [
     "nothing",
     "selectable",
     "selected_indices",
+    "whole",
     "world_means",
 ]
 
@@ -36,6 +37,11 @@ def selectable(scene: Scene) -> BoolArray:
 def everything(scene: Scene) -> IntArray:
     """All splats that can be selected."""
     return _rows(selectable(scene))
+
+
+def whole(scene: Scene) -> IntArray:
+    """All splats, hidden, locked and deleted ones too: what moves when the scene moves as one."""
+    return np.arange(len(scene), dtype=np.int32)
 
 
 def nothing() -> IntArray:

@@ -55,8 +55,21 @@ def test_three_points_of_the_ground_come_to_height_0() -> None:
         laid = points @ m[:, :3].T + m[:, 3]
         assert np.abs(laid @ up).max() < 1e-9
         assert (m[:, :3] @ eye + m[:, 3]) @ up > 0
-    with pytest.raises(GagaError, match="on a line"):
-        ground_map(np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), up, eye)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_three_points_near_a_line_do_not_say_how_the_ground_lies(
+    order: tuple[int, int, int],
+) -> None:
+    up, eye = np.array([0, 0, 1.0]), np.array([0, 0, 9.0])
+    for height in (0.0, 0.05):  # of a triangle that is 4 long
+        points = np.array([[0, 0, 0], [4, 0, 0], [1, height, 0.0]])[list(order)]
+        with pytest.raises(GagaError, match="nearly on a line"):
+            ground_map(points, up, eye)
+    corners = np.array([[0, 0, 0], [4, 0, 0], [1, 0.2, 0.0]])[list(order)]
+    assert np.allclose(ground_map(corners, up, eye)[:, :3], np.eye(3))
+    with pytest.raises(GagaError, match="nearly on a line"):
+        ground_map(np.ones((3, 3)), up, eye)
 
 
 def test_turns_take_one_direction_to_another_even_the_opposite() -> None:

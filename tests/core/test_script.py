@@ -111,6 +111,10 @@ def test_every_operation_runs() -> None:
         titles = run_script(scene, [{"op": kind, **extra.get(kind, {})}])
         assert bool(titles) == (snapshot(scene) != before), kind
     scene = walk_scene()
+    hidden = [{"op": "hide", "groups": [2]}, {"op": "lock", "groups": [3]}]
+    run_script(scene, [*hidden, {"op": "align_to_ground", **extra["align_to_ground"]}])
+    assert (scene.placement > 0).all(), "the scene is aligned as one"
+    scene = walk_scene()
     kept = [{"op": "keep_set", "name": "a", "groups": [2]}, {"op": "select_set", "name": "a"}]
     run_script(scene, kept)
     assert selected_indices(scene).tolist() == group_indices(scene, 2).tolist()

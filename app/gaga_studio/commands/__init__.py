@@ -17,6 +17,7 @@ from gaga_studio.commands.tools import TOOLS_COMMANDS
 from gaga_studio.commands.view import VIEW_COMMANDS
 from gaga_studio.input import FLY_KEYS
 from gaga_studio.session import Session
+from gaga_studio.view import ToolName
 
 __all__ = [
     "COMMANDS",
@@ -69,7 +70,8 @@ def for_shortcut(keys: str, session: Session) -> Command | None:
     letters = keys.removeprefix("Shift+").removeprefix("Alt+")
     if session.rig.is_flying and letters in FLY_KEYS:
         return None
-    if keys == "Backspace" and session.view.outline is not None:
+    clicks_points = session.view.outline is not None or session.tool is ToolName.GROUND
+    if keys == "Backspace" and clicks_points:  # with none left it tells so: it never deletes
         return _BY_ID["tool.remove_corner"]
     return _BY_KEYS[profile].get(keys)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio import cleaning, tour
+from gaga_studio import cleaning, grounding, tour
 from gaga_studio.session import Session
 from gaga_studio.tools.polygon import close_outline
 from gaga_studio.view import ToolName
@@ -22,6 +22,12 @@ def redo_title(session: Session) -> str:
     return f"Redo {history.redo_title}" if history is not None and history.can_redo else "Redo"
 
 
+def remove_title(session: Session) -> str:
+    """ "Take back the last point" while the ground is marked."""
+    on_ground = session.tool is ToolName.GROUND
+    return "Take back the last point" if on_ground else "Take back the last corner"
+
+
 # --- acts
 
 
@@ -33,6 +39,8 @@ def cancel(session: Session) -> None:
         session.rig.is_flying = False
     elif session.view.outline is not None:
         session.view.outline = None
+    elif session.tool is ToolName.GROUND:
+        grounding.leave(session)
     elif session.tool is not ToolName.PICK:
         session.tool = ToolName.PICK
     else:
@@ -139,8 +147,10 @@ def confirm(session: Session) -> None:
 
 
 def remove_corner(session: Session) -> None:
-    """Take the last corner of the outline back."""
-    if session.view.outline is not None:
+    """Take the last corner of the outline back, or the last point of the ground."""
+    if session.tool is ToolName.GROUND:
+        grounding.take_back(session)
+    elif session.view.outline is not None:
         session.view.outline = session.view.outline.without_last()
 
 

@@ -240,8 +240,10 @@ def nothing_pointed(session: Session) -> str:
     return no_scene(session) or "No point is chosen. Click one in the picture, right button."
 
 
-def no_outline(session: Session) -> str:
-    """Needs an outline that is being drawn."""
+def no_corner(session: Session) -> str:
+    """Needs an outline that is being drawn, or a point of the ground."""
+    if session.tool is ToolName.GROUND:
+        return "" if session.view.ground else "No point of the ground is marked yet."
     if session.view.outline is not None:
         return ""
     return no_scene(session) or "No outline is being drawn. Take the polygon tool first."

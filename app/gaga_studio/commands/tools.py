@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from gaga_studio import grounding
 from gaga_studio.commands import acts, reasons
 from gaga_studio.commands.base import Command
 from gaga_studio.session import Session
@@ -37,6 +38,14 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
     _tool(ToolName.MOVE, "Move", "1"),
     _tool(ToolName.ROTATE, "Rotate", "2"),
     _tool(ToolName.SCALE, "Scale", "3"),
+    Command(
+        "tool.ground",
+        "Align to ground by three points",
+        "Tools",
+        grounding.begin,
+        enabled=reasons.no_scene,
+        is_on=lambda session: session.tool is ToolName.GROUND,
+    ),
     Command(
         "tool.snap",
         "Handles snap to steps",
@@ -93,7 +102,8 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "Take back the last corner",
         "Tools",
         acts.remove_corner,
-        enabled=reasons.no_outline,
+        enabled=reasons.no_corner,
+        describe=acts.remove_title,
     ),
     Command(
         "job.cancel",

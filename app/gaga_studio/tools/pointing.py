@@ -1,9 +1,11 @@
 """Joins mouse, keys, tools and camera: one call a frame for the picture."""
 
+from gaga_studio import grounding
 from gaga_studio.input import Act, Action, Gestures, KeyState, PointerState, fly_move
 from gaga_studio.session import Session
 from gaga_studio.tools.base import PathShape, Place, RectShape, Tool
 from gaga_studio.tools.brush import BrushTool
+from gaga_studio.tools.ground import GroundTool
 from gaga_studio.tools.lasso import LassoTool
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.tools.pick import PickTool
@@ -27,6 +29,7 @@ class Pointing:
             ToolName.POLYGON: PolygonTool(),
             ToolName.BRUSH: BrushTool(),
             ToolName.SPHERE: SphereTool(),
+            ToolName.GROUND: GroundTool(),
             **self.move_tools,
         }
         self._gestures = Gestures()
@@ -109,13 +112,18 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
 
 
 def _menu(session: Session, place: Place) -> None:
-    """A right click: the menu of the object there, which is selected; in an outline: a corner less.
+    """A right click: the menu of the object there, which is selected.
+
+    In an outline, and among points of the ground: one less.
 
     With nothing there the menu is the whole scene's.
     """
     view = session.view
     if view.outline is not None:
         view.outline = view.outline.without_last()
+        return
+    if session.tool is ToolName.GROUND and view.ground:
+        grounding.take_back(session)
         return
     found = session.pick(place.u, place.v, place.width, place.height)
     view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])

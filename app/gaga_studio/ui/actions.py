@@ -65,6 +65,7 @@ ICONS = {
     "tool.polygon": icons.POLYGON,
     "tool.brush": icons.BRUSH,
     "tool.sphere": icons.SPHERE,
+    "tool.ground": icons.GROUND,
     "tool.move": icons.MOVE,
     "tool.rotate": icons.ROTATE,
     "tool.scale": icons.SCALE,
@@ -103,6 +104,7 @@ _SCENE_MENU = (
     "object.show_all",
     "",
     "view.frame_all",
+    "tool.ground",
 )
 
 
@@ -163,7 +165,7 @@ def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
     if imgui.begin_popup("Object in the picture"):
         widgets.escape_closes()
-        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here"))
+        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.ground"))
         imgui.end_popup()
     if imgui.begin_popup("Scene in the picture"):
         widgets.escape_closes()

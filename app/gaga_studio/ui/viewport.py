@@ -6,17 +6,27 @@ from dataclasses import dataclass, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio import cleaning
+from gaga_studio import cleaning, grounding
 from gaga_studio.input import KeyState, PointerState
 from gaga_studio.session import Session
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.pointing import Pointing
-from gaga_studio.ui import compare, offer, photo_compare, shapes, theme, training, welcome, widgets
+from gaga_studio.ui import (
+    compare,
+    ground,
+    offer,
+    photo_compare,
+    shapes,
+    theme,
+    training,
+    welcome,
+    widgets,
+)
 from gaga_studio.ui.gizmo import Gizmo
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.view_cube import ViewCube
-from gaga_studio.view import Mode
+from gaga_studio.view import Mode, ToolName
 
 _BUTTONS = (
     imgui.ButtonFlags_.mouse_button_left
@@ -73,6 +83,8 @@ class ViewportPanel:
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
+        follows = is_over and not self._on_handle and not self.pointing.is_dragging
+        ground.draw(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.pointing.is_dragging)
         _on_the_picture(session, ui, corner, size)
 
@@ -182,6 +194,8 @@ def _on_the_picture(session: Session, ui: UiState, corner: ImVec2, size: ImVec2)
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
     if cleaning.shown(session) is not None:
         _badge("Preview of Clean up", corner)
+    elif session.tool is ToolName.GROUND and session.document is not None:
+        _badge(grounding.prompt(session), corner, grounding.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR:
         _badge(mode_badge(session), corner)
     offer.draw(session, ui, corner, size)
@@ -200,12 +214,19 @@ def mode_badge(session: Session) -> str:
     return _BADGES[mode]
 
 
-def _badge(text: str, corner: ImVec2) -> None:
-    """Says that the colors are not the scene's own."""
+def _badge(text: str, corner: ImVec2, more: str = "", room: float = 0.0) -> None:
+    """Says that the colors are not the scene's own, or what to click; ``more`` in ``room``."""
     pad = ImVec2(em(0.6), em(0.3))
     extent = imgui.calc_text_size(text)
+    wide = max(extent.x, room - 2 * pad.x)
+    below = imgui.calc_text_size(more, wrap_width=wide) if more else ImVec2(0, 0)
     low = ImVec2(corner.x + em(0.7), corner.y + em(0.7))
-    high = ImVec2(low.x + extent.x + 2 * pad.x, low.y + extent.y + 2 * pad.y)
+    width, height = max(extent.x, below.x), extent.y + below.y
+    high = ImVec2(low.x + width + 2 * pad.x, low.y + height + 2 * pad.y)
     drawing = imgui.get_window_draw_list()
     drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.75), em(0.3))
     drawing.add_text(ImVec2(low.x + pad.x, low.y + pad.y), theme.u32(theme.TEXT), text)
+    if more:
+        at = ImVec2(low.x + pad.x, low.y + pad.y + extent.y)
+        font, size = imgui.get_font(), imgui.get_font_size()
+        drawing.add_text(font, size, at, theme.u32(theme.DIM), more, wide)
