@@ -1,9 +1,10 @@
 """Commands over single files: edit, export, info, doctor, demo."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from tyro.conf import Positional
@@ -11,10 +12,6 @@ from tyro.conf import Positional
 from gaga_core import cli_output as out
 from gaga_core.errors import GagaError
 from gaga_core.project import Project
-
-if TYPE_CHECKING:
-    from gaga_core.io.splat_files import Form
-    from gaga_core.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Edit:
         """Write what is visible after the edits."""
         from gaga_core.io.splat_files import form_of
         from gaga_core.project import open_path_stage
-        from gaga_core.scene.export import export_scene_stage
+        from gaga_core.scene.export import export_losses, export_scene_stage
         from gaga_core.scene.script import parse_script, run_script
 
         form_of(self.output)  # a mistake is told before a large model is read
@@ -44,7 +41,7 @@ class Edit:
         parse_script(script)
         scene = out.follow(open_path_stage(self.input)).scene
         titles = run_script(scene, script)
-        _say_losses(scene, form_of(self.output), self.groups)
+        _say(export_losses(scene, form_of(self.output), groups=self.groups))
         written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
         values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
         out.result(values, as_json=self.json)
@@ -80,7 +77,13 @@ class Export:
         """Write plain 3DGS files that other tools open."""
         from gaga_core.io.splat_files import Form, form_of
         from gaga_core.project import open_path_stage
-        from gaga_core.scene.export import export_objects_stage, export_scene_stage
+        from gaga_core.scene.export import (
+            export_losses,
+            export_objects_stage,
+            export_scene_stage,
+            listed_files,
+            objects_losses,
+        )
 
         form = Form(self.form) if self.form else Form.PLY
         if self.what == "scene" and not self.form:
@@ -92,18 +95,18 @@ class Export:
         if self.what == "masks":
             return self._masks(project)
         if self.what == "scene":
-            _say_losses(scene, form, self.groups)
+            _say(export_losses(scene, form, groups=self.groups))
             stage = export_scene_stage(scene, self.out, groups=self.groups, form=form)
             written = out.follow(stage)
             out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
             return 0
-        _say_losses(scene, form)
+        _say(objects_losses(scene, form, self.only or None))
         objects = export_objects_stage(
             scene, self.out, self.only or None, source=str(self.scene), form=form
         )
         manifest = out.follow(objects)
-        count = len(list(self.out.glob(f"*{form.suffix}")))
-        out.result({"manifest": str(manifest), "files": count}, as_json=self.json)
+        files = len(listed_files(manifest))
+        out.result({"manifest": str(manifest), "files": files}, as_json=self.json)
         return 0
 
     def _masks(self, project: Project) -> int:
@@ -176,11 +179,9 @@ class Demo:
         return 0
 
 
-def _say_losses(scene: "Scene", form: "Form", groups: bool = False) -> None:
+def _say(losses: Iterable[str]) -> None:
     """Say what the form does not keep, before anything is written."""
-    from gaga_core.scene.export import export_losses
-
-    for sentence in export_losses(scene, form, groups=groups):
+    for sentence in losses:
         out.say(sentence)
 
 

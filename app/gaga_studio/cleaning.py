@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.arrays import IntArray
+from gaga_core.io.splat_files import Form
 from gaga_core.progress import Stage
 from gaga_core.scene import cleaned
 from gaga_core.scene.edits import Edit
@@ -74,21 +75,20 @@ def delete_selected(session: Session) -> None:
     _edit(session, "Delete", cleaned.delete_cleaned, session.delete_selected)
 
 
-def export(session: Session, what: tasks.Export, path: Path) -> None:
-    """`Session.export`; whole selected objects are cleaned first if that is wanted."""
+def export(session: Session, what: tasks.Export, path: Path, *, form: Form = Form.PLY) -> None:
+    """`stages.export`; whole selected objects are cleaned first if that is wanted."""
     groups = _to_clean(session)
     if not groups:
-        stages.export(session, what, path)
+        stages.export(session, what, path, form=form)
         return
     scene = replace(session.need().settled().scene)
 
     def stage() -> Stage[str]:
         labels = yield from cleaned.clean_objects_stage(scene, groups)
         copy = cleaned.cleaned_copy(scene, groups, labels)
-        return (yield from tasks.export_stage(copy, what, path, chosen=groups))
+        return (yield from tasks.export_stage(copy, what, path, chosen=groups, form=form))
 
-    title = f"Export to {path.name}"
-    session.jobs.start(title, stage(), on_done=lambda text: session.notify(Level.INFO, text))
+    stages.start_export(session, path, stage())
 
 
 def _edit(session: Session, verb: str, build: Build, plain: Callable[[], bool]) -> None:

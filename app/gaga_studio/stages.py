@@ -8,10 +8,11 @@ from pathlib import Path
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
-from gaga_core.io.splat_files import form_of
+from gaga_core.io.splat_files import Form, form_of
+from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.build_append import read_added_stage
-from gaga_core.scene.export import What, export_losses
+from gaga_core.scene.export import What, export_losses, objects_losses
 from gaga_studio import tasks
 from gaga_studio.notices import Level, Question
 from gaga_studio.session import Session
@@ -58,38 +59,65 @@ def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[],
     return progress, end
 
 
-def export(session: Session, what: tasks.Export, path: Path, *, groups: bool = False) -> None:
-    """Write what is visible, the selection, or one .ply per (selected, else any) object.
+def export(
+    session: Session,
+    what: tasks.Export,
+    path: Path,
+    *,
+    groups: bool = False,
+    form: Form = Form.PLY,
+) -> None:
+    """Write what is visible, the selection, or one file per (selected, else any) object.
 
-    ``path`` is a folder for "objects", else its name says the form of the file; ``groups`` adds a
-    column with the group to a .ply.
+    ``path`` is a folder for "objects", whose files are of ``form``; else its name says the form of
+    the file. ``groups`` adds a column with the group to a .ply.
     """
     if session.scene is None:
         return
     scene, chosen = session.need().settled().scene, session.selected_groups()
-    stage = tasks.export_stage(scene, what, path, chosen=chosen, groups=groups)
-    title = f"Export to {path.name}"
+    stage = tasks.export_stage(scene, what, path, chosen=chosen, groups=groups, form=form)
+    start_export(session, path, stage)
+
+
+def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
+    """Run ``stage``, which exports to ``path`` and says what it has written."""
 
     def done(text: str) -> None:
         session.has_exported = True
         session.notify(Level.INFO, text)
 
-    session.jobs.start(title, stage, on_done=done)
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done)
 
 
 def when_agreed(
-    session: Session, what: tasks.Export, path: Path, then: Callable[[], object]
+    session: Session,
+    what: tasks.Export,
+    path: Path,
+    then: Callable[[], object],
+    form: Form | None = None,
 ) -> None:
-    """Do ``then``, which exports to the file ``path``; when that loses something, ask first."""
-    session.attempt(lambda: _ask_about_losses(session, what, path, then))
+    """Do ``then``, which exports to ``path``; when that loses something, ask first.
+
+    ``form`` is that of objects' files; else the name of the file says it.
+    """
+    session.attempt(lambda: _ask_about_losses(session, what, path, then, form))
 
 
 def _ask_about_losses(
-    session: Session, what: tasks.Export, path: Path, then: Callable[[], object]
+    session: Session,
+    what: tasks.Export,
+    path: Path,
+    then: Callable[[], object],
+    form: Form | None,
 ) -> None:
-    scene = session.need().settled().scene
-    kind: What = "selected" if what == "selected" else "visible"
-    lost = export_losses(scene, form_of(path), what=kind)
+    scene, form = session.need().settled().scene, form or form_of(path)
+    if what == "objects":
+        lost = objects_losses(scene, form, session.selected_groups() or None)
+        first = f"Files that end in {form.suffix} do not keep everything."
+    else:
+        kind: What = "selected" if what == "selected" else "visible"
+        lost = export_losses(scene, form, what=kind)
+        first = f"{path.name} does not keep everything."
     if not lost:
         then()
         return
@@ -98,7 +126,7 @@ def _ask_about_losses(
         if choice == "Export":
             then()
 
-    text = " ".join([f"{path.name} does not keep everything.", *lost])
+    text = " ".join([first, *lost])
     session.pending_question = Question(text, ("Export", "Cancel"), chosen)
 
 

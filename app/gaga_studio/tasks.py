@@ -13,11 +13,12 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.io.masks import mask_folder
 from gaga_core.io.scene_folder import find_model
+from gaga_core.io.splat_files import Form
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.project import Project, open_path_stage, save_project
 from gaga_core.raster import choose
-from gaga_core.scene.export import export_objects_stage, export_scene_stage
+from gaga_core.scene.export import export_objects_stage, export_scene_stage, listed_files
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -109,15 +110,21 @@ def masks_of(project: Project, provider: str = "") -> tuple[str, MaskSet]:
 
 
 def export_stage(
-    scene: Scene, what: Export, path: Path, *, chosen: Sequence[int] = (), groups: bool = False
+    scene: Scene,
+    what: Export,
+    path: Path,
+    *,
+    chosen: Sequence[int] = (),
+    groups: bool = False,
+    form: Form = Form.PLY,
 ) -> Stage[str]:
-    """Export, and the sentence that says what was written."""
+    """Export, and the sentence that says what was written. ``form`` is that of objects' files."""
     if what == "objects":
-        stage = export_objects_stage(scene, path, list(chosen) or None)
+        stage = export_objects_stage(scene, path, list(chosen) or None, form=form)
 
         def objects() -> Stage[str]:
             manifest = yield from stage
-            n_files = len(list(manifest.parent.glob("*.ply")))
+            n_files = len(listed_files(manifest))
             return f"Exported objects to {manifest.parent} ({n_files} files and {manifest.name})."
 
         return objects()

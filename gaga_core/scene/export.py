@@ -56,8 +56,24 @@ def export_losses(
     if form is Form.PLY:
         return ()
     splats = exported_indices(scene, what)
-    gaussians = scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
+    gaussians = _taken(scene, splats)
     return losses(with_groups(gaussians, scene.labels[splats]) if groups else gaussians, form)
+
+
+def objects_losses(
+    scene: Scene, form: Form, groups: Sequence[int] | None = None
+) -> tuple[str, ...]:
+    """What `export_objects_stage` of these groups in ``form`` does not keep, a sentence each."""
+    if form is Form.PLY:
+        return ()
+    shown = exported_indices(scene)
+    labels = scene.labels[shown]
+    chosen = labels > 0 if groups is None else np.isin(labels, list(groups))
+    return losses(_taken(scene, shown[chosen]), form)
+
+
+def _taken(scene: Scene, splats: IntArray) -> Gaussians:
+    return scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
 
 
 def _export_scene(scene: Scene, path: Path, how: tuple[What, bool, Form]) -> Stage[int]:
@@ -161,6 +177,12 @@ def _objects(scene: Scene, groups: Sequence[int] | None, suffix: str) -> list[_O
         file = _unique(slug(name) or f"group-{group}", used) + suffix
         objects.append(_Object(int(group), name, color, file, splats))
     return objects
+
+
+def listed_files(manifest: Path) -> list[Path]:
+    """The files that the manifest of an export names; others in its folder are not its own."""
+    content = json.loads(manifest.read_text(encoding="utf-8"))
+    return [manifest.parent / entry["file"] for entry in content["groups"]]
 
 
 def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:

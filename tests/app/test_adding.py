@@ -1,11 +1,15 @@
 """Other kinds of files in the window: opened, added to the scene, and exported after a question."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gaga_core.io.splat_files import Form, read_splats, write_splats
-from gaga_studio import stages
+from gaga_core.scene.export import listed_files, objects_losses
+from gaga_core.scene.objects import group_indices
+from gaga_studio import cleaning, stages
 from gaga_studio.session import Session
 from tests.scenes import random_gaussians
 
@@ -62,6 +66,40 @@ def test_an_export_that_loses_asks_first(session: Session, tmp_path: Path) -> No
     assert (tmp_path / "out.ply").is_file()
     export(tmp_path / "out.xyz")
     assert "choose a name" in session.notices[-1].text
+
+
+@pytest.mark.parametrize("form", [Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ])
+def test_objects_are_written_in_any_form_after_the_same_question(
+    associated: Session, tmp_path: Path, form: Form
+) -> None:
+    chosen = [int(group) for group in associated.objects().ids if group > 0][:2]
+    for group in chosen:
+        associated.select_group(group, "add")
+    scene = associated.need().scene
+    sh = scene.gaussians.sh.copy()
+    sh[group_indices(scene, chosen[0]), 0] = 9.0  # more than the small forms hold
+    scene.gaussians = replace(scene.gaussians, sh=sh)
+
+    def write() -> None:
+        cleaning.export(associated, "objects", tmp_path, form=form)
+
+    stages.when_agreed(associated, "objects", tmp_path, write, form)
+    question = associated.pending_question
+    assert question is not None
+    lost = objects_losses(scene, form, chosen)
+    assert question.text == f"Files that end in {form.suffix} do not keep everything. " + " ".join(
+        lost
+    )
+    associated.answer("Export")
+    assert associated.jobs.wait()
+    files = listed_files(tmp_path / "groups.json")
+    assert [file.name.endswith(form.suffix) for file in files] == [True, True]
+    counts = [len(group_indices(scene, group)) for group in chosen]
+    assert [len(read_splats(file)) for file in files] == counts
+    assert "2 files" in associated.notices[-1].text
+    assert associated.has_exported
+    stages.when_agreed(associated, "objects", tmp_path, write, Form.PLY)
+    assert associated.pending_question is None
 
 
 def test_a_broken_file_leaves_what_is_open(session: Session, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,18 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io import ply
 from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splat_files import Form, read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits, export
 from gaga_core.scene.bake import bake
-from gaga_core.scene.export import export_objects_stage, export_scene_stage, slug
+from gaga_core.scene.export import (
+    export_objects_stage,
+    export_scene_stage,
+    exported_indices,
+    listed_files,
+    objects_losses,
+    slug,
+)
 from gaga_core.scene.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
@@ -124,6 +133,32 @@ def test_chosen_objects_only_and_unassigned_on_request(tmp_path: Path) -> None:
         "mug.ply",
         "unassigned.ply",
     ]
+
+
+@pytest.mark.parametrize("form", [Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ])
+def test_the_manifest_names_files_of_the_form_and_no_others(tmp_path: Path, form: Form) -> None:
+    scene = walk_scene()
+    run_stage(export_objects_stage(scene, tmp_path))  # files of another form lie there already
+    files = listed_files(run_stage(export_objects_stage(scene, tmp_path, form=form)))
+    assert len(files) == len(np.unique(scene.labels[exported_indices(scene)])) - 1
+    for file in files:
+        assert file.name.endswith(form.suffix)
+        assert file.name.removesuffix(form.suffix).islower()
+        assert len(read_splats(file))
+
+
+def test_what_objects_lose_is_told_of_those_that_are_written() -> None:
+    scene = walk_scene()
+    clipped = np.flatnonzero(scene.labels == 2)
+    sh = scene.gaussians.sh.copy()
+    sh[clipped, 0] = 9.0
+    scene.gaussians = replace(scene.gaussians, sh=sh)
+    said = {groups: " ".join(objects_losses(scene, Form.SPLAT, groups)) for groups in ((2,), (5,))}
+    shown = len(np.intersect1d(clipped, exported_indices(scene)))
+    assert f"those of {shown:,} splats" in said[2,]
+    assert "out of range" not in said[5,]
+    assert "out of range" in " ".join(objects_losses(scene, Form.SPLAT))
+    assert objects_losses(scene, Form.PLY) == ()
 
 
 @pytest.mark.parametrize("steps", range(1, 5))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES
+from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES, Form
 from gaga_core.providers.weights import models_folder
 from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
 from gaga_studio import arranging, cleaning, filming, masking, searching, stages
@@ -41,7 +41,7 @@ def take(session: Session, ui: UiState) -> None:
         searching.find_here(session, search.picture_size(ui))
     elif request and ui.dialog is None:
         found = _masks(session, ui, request) or _camera(session, ui, request)
-        ui.dialog, ui.on_path = found or _dialog(session, request, ui.native_dialogs)
+        ui.dialog, ui.on_path = found or _dialog(session, ui, request)
     if ui.dialog is None:
         return
     files.draw(ui.dialog)
@@ -120,9 +120,9 @@ def _masks(
 
 
 def _dialog(
-    session: Session, request: str, native: bool
+    session: Session, ui: UiState, request: str
 ) -> tuple[FileDialog | None, Callable[[Path], object] | None]:
-    start = _start_folder(session)
+    start, native = _start_folder(session), ui.native_dialogs
     if request == "open_folder":
         dialog = FileDialog("Open a scene folder", Kind.OPEN_FOLDER, start, use_native=native)
         return dialog, session.open
@@ -137,7 +137,23 @@ def _dialog(
         return dialog, session.open
     if session.document is None:
         return None, None
+    if request == "export_objects_to":
+        return _objects(session, session.document, ui.wishes.form, native)
     return _writing(session, session.document, request, native)
+
+
+def _objects(
+    session: Session, document: Document, form: Form, native: bool
+) -> tuple[FileDialog, Callable[[Path], object]]:
+    """The folder into which one file per object goes."""
+    title = f"Export one {form.suffix} per object into a folder"
+    name = f"{Path(document.name).stem} objects"
+
+    def export(path: Path) -> None:
+        then = partial(cleaning.export, session, "objects", path, form=form)
+        stages.when_agreed(session, "objects", path, then, form)
+
+    return _new_folder(title, _start_folder(session), name, "Export", native), export
 
 
 def _writing(
@@ -152,10 +168,6 @@ def _writing(
         title = "Add the splats of another file"
         dialog = FileDialog(title, Kind.OPEN_FILE, start, "", READ_SUFFIXES, native, "Add")
         return dialog, lambda path: stages.add_splats(session, path)
-    if request == "export_objects":
-        title = "Export one .ply per object into a folder"
-        dialog = _new_folder(title, start, f"{stem} objects", "Export", native)
-        return dialog, lambda path: cleaning.export(session, "objects", path)
     if request == "export_selected":
         groups = session.selected_groups()
         name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"

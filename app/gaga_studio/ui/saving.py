@@ -1,10 +1,11 @@
-"""The sheets that ask how large and how good a film or a picture shall be."""
+"""The sheets that ask how a film, a picture or the files of objects shall be written."""
 
 from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core import film
+from gaga_core.io.splat_files import Form
 from gaga_core.io.video_out import VideoConfig
 from gaga_studio import filming
 from gaga_studio.session import Session
@@ -13,12 +14,22 @@ from gaga_studio.ui.modal import begin_modal
 from gaga_studio.ui.theme import em
 from gaga_studio.ui.widgets import Face
 
-SHEETS = {"film": "Save film", "save_picture": "Save picture"}
+SHEETS = {
+    "film": "Save film",
+    "save_picture": "Save picture",
+    "export_objects": "Export objects",
+}
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
 _WHATS: tuple[tuple[film.What, str, str], ...] = (
     ("rgb", icons.COLOR, "Color"),
     ("groups", icons.GROUPS, "Groups"),
     ("depth", icons.DEPTH, "Depth"),
+)
+_FORMS = (
+    (Form.PLY, "PLY", "Keeps everything. Every program for splats opens it."),
+    (Form.COMPRESSED_PLY, "Compressed PLY", "A quarter of the size, rounded. SuperSplat opens it."),
+    (Form.SPLAT, "SPLAT", "Small, rounded, for browsers. Colors look the same from every side."),
+    (Form.SPZ, "SPZ", "Small, rounded, for phones. Colors still change with the view."),
 )
 
 
@@ -32,6 +43,7 @@ class Wishes:
     fps: float = 30.0
     quality: int = 75
     transparent: bool = False
+    form: Form = Form.PLY  # of objects' files
 
     def config(self, session: Session) -> film.FilmConfig:
         """The film's settings; ``GagaError`` when they do not do."""
@@ -47,6 +59,9 @@ def draw(session: Session, wishes: Wishes) -> None:
     if begin_modal(SHEETS["save_picture"], em(36)):
         _picture(session, wishes)
         imgui.end_popup()
+    if begin_modal(SHEETS["export_objects"], em(30)):
+        _objects(session, wishes)
+        imgui.end_popup()
 
 
 def _film(session: Session, wishes: Wishes) -> None:
@@ -60,7 +75,7 @@ def _film(session: Session, wishes: Wishes) -> None:
     path = filming.path_of(session)
     n = len(path.frame_times(wishes.fps)) if path.keyframes else 0
     widgets.dim(f"{path.seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
-    if _ends("Save film"):
+    if _ends("Save film", "Save as…"):
         session.request = "film_file"
 
 
@@ -68,12 +83,28 @@ def _picture(session: Session, wishes: Wishes) -> None:
     mode = session.view.mode.value
     widgets.dim(f"What the camera sees, in {mode}; .png or .jpg")
     _size(wishes)
-    clicked, wishes.transparent = imgui.checkbox(
+    clicked, wishes.transparent = widgets.checkbox(
         "Without background (transparent)", wishes.transparent
     )
     del clicked
-    if _ends("Save picture"):
+    if _ends("Save picture", "Save as…"):
         session.request = "picture_file"
+
+
+def _objects(session: Session, wishes: Wishes) -> None:
+    n = len(session.selected_groups())
+    which = "the selected object" if n == 1 else f"each of the {n} selected objects"
+    which = which if n else "every object that is visible"
+    widgets.dim(f"One file for {which}, and groups.json with the names.", wrap=True)
+    imgui.dummy(ImVec2(0, em(0.2)))
+    for form, name, text in _FORMS:
+        if widgets.radio_button(f"{name} ({form.suffix})###{name}", wishes.form is form):
+            wishes.form = form
+        imgui.indent(em(1.7))
+        widgets.dim(text, wrap=True)
+        imgui.unindent(em(1.7))
+    if _ends("Export objects", "Choose a folder…"):
+        session.request = "export_objects_to"
 
 
 def _size(wishes: Wishes) -> None:
@@ -90,13 +121,13 @@ def _size(wishes: Wishes) -> None:
             wishes.width, wishes.height = width, height
 
 
-def _ends(title: str) -> bool:
+def _ends(title: str, label: str) -> bool:
     """The last row of buttons; whether to go on to the file."""
     imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(7), imgui.get_style().item_spacing.x
+    width, spacing = em(9), imgui.get_style().item_spacing.x
     room = imgui.get_content_region_avail().x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    goes = widgets.button(f"{title}…", Face("Save as…", width=width, primary=True))
+    goes = widgets.button(f"{title}…", Face(label, width=width, primary=True))
     imgui.same_line()
     if widgets.button("Cancel", Face(width=width)) or goes:
         imgui.close_current_popup()
