@@ -12,6 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.consensus import ConsensusConfig, consensus_stage, merged_masks
+from gaga_core.grouping.few_views import SurfaceConfig, follow_surfaces
 from gaga_core.grouping.gate import (
     GateConfig,
     ViewMasks,
@@ -48,6 +49,7 @@ class AssociateConfig:
     gate: GateConfig = field(default_factory=GateConfig)
     consensus: ConsensusConfig | None = None  # groups by the views' consensus (beyond the paper)
     fill_unseen: bool = False  # hidden Gaussians take the gate's votes, then their neighbours'
+    surfaces: SurfaceConfig | None = None  # ... or with few views what the surfaces say
     histogram_bytes: int = HISTOGRAM_BYTES  # memory for the vote of labels per Gaussian
 
     def __post_init__(self) -> None:
@@ -64,6 +66,11 @@ class AssociateConfig:
         if self.histogram_bytes < 1:
             raise ValueError("histogram_bytes: too small")
 
+    def surfaces_of_few(self, n_views: int) -> SurfaceConfig | None:
+        """How surfaces decide about labels of a scene with ``n_views``; None where masks do."""
+        few = self.surfaces is not None and n_views <= self.surfaces.max_views
+        return self.surfaces if few else None
+
     @staticmethod
     def of(preset: str) -> "AssociateConfig":
         """The settings of a preset by name."""
@@ -77,6 +84,7 @@ class AssociateConfig:
                 gate=GateConfig(iqr_floor=0.02, guard_near=True),
                 consensus=ConsensusConfig(),
                 fill_unseen=True,
+                surfaces=SurfaceConfig(),
             )
         raise GagaError(f"There is no preset {preset!r}. Choose one of {', '.join(PRESETS)}.")
 
@@ -172,10 +180,9 @@ def associate_stage(
     groups = groups_of_masks(bank, [camera.name for camera in views])
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
     if config.fill_unseen:
-        hidden = fill_unseen(
-            gaussians, views, masks, task.bounds, groups, bank.n_groups, votes.labels
-        )
+        hidden = _with_hidden(task, bank, groups, votes.labels)
         labels = yield from part(hidden, next(parts), n_parts, STAGE)
+        bank = replace(bank, n_groups=max(bank.n_groups, int(labels.max(initial=0))))
     if config.consensus is not None:  # the votes say who owns what, not who came first
         bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
     return Association(
@@ -278,6 +285,22 @@ def _consensus_vote(
         task.rasterizer,
         histogram_bytes=task.config.histogram_bytes,
     )
+
+
+def _with_hidden(
+    task: _Task, bank: MemoryBank, groups: Mapping[str, IntArray], labels: IntArray
+) -> Stage[IntArray]:
+    """Labels (N,) in which Gaussians that no mask labels have one; of few views with new groups."""
+    surfaces = task.config.surfaces_of_few(len(task.views))
+    if surfaces is not None:
+        by_shape = follow_surfaces(
+            task.gaussians, task.views, task.masks, labels, task.rasterizer, surfaces
+        )
+        return (yield from by_shape)
+    stage = fill_unseen(
+        task.gaussians, task.views, task.masks, task.bounds, groups, bank.n_groups, labels
+    )
+    return (yield from stage)
 
 
 def _view_masks(task: _Task, camera: Camera) -> ViewMasks:
