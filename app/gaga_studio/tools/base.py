@@ -76,6 +76,28 @@ class Tool(Protocol):
         ...
 
 
+class ClickTool:
+    """What a tool of clicks alone does with drags: they are the camera's."""
+
+    takes_drag = False
+
+    def press(self, session: Session, place: Place) -> None:
+        """The camera's."""
+
+    def drag(self, session: Session, place: Place) -> None:
+        """The camera's."""
+
+    def release(self, session: Session, place: Place) -> None:
+        """The camera's."""
+
+    def cancel(self, session: Session) -> None:
+        """There is no gesture to take back."""
+
+    def overlay(self) -> RectShape | None:
+        """Nothing is drawn."""
+        return None
+
+
 def region_hint(session: Session, act: str) -> str:
     """What a gesture that selects a region does, in words."""
     document, view = session.document, session.view
