@@ -34,6 +34,7 @@ from gaga_core.raster.base import Rasterizer
 STAGE = "Follow surfaces"
 _HALF_VOICE = 0.1  # blending weight with which a view has half a voice about a Gaussian
 _ROUNDS = 2
+_STEPS = 4 + _ROUNDS  # of progress: views, neighbours, normals, rounds, hidden Gaussians
 _HIDDEN = 4  # times the least size of a piece: of a surface that no mask shows to be a group
 
 
@@ -77,15 +78,16 @@ def follow_surfaces(
     config: SurfaceConfig,
 ) -> Stage[IntArray]:
     """Labels (N,) after the surfaces were asked; new groups have the ids after the largest one."""
-    seen = yield from _looks(gaussians, views, masks, rasterizer)
+    looking = _looks(gaussians, views, masks, rasterizer)
+    seen = yield from part(looking, 0, _STEPS, STAGE)
     shown = finite(gaussians) & (seen.weights.max(axis=1) > config.least_weight)
     rows = np.flatnonzero(shown)
     if len(rows) < 2:
         return labels
-    found = _pieced(gaussians.take(rows), views, seen.take(rows), labels[rows], config)
+    found = yield from _pieced(gaussians.take(rows), views, seen.take(rows), labels[rows], config)
     result = np.zeros_like(labels)
     result[rows] = found
-    yield Progress(STAGE, 1, 1, "hidden Gaussians")
+    yield Progress(STAGE, _STEPS - 1, _STEPS, "hidden Gaussians")
     if not (found > 0).any():
         return labels
     least = _HIDDEN * config.least(len(rows))
@@ -127,16 +129,19 @@ def _pieced(
     seen: _Looks,
     labels: IntArray,
     config: SurfaceConfig,
-) -> IntArray:
+) -> Stage[IntArray]:
     """Labels (N,) of Gaussians that are seen well."""
+    yield Progress(STAGE, 1, _STEPS, "find neighbours")
     points = gaussians.means.astype(np.float64)
     graph = Neighbours.of(points, config.neighbours)
+    yield Progress(STAGE, 2, _STEPS, "find normals")
     normals = splat_normals(gaussians, graph.nearest)
     weights = seen.weights.astype(np.float64)
     normals = towards_cameras(normals, points, views, weights, graph.nearest)
     likeness = evenness(graph, normals) + _said_by_masks(graph, seen, config)
     least = config.least(len(points))
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
+        yield Progress(STAGE, 3 + turn, _STEPS, "cut into pieces")
         pieces = _Pieces.of(graph, likeness, labels)
         labels = pieces.joined(config)
     return pieces.parted(labels, config.crease, least)
