@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array, UInt32Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array, UInt32Array
 from gaga_core.kernels import kernel
 
 N_KEYS = 1 << 18
@@ -69,24 +69,33 @@ def visible_depths(
     rim = 1.9 + margin
     n = reach.shape[0] if rows.shape[0] == 0 else rows.shape[0]
     m = 0
+    # u and v times depth, and depth, as maps of a mean: neighbours mostly share their placement.
+    last = -1
+    ux = uy = uz = u0 = vx = vy = vz = v0 = zx = zy = zz = z0 = enlarged = 0.0
     for j in range(n):
-        i = j if rows.shape[0] == 0 else rows[j]
+        # Unsigned: no code for indices that count from the end.
+        i = np.uint64(j) if rows.shape[0] == 0 else np.uint64(rows[j])
         p = placement[i]
         if state[i] & SKIPPED != 0 or p < 0 or p >= poses.shape[0]:
             continue
+        if p != last:
+            a, b, c = poses[p, 0], poses[p, 1], poses[p, 2]
+            zx, zy, zz, z0 = c[0], c[1], c[2], c[3]
+            ux, uy, uz = fx * a[0] + cx * zx, fx * a[1] + cx * zy, fx * a[2] + cx * zz
+            vx, vy, vz = fy * b[0] + cy * zx, fy * b[1] + cy * zy, fy * b[2] + cy * zz
+            u0, v0 = fx * a[3] + cx * z0, fy * b[3] + cy * z0
+            enlarged = stretch[p] * grow
+            last = p
         x, y, z = means[i, 0], means[i, 1], means[i, 2]
-        tz = poses[p, 2, 0] * x + poses[p, 2, 1] * y + poses[p, 2, 2] * z + poses[p, 2, 3]
-        if not (tz >= near and tz < 1e30):
-            continue
-        tx = poses[p, 0, 0] * x + poses[p, 0, 1] * y + poses[p, 0, 2] * z + poses[p, 0, 3]
-        ty = poses[p, 1, 0] * x + poses[p, 1, 1] * y + poses[p, 1, 2] * z + poses[p, 1, 3]
+        tz = zx * x + zy * y + zz * z + z0
         # Pixels times depth: no division, and no jump that depends on the splat below.
-        u = fx * tx + cx * tz
-        v = fy * ty + cy * tz
+        u = ux * x + uy * y + uz * z + u0
+        v = vx * x + vy * y + vz * z + v0
         # sqrt(s^2 + BLUR) <= s + sqrt(BLUR); 3.34 sqrt(0.3) < 1.9.
-        bound = reach[i] * stretch[p] * grow + rim * tz
+        bound = reach[i] * enlarged + rim * tz
         # Not "outside" but "inside": a NaN anywhere is left out.
-        seen = (u + bound > 0) & (u - bound < width * tz)
+        seen = (tz >= near) & (tz < 1e30)
+        seen &= (u + bound > 0) & (u - bound < width * tz)
         seen &= (v + bound > 0) & (v - bound < height * tz)
         depths[m] = tz
         ids[m] = i
@@ -98,7 +107,7 @@ def visible_depths(
 def far_to_near(
     bits: UInt32Array,  # (M,) depths as bits
     ids: IntArray,  # (M,)
-    counts: LongArray,  # (N_KEYS + 1,) scratch
+    counts: IntArray,  # (N_KEYS + 1,) scratch; 32 bits each, so that the cache holds them
     order: IntArray,  # (M,) out
     quantiles: UInt32Array,  # (2,) out: bits of the depths at 0.5 % and 99.5 %
 ) -> None:

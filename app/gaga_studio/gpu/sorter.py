@@ -139,7 +139,7 @@ class Columns:
         self._chosen = _ALL  # the budget asked for last
         self._depths: FloatArray = np.zeros(0, np.float32)
         self._ids: IntArray = np.zeros(0, np.int32)
-        self._counts = np.zeros(sort_kernels.N_KEYS + 1, np.int64)
+        self._counts = np.zeros(sort_kernels.N_KEYS + 1, np.int32)
 
     def sort(self, job: SortJob) -> DepthOrder:
         """Cull and sort."""
