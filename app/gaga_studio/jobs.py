@@ -227,7 +227,7 @@ class _Worker(threading.Thread):
                     self.has_value = True
                     return
             self.delivery.stage.close()
-        except Exception as error:  # noqa: BLE001  the one place: it becomes a notice and a log entry
+        except Exception as error:  # noqa: BLE001  of a job: it becomes a notice and a log entry
             self.error = error
 
     def describe(self) -> Job:

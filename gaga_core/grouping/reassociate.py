@@ -258,8 +258,9 @@ def _labels(
     if not evidence.config.fill_unseen:
         return np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
     kept = np.where(_among(before, touched), np.int32(0), before)
-    known = np.where(votes.labels > 0, votes.labels, kept)
-    if evidence.config.surfaces_of_few(len(evidence.views)):  # votes alone did not label them
+    if evidence.config.surfaces_of_few(len(evidence.views)) is None:
+        known = np.where(votes.labels > 0, votes.labels, kept)
+    else:  # votes alone did not label the groups that nothing touched
         known = np.where(kept > 0, kept, votes.labels)
     groups = groups_of_masks(bank, [camera.name for camera in evidence.views])
     return (
