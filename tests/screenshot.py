@@ -9,8 +9,8 @@ import os
 import tempfile
 from pathlib import Path
 
-from gaga_studio import stages
-from tests.app.driver import Driver, drive
+from gaga_studio.actions import files
+from tests.app.window.driver import Driver, drive
 from tests.display import xvfb
 
 
@@ -34,7 +34,7 @@ def main() -> None:
 def _show_an_object(driver: Driver) -> None:
     """Associate (unless a saved project brought groups) and select the object at the middle."""
     if not (driver.session.need().scene.labels > 0).any():
-        stages.associate(driver.session)
+        files.associate(driver.session)
         driver.settle()
     width, height = driver.size
     driver.click_picture(width * 0.44, height * 0.57)

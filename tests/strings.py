@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from gaga_studio.words import ENGLISH, NAME
+from gaga_studio.system.words import ENGLISH, NAME
 
 ROOT = Path(__file__).resolve().parents[1]
 CATALOGUE = ROOT / "assets" / "strings" / f"{ENGLISH}.json"

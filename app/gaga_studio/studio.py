@@ -12,43 +12,37 @@ from imgui_bundle import imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_studio import cleaning, filming, paths, recovery, window, words
-from gaga_studio.easel import Easel
+from gaga_studio.actions import autosave, cleanup
+from gaga_studio.actions import camera_path as camera_path_actions
 from gaga_studio.gpu.context import attach
+from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
-from gaga_studio.log import start_log
-from gaga_studio.notices import Level
-from gaga_studio.pacing import Pacing
-from gaga_studio.session import Session
-from gaga_studio.status import status_text
-from gaga_studio.ui import (
+from gaga_studio.session.notices import Level
+from gaga_studio.session.render_requests import Easel
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.system import paths, window, words
+from gaga_studio.system.log import start_log
+from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
+from gaga_studio.ui import translated
+from gaga_studio.ui.chrome import menu, status_bar, toasts, toolbar
+from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.ui.dialogs import dispatch, file_dialog, first_steps, make_masks, sheets, shortcuts
+from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.guard import Guard
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.panels import (
     bookmarks,
     camera_path,
-    files,
-    first_steps,
+    film_strip,
     history,
     inspector,
-    masks,
     memory_bank,
-    menu,
-    notices,
     objects,
-    requests,
     selecting,
-    sheets,
-    shortcuts,
-    status,
-    theme,
-    toolbar,
-    translated,
-    views,
 )
-from gaga_studio.ui.guard import Guard
-from gaga_studio.ui.state import UiState
-from gaga_studio.ui.viewport import ViewportPanel
-from gaga_studio.view import Mode, ViewState
-from gaga_studio.window import Hooks, Panel, Window, WindowOptions
+from gaga_studio.ui.viewport.viewport import ViewportPanel
 
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
@@ -68,13 +62,13 @@ class Studio:
     ) -> None:
         self.session = session or Session()
         words.use(self.session.settings.language)  # the tabs are named once
-        self.ui = UiState(native_dialogs=files.has_native())
+        self.ui = UiState(native_dialogs=file_dialog.has_native())
         self.viewport: Viewport | None = None
         self.images: ImageStore | None = None
         self._ctx: moderngl.Context | None = None
         self._first: tuple[Path | None, bool] = (path, demo)
         self._pacing = Pacing()
-        self._autosave = recovery.Autosave()
+        self._autosave = autosave.Autosave()
         self._steps = first_steps.Progress()
         self._guard = Guard(self._failed)
         self._backend = ""
@@ -121,7 +115,7 @@ class Studio:
             Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
             Panel("Select by", lambda: selecting.draw(session, ui), "Right", "RightBottom"),
             Panel("Memory bank", lambda: memory_bank.draw(session, ui), "RightDown", "RightBottom"),
-            Panel("Views", lambda: views.draw(session, ui), "Bottom", "Right"),
+            Panel("Views", lambda: film_strip.draw(session, ui), "Bottom", "Right"),
             Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
             Panel("Bookmarks", lambda: bookmarks.draw(session, ui), "Bottom", "Right"),
             Panel("History", lambda: history.draw(session, ui), "RightDown", "RightBottom"),
@@ -139,7 +133,7 @@ class Studio:
             most=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]), is_fast=not self.viewport.is_software
         )
         path, demo = self._first
-        recovery.offer(self.session)
+        autosave.offer(self.session)
         if path is not None:
             self.session.open(path)
         elif demo:
@@ -179,7 +173,7 @@ class Studio:
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
-        filming.tick(self.session, imgui.get_io().delta_time)
+        camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         if self.session.easel is not None:
             self.session.easel.serve(self._paint)
         if self.session.document is not self._document:
@@ -198,23 +192,23 @@ class Studio:
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
-        call("File dialog", lambda: requests.take(session, ui))
+        call("File dialog", lambda: dispatch.take(session, ui))
         call("Dialogs", lambda: sheets.draw(session, ui))
-        call("Make masks", lambda: masks.draw(session, ui))
+        call("Make masks", lambda: make_masks.draw(session, ui))
         call("First steps", lambda: first_steps.draw(session, ui, self._steps))
-        call("Notices", lambda: notices.draw(session, ui))
+        call("Notices", lambda: toasts.draw(session, ui))
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.pointing.tool(self.session))
         scene = self.session.scene
         figures = None
         if scene is not None:
-            figures = status.Figures(len(scene), self._pacing.frame_ms, self._backend)
-        status.draw(self.session, hint, figures)
+            figures = status_bar.Figures(len(scene), self._pacing.frame_ms, self._backend)
+        status_bar.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
         """End a preview or a gesture, or close the compared photo; whether there was one."""
-        if cleaning.cancel(self.session):
+        if cleanup.cancel(self.session):
             return True
         if self.picture.cancel(self.session):
             return True
@@ -241,7 +235,7 @@ class Studio:
             return 0
         session = self.session
         view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
-        if cleaning.shown(session) is not None:
+        if cleanup.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview speaks in colors of its own
         before, start = self.viewport.n_draws, time.perf_counter()
         texture = self.viewport.draw(session.shown, camera, view, self._overlays())

@@ -7,8 +7,8 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.evidence import Evidence
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
+from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.grouping.votes import associated_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer

@@ -11,8 +11,6 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.consensus import ConsensusConfig, consensus_stage, merged_masks
-from gaga_core.grouping.few_views import SurfaceConfig, follow_surfaces
 from gaga_core.grouping.gate import (
     GateConfig,
     ViewMasks,
@@ -20,14 +18,11 @@ from gaga_core.grouping.gate import (
     gaussians_of_masks,
     open_bounds,
 )
-from gaga_core.grouping.memory_bank import (
-    MemoryBank,
-    add_view,
-    groups_of_masks,
-    views_per_group,
-)
-from gaga_core.grouping.refine import decide_masks, fill_unseen, voting_labels
-from gaga_core.grouping.surface_points import DepthMaps
+from gaga_core.grouping.memory_bank import MemoryBank, add_view, groups_of_masks, views_per_group
+from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
+from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
+from gaga_core.grouping.robust.surface_points import DepthMaps
+from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet

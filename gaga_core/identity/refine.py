@@ -15,14 +15,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, IdentityField
-from gaga_core.identity.rows import (
-    Batch,
-    RowConfig,
-    ViewRows,
-    held_out,
-    mixed_batches,
-    sample_rows,
-)
+from gaga_core.identity.rows import Batch, RowConfig, ViewRows, held_out, mixed_batches, sample_rows
 from gaga_core.identity.training import (
     Fit,
     Gradients,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import torch
     from transformers import BatchFeature
 
-    from gaga_core.providers.settings import Device
+    from gaga_core.segmentation.settings import Device
 
 _KINDS = ("grounding-dino", "owlv2", "owlvit")
 
@@ -112,7 +112,7 @@ def load_detector(folder: Path, device: "Device" = "auto") -> BoxModel:
             f"{folder} holds no Grounding DINO or OWLv2 model (it says {kind or 'nothing'!r}). "
             "Choose the folder of one."
         )
-    from gaga_core.providers.loading import choose_device, load_folder
+    from gaga_core.segmentation.loading import choose_device, load_folder
 
     where = choose_device(device)
     model = load_folder("text_boxes", folder)

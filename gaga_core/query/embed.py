@@ -15,13 +15,13 @@ from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.providers.weights import Weights, weights_id
+from gaga_core.segmentation.weights import Weights, weights_id
 
 if TYPE_CHECKING:
     import torch
     from transformers import PretrainedConfig, PreTrainedTokenizerBase
 
-    from gaga_core.providers.settings import Device
+    from gaga_core.segmentation.settings import Device
 
 _KINDS = ("clip", "siglip")
 # Means and deviations of the published models, for folders without a preprocessor_config.json.
@@ -114,7 +114,7 @@ def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
             f"{folder} holds no CLIP or SigLIP model (it says {kind or 'nothing'!r}). "
             "Choose the folder of one."
         )
-    from gaga_core.providers.loading import choose_device, load_folder
+    from gaga_core.segmentation.loading import choose_device, load_folder
 
     where = choose_device(device)
     model = load_folder("text_image", folder)
@@ -138,7 +138,7 @@ def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
 
 def load_part(auto: str, folder: Path) -> object:
     """What belongs to a model: its tokenizer or processor, by the name of transformers' class."""
-    from gaga_core.providers.loading import first_line, offline
+    from gaga_core.segmentation.loading import first_line, offline
 
     with offline():
         import transformers

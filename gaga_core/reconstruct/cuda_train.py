@@ -156,7 +156,7 @@ class CudaEngine:
 
     def _share_gradients(self) -> None:
         if self._setting.team.size > 1:
-            from gaga_core.reconstruct.parallel import mean_in_place
+            from gaga_core.reconstruct.torch_distributed import mean_in_place
 
             mean_in_place([p.grad for p in self._params.values() if p.grad is not None])
 
@@ -182,7 +182,7 @@ class CudaEngine:
             info["radii"] = torch.zeros_like(info["radii"])
             sums = [self._strategy_state[key] for key in ("grad2d", "count")]
             if self._setting.team.size > 1:
-                from gaga_core.reconstruct.parallel import mean_in_place
+                from gaga_core.reconstruct.torch_distributed import mean_in_place
 
                 mean_in_place(sums)
                 for total in sums:

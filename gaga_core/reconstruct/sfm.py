@@ -13,9 +13,9 @@ from typing import Literal
 from gaga_core.errors import GagaError
 from gaga_core.kernels import n_threads
 from gaga_core.progress import Progress, Stage
-from gaga_core.reconstruct.child import follow
-from gaga_core.reconstruct.measures import SfmFacts
 from gaga_core.reconstruct.photos import PhotoSet
+from gaga_core.reconstruct.sfm_metrics import SfmFacts
+from gaga_core.reconstruct.subprocess_lines import follow
 
 _TITLES = {
     "features": "Find features",

@@ -18,7 +18,7 @@ from typing import TypedDict
 import numpy as np
 import pycolmap
 
-from gaga_core.reconstruct.sfm_facts import write_facts
+from gaga_core.reconstruct.sfm_export import write_facts
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
 
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows

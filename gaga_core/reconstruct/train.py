@@ -17,20 +17,15 @@ from gaga_core.arrays import FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster.base import Rasterizer, TrainableRasterizer
-from gaga_core.reconstruct.checkpoint import (
-    TrainState,
-    digest_of,
-    load_checkpoint,
-    save_checkpoint,
-)
+from gaga_core.reconstruct.checkpoint import TrainState, digest_of, load_checkpoint, save_checkpoint
 from gaga_core.reconstruct.cpu_train import CpuEngine
 from gaga_core.reconstruct.densify import ScreenSums
+from gaga_core.reconstruct.distributed import ALONE, Team
 from gaga_core.reconstruct.engine import Engine, Setting
 from gaga_core.reconstruct.exposure import Exposures
-from gaga_core.reconstruct.metrics import Quality, quality_stage
 from gaga_core.reconstruct.optimizer import Splats, camera_extent, with_degree
 from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.team import ALONE, Team
+from gaga_core.reconstruct.view_quality import Quality, quality_stage
 from gaga_core.reconstruct.views import TrainView, TrainViews
 
 STAGE = "Train splats"

@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import Progress, Stage
-from gaga_core.reconstruct.child import follow
+from gaga_core.reconstruct.subprocess_lines import follow
 
 STAGE = "Read video"
 _CANDIDATES = 3  # frames looked at for each one kept

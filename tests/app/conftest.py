@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gaga_studio import stages
-from gaga_studio.session import Session
-from gaga_studio.settings import Settings
+from gaga_studio.actions import files
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
 
 
@@ -61,7 +61,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     made = Session(Settings(preset="paper"))
     made.open(folder)
     assert made.jobs.wait()
-    stages.associate(made)
+    files.associate(made)
     assert made.jobs.wait()
     made.save()
     assert made.jobs.wait()

@@ -2,8 +2,8 @@
 
 from gaga_core.arrays import IntArray
 from gaga_core.scene.scene import Scene
-from gaga_studio.notices import Level
-from gaga_studio.session import Session
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
 from tests.scenes import objects_scene
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.cli import main
+from gaga_core.cli.main import main
 from gaga_core.grouping.bank_file import load_bank
 from gaga_core.progress import run_stage
-from gaga_core.project import Project, open_path_stage
+from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.scene import State
-from gaga_studio import recovery
-from gaga_studio.session import Session
-from gaga_studio.settings import load_settings
+from gaga_studio.actions import autosave
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import load_settings
 
 SAVED = Path(__file__).resolve().parents[1] / "fixtures" / "version_0_1_0"
 
@@ -88,7 +88,7 @@ def test_what_a_crash_left_is_offered_and_recovered(
     monkeypatch.setenv("GAGA_HOME", str(home))
     shutil.copytree(saved / "recovery", home / "recovery" / "999999999-0b82c9c7")
     before = run_stage(open_path_stage(saved / "table"))
-    assert recovery.offer(session)
+    assert autosave.offer(session)
     session.answer("Recover")
     assert session.jobs.wait()
     assert session.scene is not None, session.notices

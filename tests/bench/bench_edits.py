@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene import edits
-from gaga_core.scene.history import History
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, object_table
 from gaga_core.scene.scene import Scene
 from tests.bench.figures import Figure, cpu_median

@@ -23,7 +23,7 @@ from gaga_core.identity.refine import refine_identity
 from gaga_core.identity.rows import Batch
 from gaga_core.identity.training import Gradients, Rates, adam_step, cross_entropy, start_from_zeros
 from gaga_core.identity.votes import vote_labels
-from gaga_core.pipeline import VOID_BELOW
+from gaga_core.pipeline.associate import VOID_BELOW
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import PixelWeights
 from gaga_core.raster.cpu import CpuRasterizer

@@ -24,10 +24,10 @@ from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply_stage
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.masks import MaskSet
-from gaga_core.pipeline import select_views, splat_groups
+from gaga_core.pipeline.associate import select_views, splat_groups
 from gaga_core.progress import run_stage
-from gaga_core.providers.regions import regions
 from gaga_core.raster import choose
+from gaga_core.segmentation.regions import regions
 from tests.bench.figures import Figure, cpu_median
 
 _STEP = 4  # every fourth photo

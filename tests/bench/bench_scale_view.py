@@ -15,15 +15,15 @@ import numpy as np
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.history import History
-from gaga_core.scene.picking import pick
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.picking import pick
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.context import is_software
+from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.sorter import Columns, SortJob
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.pacing import Pacing
-from gaga_studio.view import ViewState
+from gaga_studio.session.view_state import ViewState
 from tests.bench.figures import Figure, cpu_median
 from tests.scenes import orbit_cameras
 

@@ -7,10 +7,10 @@ import pytest
 
 from gaga_core.camera import Camera
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.measures import SfmFacts
 from gaga_core.reconstruct.photos import PhotoSet, list_photos, prepare_photos
 from gaga_core.reconstruct.sfm import SfmConfig, run_sfm
-from tests.core.photo_scenes import write_photos
+from gaga_core.reconstruct.sfm_metrics import SfmFacts
+from tests.core.reconstruct.photo_scenes import write_photos
 
 
 @dataclass(frozen=True, eq=False)

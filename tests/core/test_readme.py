@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.color import rgb_from_dc
 from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.project import Project, save_project
+from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import Scene
 from tests.scenes import objects_scene
 

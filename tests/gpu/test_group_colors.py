@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gaga_core.scene import edits
-from gaga_core.scene.history import History
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import Mode, ViewState
+from gaga_studio.session.view_state import Mode, ViewState
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.gl

@@ -10,12 +10,12 @@ import pytest
 from gaga_core.io.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.export import export_scene_stage
-from gaga_core.scene.history import History
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.view import ViewState
+from gaga_studio.session.view_state import ViewState
 from tests.gpu.conftest import Errors
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

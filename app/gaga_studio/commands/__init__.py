@@ -10,14 +10,14 @@ from gaga_studio.commands.camera import CAMERA_COMMANDS
 from gaga_studio.commands.edit import EDIT_COMMANDS
 from gaga_studio.commands.file import FILE_COMMANDS
 from gaga_studio.commands.help import HELP_COMMANDS
+from gaga_studio.commands.keymaps import BLENDER, Keys
 from gaga_studio.commands.objects import OBJECTS_COMMANDS
-from gaga_studio.commands.profiles import BLENDER, Keys
 from gaga_studio.commands.select import SELECT_COMMANDS
 from gaga_studio.commands.tools import TOOLS_COMMANDS
 from gaga_studio.commands.view import VIEW_COMMANDS
-from gaga_studio.input import FLY_KEYS
-from gaga_studio.session import Session
-from gaga_studio.view import ToolName
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
+from gaga_studio.tools.gestures import FLY_KEYS
 
 __all__ = [
     "COMMANDS",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gaga_studio.session import Session
+from gaga_studio.session.session import Session
 
 Reason = Callable[[Session], str]
 

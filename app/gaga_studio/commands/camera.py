@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from gaga_studio import bookmarks, comparing, filming
-from gaga_studio.commands import reasons
+from gaga_studio.actions import bookmarks, camera_path, photo_compare
+from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command, Reason, ask
-from gaga_studio.session import Session
-from gaga_studio.view import Compare
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Compare
 
 _SLOWEST, _FASTEST = 0.1, 5.0  # of the preferences' slider
 RECALL = tuple(f"camera.bookmark_{key}" for key in bookmarks.KEYS)
@@ -36,8 +36,8 @@ def _compare(mode: Compare, name: str, title: str) -> Command:
         f"camera.{name}",
         title,
         "Camera",
-        lambda session: comparing.set_mode(session, mode),
-        enabled=reasons.no_photos,
+        lambda session: photo_compare.set_mode(session, mode),
+        enabled=availability.no_photos,
         is_on=lambda session: session.view.compare is mode,
     )
 
@@ -46,7 +46,7 @@ def _no_bookmark(key: int) -> Reason:
     def reason(session: Session) -> str:
         if bookmarks.index_of(session, key) is not None:
             return ""
-        return reasons.no_scene(session) or f"No bookmark has the key {key} yet."
+        return availability.no_scene(session) or f"No bookmark has the key {key} yet."
 
     return reason
 
@@ -78,7 +78,7 @@ def _set(key: int) -> Command:
         "Camera",
         lambda session: bookmarks.set_key(session, key),
         f"Ctrl+Shift+{key}",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     )
 
 
@@ -89,7 +89,7 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         "Camera",
         _toggle_orthographic,
         "5",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
         is_on=lambda session: session.rig.pose.is_orthographic,
     ),
     Command(
@@ -107,7 +107,7 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         "Camera",
         bookmarks.add,
         "Ctrl+B",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     ),
     *(_recall(key) for key in bookmarks.KEYS),
     *(_set(key) for key in bookmarks.KEYS),
@@ -117,44 +117,50 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         "camera.hold_photo",
         "Photo while held",
         "Camera",
-        comparing.hold,
+        photo_compare.hold,
         "Shift+G",
-        enabled=reasons.no_photos,
+        enabled=availability.no_photos,
     ),
     Command(
         "camera.add_keyframe",
         "Add keyframe",
         "Camera",
-        filming.add_keyframe,
+        camera_path.add_keyframe,
         "K",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     ),
     Command(
         "camera.turntable",
         "Turntable",
         "Camera",
-        filming.make_turntable,
-        enabled=reasons.no_scene,
+        camera_path.make_turntable,
+        enabled=availability.no_scene,
     ),
     Command(
         "camera.play",
         "Play the path",
         "Camera",
-        filming.toggle_playing,
+        camera_path.toggle_playing,
         "Shift+K",
-        enabled=reasons.no_path,
+        enabled=availability.no_path,
         is_on=lambda session: session.view.playback.is_playing,
     ),
     Command(
         "camera.clear_path",
         "Remove all keyframes",
         "Camera",
-        filming.clear,
-        enabled=reasons.no_keyframe,
+        camera_path.clear,
+        enabled=availability.no_keyframe,
     ),
-    Command("camera.open_path", "Open path…", "Camera", ask("open_path"), enabled=reasons.no_scene),
     Command(
-        "camera.save_path", "Save path…", "Camera", ask("save_path"), enabled=reasons.no_keyframe
+        "camera.open_path", "Open path…", "Camera", ask("open_path"), enabled=availability.no_scene
     ),
-    Command("camera.film", "Save film…", "Camera", ask("film"), enabled=reasons.not_filmable),
+    Command(
+        "camera.save_path",
+        "Save path…",
+        "Camera",
+        ask("save_path"),
+        enabled=availability.no_keyframe,
+    ),
+    Command("camera.film", "Save film…", "Camera", ask("film"), enabled=availability.not_filmable),
 )

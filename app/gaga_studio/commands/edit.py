@@ -1,7 +1,7 @@
 """Edit: undo, duplicate, delete, and what ends a gesture."""
 
-from gaga_studio import arranging, cleaning
-from gaga_studio.commands import acts, reasons
+from gaga_studio.actions import cleanup, objects
+from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command, ask
 
 
@@ -10,8 +10,8 @@ def _mirror(axis: int) -> Command:
         f"edit.mirror_{'xyz'[axis]}",
         f"Mirror across {'XYZ'[axis]}",
         "Edit",
-        lambda session: arranging.mirror(session, axis),
-        enabled=reasons.no_selection,
+        lambda session: objects.mirror(session, axis),
+        enabled=availability.no_selection,
     )
 
 
@@ -22,8 +22,8 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "Edit",
         lambda s: s.undo(),
         "Ctrl+Z",
-        enabled=reasons.no_undo,
-        describe=acts.undo_title,
+        enabled=availability.no_undo,
+        describe=handlers.undo_title,
     ),
     Command(
         "edit.redo",
@@ -32,8 +32,8 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         lambda s: s.redo(),
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
-        enabled=reasons.no_redo,
-        describe=acts.redo_title,
+        enabled=availability.no_redo,
+        describe=handlers.redo_title,
     ),
     Command(
         "edit.duplicate",
@@ -41,33 +41,35 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "Edit",
         lambda s: s.duplicate_selected(),
         "Shift+D",
-        enabled=reasons.no_selection,
+        enabled=availability.no_selection,
     ),
     Command(
         "edit.delete",
         "Delete",
         "Edit",
-        cleaning.delete_selected,
+        cleanup.delete_selected,
         "Delete",
         ("Backspace",),
-        enabled=reasons.no_selection_to_clean,
+        enabled=availability.no_selection_to_clean,
     ),
     *(_mirror(axis) for axis in range(3)),
     Command(
         "edit.delete_floaters",
         "Delete floaters",
         "Edit",
-        arranging.delete_floaters,
-        enabled=reasons.no_scene,
+        objects.delete_floaters,
+        enabled=availability.no_scene,
     ),
     Command(
         "edit.confirm",
         "Confirm",
         "Edit",
-        acts.confirm,
+        handlers.confirm,
         "Enter",
-        enabled=reasons.nothing_to_confirm,
+        enabled=availability.nothing_to_confirm,
     ),
-    Command("edit.cancel", "Cancel", "Edit", acts.cancel, "Escape", enabled=reasons.no_cancel),
+    Command(
+        "edit.cancel", "Cancel", "Edit", handlers.cancel, "Escape", enabled=availability.no_cancel
+    ),
     Command("edit.preferences", "Preferences…", "Edit", ask("preferences"), "Ctrl+,"),
 )

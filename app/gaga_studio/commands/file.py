@@ -1,7 +1,7 @@
 """File: opening, saving, exporting."""
 
-from gaga_studio import reconstructing
-from gaga_studio.commands import reasons
+from gaga_studio.actions import reconstruction
+from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command, ask
 
 FILE_COMMANDS: tuple[Command, ...] = (
@@ -11,32 +11,34 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "file.make_splats",
         "Make splats from photos",
         "File",
-        reconstructing.make,
-        enabled=reconstructing.why_not,
-        describe=reconstructing.title,
+        reconstruction.make,
+        enabled=reconstruction.why_not,
+        describe=reconstruction.title,
     ),
     Command(
         "file.make_splats_as",
         "Make splats as…",
         "File",
         ask("photos"),
-        enabled=reconstructing.why_not,
+        enabled=reconstruction.why_not,
     ),
     Command(
         "file.add_splats",
         "Add splats…",
         "File",
         ask("add_splats"),
-        enabled=reasons.not_saveable,
+        enabled=availability.not_saveable,
     ),
-    Command("file.demo", "Open the demo", "File", lambda s: s.open_demo(), enabled=reasons.busy),
+    Command(
+        "file.demo", "Open the demo", "File", lambda s: s.open_demo(), enabled=availability.busy
+    ),
     Command(
         "file.save",
         "Save project",
         "File",
         lambda s: s.save(),
         "Ctrl+S",
-        enabled=reasons.not_saveable,
+        enabled=availability.not_saveable,
     ),
     Command(
         "file.save_as",
@@ -44,7 +46,7 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "File",
         ask("save_as"),
         "Ctrl+Shift+S",
-        enabled=reasons.not_saveable,
+        enabled=availability.not_saveable,
     ),
     Command(
         "file.export_scene",
@@ -52,35 +54,35 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "File",
         ask("export_scene"),
         "Ctrl+Shift+E",
-        enabled=reasons.not_saveable,
+        enabled=availability.not_saveable,
     ),
     Command(
         "file.export_selected",
         "Export selection…",
         "File",
         ask("export_selected"),
-        enabled=reasons.not_exportable_selection,
+        enabled=availability.not_exportable_selection,
     ),
     Command(
         "file.export_objects",
         "Export objects…",
         "File",
         ask("export_objects"),
-        enabled=reasons.not_exportable_objects,
+        enabled=availability.not_exportable_objects,
     ),
     Command(
         "file.export_masks",
         "Export masks…",
         "File",
         ask("export_masks"),
-        enabled=reasons.not_exportable_masks,
+        enabled=availability.not_exportable_masks,
     ),
     Command(
         "file.save_script",
         "Save the edits as a script…",
         "File",
         ask("save_script"),
-        enabled=reasons.no_edits,
+        enabled=availability.no_edits,
     ),
     Command(
         "file.save_picture",
@@ -88,10 +90,15 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "File",
         ask("save_picture"),
         "Ctrl+Alt+S",
-        enabled=reasons.not_saveable,
+        enabled=availability.not_saveable,
     ),
     Command(
-        "file.close", "Close", "File", lambda s: s.close(), "Ctrl+W", enabled=reasons.not_saveable
+        "file.close",
+        "Close",
+        "File",
+        lambda s: s.close(),
+        "Ctrl+W",
+        enabled=availability.not_saveable,
     ),
     Command("file.quit", "Quit", "File", lambda s: s.quit(), "Ctrl+Q"),
 )

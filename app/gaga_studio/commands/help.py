@@ -1,6 +1,6 @@
 """Help: finding commands and keys."""
 
-from gaga_studio.commands import acts
+from gaga_studio.commands import handlers
 from gaga_studio.commands.base import Command, ask
 
 HELP_COMMANDS: tuple[Command, ...] = (
@@ -10,7 +10,7 @@ HELP_COMMANDS: tuple[Command, ...] = (
         "help.first_steps",
         "First steps",
         "Help",
-        acts.toggle_first_steps,
+        handlers.toggle_first_steps,
         is_on=lambda s: not s.settings.first_steps_done,
     ),
     Command("help.about", "About gaga-studio", "Help", ask("about")),

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from gaga_studio.commands import reasons
+from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command
-from gaga_studio.session import Session
-from gaga_studio.view import Mode, SplatLook
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode, SplatLook
 
 _BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray, white
 
@@ -32,16 +32,16 @@ def _mode(mode: Mode, title: str) -> Command:
         session.view.mode = mode
 
     needs = {
-        Mode.GROUPS: reasons.no_groups,
-        Mode.MASK: reasons.no_groups,
-        Mode.CONFIDENCE: reasons.no_confidence,
+        Mode.GROUPS: availability.no_groups,
+        Mode.MASK: availability.no_groups,
+        Mode.CONFIDENCE: availability.no_confidence,
     }
     return Command(
         f"view.{mode}",
         title,
         "View",
         run,
-        enabled=needs.get(mode, reasons.no_scene),
+        enabled=needs.get(mode, availability.no_scene),
         is_on=lambda session: session.view.mode is mode,
     )
 
@@ -55,7 +55,7 @@ def _look(look: SplatLook, title: str) -> Command:
         title,
         "View",
         run,
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
         is_on=lambda session: session.view.look is look,
     )
 
@@ -71,7 +71,9 @@ _MODES = (
 )
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,
-    Command("view.next_mode", "Next render mode", "View", next_mode, "M", enabled=reasons.no_scene),
+    Command(
+        "view.next_mode", "Next render mode", "View", next_mode, "M", enabled=availability.no_scene
+    ),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),
     _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from gaga_studio import grounding
-from gaga_studio.commands import acts, reasons
+from gaga_studio.actions import align_ground
+from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command
-from gaga_studio.session import Session
-from gaga_studio.view import ToolName
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 
 
 def _take(tool: ToolName) -> Callable[[Session], None]:
@@ -23,7 +23,7 @@ def _tool(tool: ToolName, title: str, shortcut: str = "") -> Command:
         "Tools",
         _take(tool),
         shortcut,
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
         is_on=lambda session: session.tool is tool,
     )
 
@@ -42,22 +42,22 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "tool.ground",
         "Align to ground by three points",
         "Tools",
-        grounding.begin,
-        enabled=reasons.no_scene,
+        align_ground.begin,
+        enabled=availability.no_scene,
         is_on=lambda session: session.tool is ToolName.GROUND,
     ),
     Command(
         "tool.snap",
         "Handles snap to steps",
         "Tools",
-        acts.toggle_snap,
+        handlers.toggle_snap,
         is_on=lambda s: s.view.snaps,
     ),
     Command(
         "tool.local_axes",
         "Handles along the object's own axes",
         "Tools",
-        acts.toggle_local_axes,
+        handlers.toggle_local_axes,
         "Shift+C",
         is_on=lambda s: s.view.local_axes,
     ),
@@ -65,51 +65,51 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "tool.set_pivot",
         "Set the pivot at the camera's focus",
         "Tools",
-        acts.set_pivot,
-        enabled=reasons.no_scene,
+        handlers.set_pivot,
+        enabled=availability.no_scene,
     ),
     Command(
         "tool.pivot_here",
         "Set the pivot here",
         "Tools",
-        acts.set_pivot_here,
-        enabled=reasons.nothing_pointed,
+        handlers.set_pivot_here,
+        enabled=availability.nothing_pointed,
     ),
     Command(
         "tool.reset_pivot",
         "Pivot in the middle of the selection",
         "Tools",
-        acts.reset_pivot,
+        handlers.reset_pivot,
     ),
     Command(
         "tool.splats",
         "Select single splats, not objects",
         "Tools",
-        acts.toggle_splats,
+        handlers.toggle_splats,
         is_on=lambda s: s.view.takes_splats,
     ),
     Command(
         "tool.visible_only",
         "Select the visible surface only",
         "Tools",
-        acts.toggle_visible_only,
+        handlers.toggle_visible_only,
         is_on=lambda s: s.view.visible_only,
     ),
-    Command("tool.smaller_brush", "Smaller brush", "Tools", acts.smaller_brush, "["),
-    Command("tool.larger_brush", "Larger brush", "Tools", acts.larger_brush, "]"),
+    Command("tool.smaller_brush", "Smaller brush", "Tools", handlers.smaller_brush, "["),
+    Command("tool.larger_brush", "Larger brush", "Tools", handlers.larger_brush, "]"),
     Command(
         "tool.remove_corner",
         "Take back the last corner",
         "Tools",
-        acts.remove_corner,
-        enabled=reasons.no_corner,
-        describe=acts.remove_title,
+        handlers.remove_corner,
+        enabled=availability.no_corner,
+        describe=handlers.remove_title,
     ),
     Command(
         "job.cancel",
         "Cancel the running task",
         "Tools",
         lambda s: s.jobs.cancel(),
-        enabled=reasons.idle,
+        enabled=availability.idle,
     ),
 )

@@ -1,6 +1,6 @@
 """View: how the scene is shown, and from where."""
 
-from gaga_studio.commands import acts, reasons
+from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command
 from gaga_studio.commands.modes import MODE_COMMANDS
 
@@ -11,7 +11,7 @@ def _axis(axis: str) -> Command:
         f"From the {axis}",
         "View",
         lambda session: session.rig.look_along(axis),
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     )
 
 
@@ -21,66 +21,71 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.frame_selected",
         "Focus the selection",
         "View",
-        acts.frame_selected,
+        handlers.frame_selected,
         "F",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     ),
     Command(
         "view.frame_all",
         "Show the whole scene",
         "View",
-        acts.frame_all,
+        handlers.frame_all,
         "Shift+F",
         ("Home",),
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
     ),
     *(_axis(axis) for axis in ("front", "back", "left", "right", "top", "bottom")),
     Command(
-        "view.next_photo", "Next photo", "View", acts.next_view, "Right", enabled=reasons.no_photos
+        "view.next_photo",
+        "Next photo",
+        "View",
+        handlers.next_view,
+        "Right",
+        enabled=availability.no_photos,
     ),
     Command(
         "view.previous_photo",
         "Previous photo",
         "View",
-        acts.previous_view,
+        handlers.previous_view,
         "Left",
-        enabled=reasons.no_photos,
+        enabled=availability.no_photos,
     ),
     Command(
         "view.fly",
         "Fly",
         "View",
-        acts.toggle_flying,
+        handlers.toggle_flying,
         "V",
-        enabled=reasons.no_scene,
+        enabled=availability.no_scene,
         is_on=lambda s: s.rig.is_flying,
     ),
     Command(
         "view.frusta",
         "Cameras of the photos",
         "View",
-        acts.toggle_frusta,
+        handlers.toggle_frusta,
         "C",
-        enabled=reasons.no_photos,
+        enabled=availability.no_photos,
         is_on=lambda s: s.view.show_frusta,
     ),
     Command(
         "view.outline",
         "Outline of the selection",
         "View",
-        acts.toggle_outline,
-        enabled=reasons.no_scene,
+        handlers.toggle_outline,
+        enabled=availability.no_scene,
         is_on=lambda s: s.view.show_outline,
     ),
     Command(
         "view.panels",
         "Panels",
         "View",
-        acts.toggle_panels,
+        handlers.toggle_panels,
         "Tab",
         is_on=lambda s: s.view.show_panels,
     ),
     Command(
-        "view.info", "Figures", "View", acts.toggle_info, "I", is_on=lambda s: s.view.show_info
+        "view.info", "Figures", "View", handlers.toggle_info, "I", is_on=lambda s: s.view.show_info
     ),
 )

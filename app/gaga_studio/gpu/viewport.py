@@ -15,7 +15,7 @@ from gaga_studio.gpu.overlays import LineRenderer, Overlays
 from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
 from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.gpu.targets import Target
-from gaga_studio.view import Mode, ViewState
+from gaga_studio.session.view_state import Mode, ViewState
 
 __all__ = ["Overlays", "Viewport"]
 

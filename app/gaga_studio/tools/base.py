@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gaga_core.scene.edits import How
-from gaga_studio.session import Session
-from gaga_studio.view import ToolName
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 
 
 @dataclass(frozen=True)

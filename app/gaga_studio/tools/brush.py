@@ -5,11 +5,11 @@ from time import perf_counter
 import numpy as np
 
 from gaga_core.arrays import BoolArray
-from gaga_core.scene import picture_shapes
-from gaga_studio.session import Session
+from gaga_core.scene.selection import screen_masks
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, Place, region_hint
 from gaga_studio.tools.region import Region
-from gaga_studio.view import ToolName
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
 
@@ -81,5 +81,5 @@ class BrushTool:
         return region_hint(session, "Paint") + " [ and ] change the size."
 
     def _paint(self, place: Place) -> None:
-        picture_shapes.stroke(self._mask, self._last, (place.u, place.v), self._radius)
+        screen_masks.stroke(self._mask, self._last, (place.u, place.v), self._radius)
         self._last = (place.u, place.v)

@@ -1,9 +1,9 @@
 """Click three points of the ground; drags orbit, so that each can be seen well."""
 
-from gaga_studio import grounding
-from gaga_studio.session import Session
+from gaga_studio.actions import align_ground
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, Place
-from gaga_studio.view import ToolName
 
 _LEAST = 0.25  # opacity of a pixel from which it shows a surface, not a haze
 
@@ -20,11 +20,11 @@ class GroundTool(ClickTool):
         """The surface there is a point of the ground; the third one lays the scene level."""
         found = session.pick(place.u, place.v, place.width, place.height)
         if found is None or found.weights.sum() < _LEAST:
-            grounding.add(session, None)
+            align_ground.add(session, None)
             return
         x, y, z = (float(value) for value in found.point)
-        grounding.add(session, (x, y, z))
+        align_ground.add(session, (x, y, z))
 
     def hint(self, session: Session) -> str:
         """What a click does now."""
-        return f"{grounding.prompt(session)}  ·  {grounding.HELP}"
+        return f"{align_ground.prompt(session)}  ·  {align_ground.HELP}"

@@ -1,10 +1,10 @@
 """Draw an outline around what is to be selected."""
 
-from gaga_core.scene import picture_shapes
-from gaga_studio.session import Session
+from gaga_core.scene.selection import screen_masks
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, Place, region_hint
 from gaga_studio.tools.region import Region
-from gaga_studio.view import ToolName
 
 _FINEST = 2.0  # pixels between two corners of the outline
 
@@ -42,7 +42,7 @@ class LassoTool:
         self.cancel(session)
         if region is not None:
             height, width = region.shape
-            region.take(picture_shapes.polygon(points, width, height))
+            region.take(screen_masks.polygon(points, width, height))
 
     def cancel(self, session: Session) -> None:
         """Forget the outline."""

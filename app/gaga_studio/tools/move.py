@@ -3,9 +3,9 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.session import Session
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import Place, RectShape
-from gaga_studio.view import ToolName
 
 _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}
 

@@ -1,8 +1,8 @@
 """Click an object to select it whole; drags orbit."""
 
-from gaga_studio.session import Session
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, Place
-from gaga_studio.view import ToolName
 
 
 class PickTool(ClickTool):

@@ -1,10 +1,10 @@
 """Click the corners of an outline; Enter or a double click closes it."""
 
-from gaga_core.scene import picture_shapes
-from gaga_studio.session import Session
+from gaga_core.scene.selection import screen_masks
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Outline, ToolName
 from gaga_studio.tools.base import PathShape, Place, region_hint
 from gaga_studio.tools.region import Region
-from gaga_studio.view import Outline, ToolName
 
 _NEAR = 8.0  # pixels from the first corner at which a click closes the outline
 
@@ -82,7 +82,7 @@ def close_outline(session: Session) -> None:
         return
     first = outline.points[0]
     region = Region(session, Place(*first, outline.width, outline.height, outline.how))
-    region.take(picture_shapes.polygon(outline.points, outline.width, outline.height))
+    region.take(screen_masks.polygon(outline.points, outline.width, outline.height))
 
 
 def _is_near(corner: tuple[float, float], place: Place) -> bool:

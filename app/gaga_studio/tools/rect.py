@@ -1,10 +1,10 @@
 """Drag a rectangle: what lies in it is selected, whole objects or single splats."""
 
-from gaga_core.scene import picture_shapes
-from gaga_studio.session import Session
+from gaga_core.scene.selection import screen_masks
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import Place, RectShape, region_hint
 from gaga_studio.tools.region import Region
-from gaga_studio.view import ToolName
 
 
 class RectTool:
@@ -39,7 +39,7 @@ class RectTool:
             return
         height, width = region.shape
         corners = (first.u, first.v, place.u, place.v)
-        region.take(picture_shapes.rectangle(corners, width, height))
+        region.take(screen_masks.rectangle(corners, width, height))
 
     def cancel(self, session: Session) -> None:
         """Forget the rectangle."""

@@ -8,15 +8,16 @@ import numpy as np
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.raster import choose
-from gaga_core.scene import edits, selection
+from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
-from gaga_studio.session import Session
+from gaga_core.scene.selection import algebra
+from gaga_studio.session.session import Session
 from gaga_studio.tools.base import Place
 
 if TYPE_CHECKING:
-    from gaga_core.scene.screen import Screen
+    from gaga_core.scene.selection.by_screen import Screen
 
 _LONGEST = 480  # pixels of the picture that says what lies in front
 
@@ -68,15 +69,15 @@ class Region:
         verb = "Deselect" if self.how == "remove" else "Select"
         if not self._whole:
             return splats, f"{verb} {len(splats):,} splats"
-        groups = selection.groups_inside(self._scene, splats)
-        rows = selection.group_indices(self._scene, groups)
+        groups = algebra.groups_inside(self._scene, splats)
+        rows = algebra.group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
         return rows, f"{verb} {len(groups)} objects"
 
     def _screen(self) -> "Screen":
         # Imported when first asked for: numba is a good part of the launch time.
-        from gaga_core.scene.screen import screen
+        from gaga_core.scene.selection.by_screen import screen
 
         # Of an object the whole counts, what is seen of it and what is not.
         if self._depth is None or self._whole:

@@ -3,11 +3,12 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.scene import edits, volumes
-from gaga_studio.document import Document
-from gaga_studio.session import Session
+from gaga_core.scene import edits
+from gaga_core.scene.selection import by_volume
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, Place
-from gaga_studio.view import ToolName
 
 
 class SphereTool:
@@ -79,4 +80,4 @@ class SphereTool:
         document = self._document
         assert document is not None
         scene = document.history.base
-        return volumes.in_sphere(scene, self._centre, self._radius * self._pixel)
+        return by_volume.in_sphere(scene, self._centre, self._radius * self._pixel)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from imgui_bundle import imgui
 
-from gaga_studio import words
+from gaga_studio.system import words
 
 R = TypeVar("R")
 

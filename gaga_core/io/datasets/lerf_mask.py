@@ -10,14 +10,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.colmap import has_colmap, read_colmap
-from gaga_core.io.datasets.base import (
-    DatasetScene,
-    Layout,
-    PromptTruth,
-    Views,
-    photos_of,
-    scene_of,
-)
+from gaga_core.io.datasets.base import DatasetScene, Layout, PromptTruth, Views, photos_of, scene_of
 
 
 def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:

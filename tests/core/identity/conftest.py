@@ -11,8 +11,8 @@ from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
 from gaga_core.identity.votes import vote_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from tests.core.grouping.test_associate import true_map
 from tests.core.identity.noisy import HELD_OUT, G
-from tests.core.test_associate import true_map
 from tests.scenes import Synthetic, objects_scene
 
 

@@ -16,8 +16,8 @@ from gaga_core.identity.fit_kernels import keep_labels
 from gaga_core.identity.linear_kernels import D
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from tests.core.grouping.test_associate import true_map
 from tests.core.identity.noisy import ROWS, right_pixels
-from tests.core.test_associate import true_map
 from tests.scenes import Synthetic
 
 CONFIG = FitConfig(rows=ROWS)

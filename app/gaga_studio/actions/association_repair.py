@@ -1,0 +1,227 @@
+"""Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
+
+Long work runs as a job on values taken at the call; its result is one entry of the history.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.scene import Scene
+from gaga_studio.actions import files
+from gaga_studio.session import stages
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.grouping.repair.reassociate import Repair
+    from gaga_core.grouping.repair.split_group import Halves
+    from gaga_core.grouping.repair.view_evidence import Evidence
+
+NEW, NONE = (
+    -1,
+    0,
+)  # where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`
+_CHANGED = "The objects changed while this ran, so nothing is done. Try it again."
+_NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
+
+
+# --- a mask that belongs elsewhere
+
+
+def move_mask(session: Session, decision: Decision, group: int) -> bool:
+    """Put a mask into another object (or `NEW`, `NONE`), and redo what follows from its view on."""
+    return session.attempt(lambda: _move_mask(session, decision, group))
+
+
+def _move_mask(session: Session, decision: Decision, group: int) -> bool:
+    document, bank = _with_bank(session)
+    if group == decision.group:
+        return False
+    scene = document.settled().scene
+    evidence = evidence_of(session, document)
+    labels, sure = file_columns(scene)
+    is_same, (progress, end) = _watch(document, scene), files.watch_bank(session)
+    free = edits.free_group(scene)
+
+    def stage() -> "Stage[Repair]":
+        from gaga_core.grouping.repair.reassociate import Move, reassociate_stage  # numba, scipy
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+
+        yield Progress("Associate again", 0, 0, "Preparing")
+        move = Move(decision.view, decision.mask, group)
+        work = reassociate_stage(evidence, bank, labels, sure, move, choose(), free=free)
+        return (yield from after_warm_up(work))
+
+    def done(repair: "Repair") -> None:
+        if not is_same(session):
+            return
+        to = {NEW: "a new object", NONE: "no object"}.get(group, document.name_of(group))
+        title = f"Move mask {decision.mask} of {decision.view} to {to}"
+        document.do(_edit_of(document.settled().scene, labels, repair, title))
+        document.focus = repair.group or document.focus
+        session.notify(Level.INFO, repair.sentence())
+
+    return session.jobs.start("Associate again", stage(), progress, done, end)
+
+
+def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:
+    """Copies of splats follow their originals while both are of one object; added splats stay."""
+    known = scene.source < len(before)
+    rows = np.where(known, scene.source, 0)
+    follows = known & (scene.labels == before[rows])
+    labels = np.where(follows, repair.labels[rows], scene.labels)
+    grouping = edits.set_grouping(
+        scene, labels, repair.bank, scene.names, title, confidence=repair.confidence
+    )
+    if not repair.group:
+        return grouping
+    return edits.together(title, (grouping, edits.select(scene, labels == repair.group)))
+
+
+def overlaps(session: Session, decision: Decision) -> dict[int, float] | None:
+    """Share of the splats behind a mask that each object holds now, the largest first.
+
+    None until its view has been looked at, which happens beside: ask again in a later frame.
+    """
+    document = session.document
+    if document is None or document.scene.bank is None:
+        return {}
+    try:
+        evidence = evidence_of(session, document)
+        camera = evidence.camera(decision.view)
+    except GagaError:
+        return {}
+    if decision.view not in evidence.bounds:
+        if session.jobs.quiet is None:
+            session.jobs.start_quiet("Look at the view", _look(evidence, decision.view))
+        return None
+    masks, mask_of = evidence.gaussians_of(camera)
+    behind = mask_of == np.searchsorted(masks.ids, decision.mask)
+    labels = document.scene.labels[: len(behind)][behind]
+    counts = np.bincount(labels, minlength=1)
+    counts[0] = 0
+    order = np.argsort(-counts, kind="stable")
+    return {int(g): float(counts[g] / len(labels)) for g in order if counts[g] > 0}
+
+
+def _look(evidence: "Evidence", view: str) -> Stage[object]:
+    from gaga_core.grouping.repair.view_evidence import gather_stage, with_views
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+
+    def gather() -> Stage[object]:
+        one = with_views(evidence, [evidence.camera(view)])
+        yield from gather_stage(one, choose(), only_bounds=True)
+        return None
+
+    return (yield from after_warm_up(gather()))
+
+
+# --- an object that is two
+
+
+def split_by_masks(session: Session) -> bool:
+    """Take the selected object apart into the two things that its masks show."""
+    return session.attempt(lambda: _split_by_masks(session))
+
+
+def _split_by_masks(session: Session) -> bool:
+    document, bank = _with_bank(session)
+    groups = document.read.selected_groups()
+    if len(groups) != 1:
+        raise GagaError("Select one object to split it.")
+    group, name = groups[0], document.name_of(groups[0])
+    scene = document.settled().scene
+    evidence = evidence_of(session, document)
+    log = document.read.decisions(group, None)
+    labels, _ = file_columns(scene)
+    rows = np.flatnonzero(labels == group).astype(np.int32)
+    is_same = _watch(document, scene)
+
+    def stage() -> "Stage[Halves]":
+        from gaga_core.grouping.repair.split_group import halves_stage
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+
+        yield Progress("Vote again", 0, 0, "Preparing")
+        work = halves_stage(evidence, log, rows, choose(), name=name)
+        return (yield from after_warm_up(work))
+
+    def done(halves: "Halves") -> None:
+        if not is_same(session):
+            return
+        from gaga_core.grouping.repair.split_group import split_bank
+
+        now = document.settled().scene
+        into = edits.free_group(now)
+        new_bank = split_bank(bank, halves, group, into)
+        title = f"Split {name} by its masks"
+        document.do(edits.split_off(now, group, halves.rows, new_bank, into, title))
+        text = f"{name} is two now: {len(halves.masks)} of its {len(log)} masks and "
+        session.notify(Level.INFO, f"{text}{len(halves.rows):,} splats left it.")
+
+    return session.jobs.start(f"Split {name}", stage(), None, done)
+
+
+# --- what both read
+
+
+def evidence_of(session: Session, document: Document) -> "Evidence":
+    """What the views say, kept with the document: they are drawn once for all repairs.
+
+    Raises ``GagaError`` when there are no masks.
+    """
+    from gaga_core.grouping.associate import AssociateConfig
+    from gaga_core.grouping.repair.view_evidence import Evidence, preset_of
+
+    folder, bank = document.project.folder, document.scene.bank
+    if folder is None or bank is None or len(session.masks) == 0:
+        raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
+    preset = preset_of(bank)
+    key = (session.masks.source or session.provider, preset)
+    kept = document.evidence.get(key)
+    if kept is None:
+        train = set(folder.train)
+        cameras = [camera for camera in folder.cameras if camera.name in train]
+        gaussians = stages.file_gaussians(document.scene)
+        kept = Evidence.of(gaussians, cameras, session.masks, AssociateConfig.of(preset))
+        document.evidence[key] = kept
+    return kept
+
+
+def file_columns(scene: Scene) -> tuple[IntArray, FloatArray | None]:
+    """Groups (N,) and confidence (N,) 0..1 of the rows of the opened file."""
+    n = len(stages.file_gaussians(scene))
+    if scene.confidence is None:
+        return scene.labels[:n], None
+    return scene.labels[:n], scene.confidence.astype(np.float32) / np.float32(255)
+
+
+def _with_bank(session: Session) -> tuple[Document, MemoryBank]:
+    document = session.need()
+    if document.scene.bank is None:
+        raise GagaError(_NO_BANK)
+    return document, document.scene.bank
+
+
+def _watch(document: Document, scene: Scene) -> Callable[[Session], bool]:
+    """Asked later: whether the objects are the same still; if not, there is a notice."""
+    labels, bank = scene.labels, scene.bank
+
+    def is_same(session: Session) -> bool:
+        if session.document is not document:
+            return False
+        now = document.settled().scene
+        if now.bank is bank and np.array_equal(now.labels[: len(labels)], labels):
+            return True
+        session.notify(Level.WARNING, _CHANGED)
+        return False
+
+    return is_same

@@ -1,0 +1,202 @@
+"""Autosave beside the user's own files, and what is left after a crash.
+
+Every minute with unsaved edits the project is written to a folder of its own under `paths.home`;
+saving, discarding or closing removes it. A folder whose program runs no more is what a crash left.
+"""
+
+import json
+import logging
+import os
+import shutil
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from uuid import uuid4
+
+from gaga_core.errors import GagaError
+from gaga_core.io.files import atomic_write
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.session import Session
+from gaga_studio.system import paths
+
+_LOG = logging.getLogger(__name__)
+EVERY_S = 60.0  # at most so much work is at risk (DESIGN 8)
+_NOTE = "recovery.json"
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """Edits that a program which is no more had not saved."""
+
+    folder: Path  # a saved project
+    name: str  # of what was open
+    project: Path | None  # where its project was saved; None: never
+    saved_at: float  # seconds since the epoch
+
+    @property
+    def age(self) -> str:
+        """How long ago, in words: "5 minutes ago"."""
+        minutes = max(int(time.time() - self.saved_at) // 60, 0)
+        for size, unit in ((1440, "day"), (60, "hour"), (1, "minute")):
+            if minutes >= size:
+                n = minutes // size
+                return f"{n} {unit}{'' if n == 1 else 's'} ago"
+        return "less than a minute ago"
+
+
+class Autosave:
+    """Writes the open project while it has unsaved edits; one writer thread."""
+
+    def __init__(self, every_s: float | None = None) -> None:
+        self._wanted = every_s  # None: as in the settings
+        self._folder = root() / f"{os.getpid()}-{uuid4().hex[:8]}"
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
+        self._pending: Future[None] | None = None
+        self._written: tuple[object, object] | None = None  # document and content in the folder
+        self._next = time.monotonic() + (EVERY_S if every_s is None else every_s)
+
+    def tick(self, session: Session) -> None:
+        """Once a frame: write when it is time, remove what is not needed any more."""
+        self._note_failure(session)
+        every = self._wanted if self._wanted is not None else session.settings.autosave_minutes * 60
+        self._next = min(self._next, time.monotonic() + every)
+        if self._pending is not None:
+            return
+        document = session.document
+        if document is None or not session.unsaved:
+            if self._written is not None:
+                self._written = None
+                self._pending = self._writer.submit(self._clear)
+            self._next = time.monotonic() + every
+            return
+        now = (document, document.changes.content(document.history.state_id))
+        # A drag is not an edit yet; what is written must be a state that undo knows.
+        if time.monotonic() < self._next or session.is_previewing or now == self._written:
+            return
+        self._next = time.monotonic() + every
+        self._written = now
+        project = replace(document.project, scene=replace(document.scene))
+        note = {
+            "pid": os.getpid(),
+            "name": document.name,
+            "project": str(project.path) if project.path is not None else None,
+            "saved_at": time.time(),
+        }
+
+        def write() -> None:
+            save_project(project, self._folder)
+            with atomic_write(self._folder / _NOTE) as temporary:
+                temporary.write_text(json.dumps(note), encoding="utf-8")
+
+        self._pending = self._writer.submit(write)
+
+    def finish(self) -> None:
+        """The program ends in order: nothing is left to recover."""
+        self._writer.submit(self._clear)
+        self._writer.shutdown(wait=True)
+
+    def wait(self) -> None:
+        """Until the writer rests (for tests)."""
+        if self._pending is not None:
+            self._pending.exception()
+
+    def _clear(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _note_failure(self, session: Session) -> None:
+        if self._pending is None or not self._pending.done():
+            return
+        error, self._pending = self._pending.exception(), None
+        if error is not None:
+            _LOG.warning("autosave: %s", error)
+            text = str(error) if isinstance(error, GagaError) else "Autosave failed; see the log."
+            session.notify(Level.WARNING, f"The edits could not be kept safe: {text}")
+
+
+def root() -> Path:
+    """Where autosaved projects lie."""
+    return paths.home() / "recovery"
+
+
+def left_over() -> tuple[Recovery, ...]:
+    """What programs that ended without saving left, newest first."""
+    found = []
+    for note in root().glob(f"*/{_NOTE}"):
+        try:
+            content = json.loads(note.read_text(encoding="utf-8"))
+            project = content["project"]
+            recovery = Recovery(
+                note.parent,
+                str(content["name"]),
+                Path(project) if project else None,
+                float(content["saved_at"]),
+            )
+            alive = _is_running(int(content["pid"]))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _LOG.warning("recovery %s: %s", note, error)
+            continue
+        if not alive:
+            found.append(recovery)
+    return tuple(sorted(found, key=lambda r: -r.saved_at))
+
+
+def offer(session: Session) -> bool:
+    """Ask about the newest thing that a crash left; whether there was one."""
+    waiting = left_over()
+    if not waiting:
+        return False
+    newest = waiting[0]
+
+    def chosen(choice: str) -> None:
+        if choice == "Recover":
+            _recover(session, newest)
+        elif choice == "Discard":
+            _remover(newest.folder)()
+            offer(session)
+
+    session.pending_question = Question(
+        f"gaga-studio ended without saving the edits of {newest.name} ({newest.age}). "
+        "Recover them?",
+        ("Recover", "Discard", "Later"),
+        chosen,
+    )
+    return True
+
+
+def _recover(session: Session, found: Recovery) -> None:
+    """Open what was autosaved as unsaved edits of the project that it belongs to."""
+
+    def opened(project: Project) -> None:
+        project.path = found.project
+        session.take(project)
+        session.need().changes.saved(None)  # nothing of it is on disk
+        _remover(found.folder)()
+
+    session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
+
+
+def _remover(folder: Path) -> Callable[[], None]:
+    return lambda: shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_running(pid: int) -> bool:
+    if pid == os.getpid():
+        return True
+    if os.name == "nt":
+        import ctypes
+
+        handle = ctypes.windll.kernel32.OpenProcess(0x1000, False, pid)  # type: ignore[attr-defined]
+        if handle:
+            ctypes.windll.kernel32.CloseHandle(handle)  # type: ignore[attr-defined]
+        return bool(handle)
+    with suppress(ProcessLookupError):
+        try:
+            os.kill(pid, 0)
+        except PermissionError:
+            return True
+        return True
+    return False

@@ -1,0 +1,280 @@
+"""The camera's path: keyframes, its preview, and films and pictures that are written."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.pipeline import video
+from gaga_core.pipeline.video import FilmConfig
+from gaga_core.progress import Stage
+from gaga_core.scene.camera_json import load_path, save_path
+from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode, SplatLook
+
+SECONDS = 2.0  # from one keyframe to the next, until a person says otherwise
+TURN_SECONDS = 8.0
+WHATS: dict[Mode, video.What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
+_MODES = {what: mode for mode, what in WHATS.items()}
+
+
+def path_of(session: Session) -> CameraPath:
+    """The path of the open scene; without keyframes when nothing is open."""
+    return session.project.film if session.project is not None else CameraPath()
+
+
+# --- keyframes
+
+
+def add_keyframe(session: Session) -> None:
+    """The present view as a keyframe after the chosen one, or at the end."""
+    path, chosen = path_of(session), session.view.playback.chosen
+    at = min(chosen + 1, len(path.keyframes))
+    key = Keyframe(session.rig.shot(), SECONDS)
+    _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]))
+    choose(session, at, goes=False)
+
+
+def update_keyframe(session: Session, index: int) -> None:
+    """Let a keyframe show the present view instead."""
+    keys = list(path_of(session).keyframes)
+    keys[index] = replace(keys[index], shot=session.rig.shot())
+    _with_keys(session, tuple(keys))
+
+
+def remove_keyframe(session: Session, index: int) -> None:
+    """Take a keyframe out."""
+    keys = path_of(session).keyframes
+    _with_keys(session, (*keys[:index], *keys[index + 1 :]))
+    playback = session.view.playback
+    playback.chosen = max(min(playback.chosen, len(keys) - 2), 0)
+
+
+def move_keyframe(session: Session, index: int, by: int) -> None:
+    """Move a keyframe earlier (-1) or later (1); the times between the places stay."""
+    keys = list(path_of(session).keyframes)
+    to = index + by
+    if 0 <= to < len(keys):
+        a, b = keys[index], keys[to]
+        keys[index], keys[to] = replace(a, shot=b.shot), replace(b, shot=a.shot)
+        _with_keys(session, tuple(keys))
+        choose(session, to, goes=False)
+
+
+def set_seconds(session: Session, index: int, seconds: float) -> None:
+    """Time from the keyframe before to this one."""
+    keys = list(path_of(session).keyframes)
+    keys[index] = replace(keys[index], seconds=min(max(seconds, 0.05), 600.0))
+    _with_keys(session, tuple(keys))
+
+
+def set_total(session: Session, seconds: float) -> None:
+    """Stretch all times so that the whole path takes ``seconds``."""
+    path = path_of(session)
+    if path.seconds > 0 and seconds > 0:
+        factor = seconds / path.seconds
+        keys = tuple(replace(k, seconds=max(k.seconds * factor, 1e-3)) for k in path.keyframes)
+        _with_keys(session, keys)
+
+
+def set_closed(session: Session, closed: bool) -> None:
+    """Go on from the last keyframe to the first, or end."""
+    _keep(session, replace(path_of(session), is_closed=closed))
+
+
+def set_even_speed(session: Session, even: bool) -> None:
+    """The same speed all the way, or the times of the keyframes."""
+    _keep(session, replace(path_of(session), even_speed=even))
+
+
+def clear(session: Session) -> None:
+    """Forget every keyframe."""
+    _with_keys(session, ())
+    session.view.playback.chosen = 0
+
+
+def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
+    """A circle around what the camera turns around, in place of the path; it begins to play."""
+    _keep(session, turntable(session.rig.shot(), session.rig.up, seconds))
+    session.view.playback.chosen = 0
+    session.view.playback.at = 0.0
+    session.view.playback.is_playing = True
+
+
+def save_path_file(session: Session, file: Path) -> None:
+    """Write the path as JSON, for ``gaga render --path``."""
+
+    def save() -> bool:
+        session.notify(Level.INFO, f"Saved the path to {save_path(path_of(session), file)}.")
+        return True
+
+    session.attempt(save)
+
+
+def open_path_file(session: Session, file: Path) -> None:
+    """Take the path of a JSON file in place of the present one."""
+
+    def take() -> bool:
+        _keep(session, load_path(file))
+        session.view.playback.chosen = 0
+        return True
+
+    session.attempt(take)
+
+
+# --- preview
+
+
+def toggle_playing(session: Session) -> None:
+    """Play the path, from its start when it had ended; or stop."""
+    playback, path = session.view.playback, path_of(session)
+    playback.is_playing = not playback.is_playing and len(path.keyframes) > 1
+    if playback.is_playing and playback.at >= path.seconds - 1e-6:
+        playback.at = 0.0
+
+
+def tick(session: Session, dt: float) -> None:
+    """Once a frame: let the preview go on. A camera that is moved by hand ends it."""
+    playback, path = session.view.playback, path_of(session)
+    if not playback.is_playing:
+        return
+    if len(path.keyframes) < 2:
+        playback.is_playing = False
+        return
+    at = playback.at + dt
+    if path.is_closed:
+        at %= path.seconds
+    playback.is_playing = at < path.seconds
+    scrub(session, at)
+
+
+def scrub(session: Session, seconds: float) -> None:
+    """Show the path's view at a moment."""
+    path = path_of(session)
+    if not path.keyframes:
+        return
+    session.view.playback.at = min(max(seconds, 0.0), path.seconds)
+    session.active_view = None
+    session.rig.go_to_shot(path.shot(session.view.playback.at), animated=False)
+
+
+def choose(session: Session, index: int, *, goes: bool = True) -> None:
+    """Make a keyframe the chosen one, and fly there."""
+    path = path_of(session)
+    session.view.playback.chosen = index
+    session.view.playback.is_playing = False
+    if index < len(path.keyframes):
+        session.view.playback.at = path.times()[index]
+        if goes:
+            session.active_view = None
+            session.rig.go_to_shot(path.keyframes[index].shot)
+
+
+# --- writing
+
+
+def export_film(session: Session, target: Path, config: FilmConfig) -> bool:
+    """Write the path as a video, as a job; drawn by the graphics card where there is one."""
+
+    def start() -> bool:
+        document = session.need()
+        settled = document.settled()
+        easel, camera_path = session.easel, settled.film
+        painter: video.Painter | None = None
+        if easel is not None and easel.is_fast and max(config.video.size) <= easel.most:
+            painter = _painter(session, config)
+        looked = replace(config, antialiased=_look(session))
+        stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
+        return session.jobs.start(
+            f"Film {target.name}",
+            _warmed(stage) if painter is None else stage,
+            on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+        )
+
+    return session.attempt(start)
+
+
+def save_picture(
+    session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
+) -> bool:
+    """Write what the camera sees at any size as .png or .jpg, as a job."""
+
+    def start() -> bool:
+        video.check_picture(target, size, transparent)
+        scene = session.need().settled().scene
+        view, easel = session.view, session.easel
+        camera = session.rig.shot().camera(*size)
+        what = WHATS.get(view.mode)
+        config = FilmConfig(what or "rgb", view.background, _look(session))
+        painter: video.Painter | None = None
+        if easel is not None and max(size) <= easel.most and (easel.is_fast or what is None):
+            painter = _painter(session, config, transparent=transparent, mode=view.mode)
+        elif what is None:
+            raise GagaError(
+                f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
+                "Color, Groups or Depth."
+            )
+        stage = video.picture_stage(
+            scene, camera, target, config, transparent=transparent, painter=painter
+        )
+        return session.jobs.start(
+            f"Save {target.name}",
+            _warmed(stage) if painter is None else stage,
+            on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+        )
+
+    return session.attempt(start)
+
+
+def _painter(
+    session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
+) -> video.Painter | None:
+    """The window's own drawing at full quality; None for films of depth, whose range would jump."""
+    easel = session.easel
+    if easel is None or (config.what == "depth" and mode is None):
+        return None
+    view = replace(
+        session.view,
+        mode=mode or _MODES[config.what],
+        background=config.background,
+        splat_budget=0,
+        coarse_budget=0,
+        resolution_scale=1.0,
+        show_outline=False,
+        show_frusta=False,
+    )
+
+    def paint(camera: Camera) -> UInt8Array:
+        return easel.paint(camera, view, transparent=transparent)
+
+    return paint
+
+
+def _look(session: Session) -> bool | None:
+    look = session.view.look
+    return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
+
+
+def _warmed(stage: Stage[Path]) -> Stage[Path]:
+    def warmed() -> Stage[Path]:
+        from gaga_core.pipeline.compile_kernels import (
+            after_warm_up,  # numba is a good part of the launch time
+        )
+
+        return (yield from after_warm_up(stage))
+
+    return warmed()
+
+
+def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
+    _keep(session, replace(path_of(session), keyframes=keys))
+
+
+def _keep(session: Session, path: CameraPath) -> None:
+    document = session.need()
+    document.project.film = path
+    document.changes.note_beside()
+    session.view.playback.at = min(session.view.playback.at, path.seconds)

@@ -1,0 +1,132 @@
+"""Cleaning objects: a preview to apply or leave, and cleaning before isolate, delete and export."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaga_core.arrays import IntArray
+from gaga_core.io.splat_files import Form
+from gaga_core.progress import Stage
+from gaga_core.scene.cleanup import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.scene import Scene
+from gaga_studio.actions import files
+from gaga_studio.session import stages
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.scene.cleanup.clean import CleanPreview
+
+_CHANGED = "The scene changed while the object was cleaned, so nothing is done. Try it again."
+Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
+
+
+# --- the preview
+
+
+def shown(session: Session) -> "CleanPreview | None":
+    """The preview that the picture shows now."""
+    return session.document.cleaning if session.document is not None else None
+
+
+def start(session: Session) -> None:
+    """Find out what cleaning the selected object would change, and show it."""
+    groups = session.selected_groups()
+    if session.document is None or len(groups) != 1:
+        return
+    document, group = session.document, groups[0]
+    stage = edits.clean_object_stage(document.settled().scene, group)
+    is_same = _watch(session, document)
+
+    def done(found: "CleanPreview") -> None:
+        if not found:
+            session.notify(Level.INFO, found.sentence())
+        elif is_same():
+            document.show_cleaning(found)
+
+    session.jobs.start(f"Clean {document.name_of(group)}", stage, on_done=done)
+
+
+def apply(session: Session) -> bool:
+    """Clean as the preview shows: one entry of the history."""
+    return session.attempt(lambda: session.need().apply_cleaning())
+
+
+def cancel(session: Session) -> bool:
+    """End the preview, nothing is changed; False when there is none."""
+    if shown(session) is None:
+        return False
+    session.cancel_preview()
+    return True
+
+
+# --- cleaning first
+
+
+def isolate_selected(session: Session) -> None:
+    """Hide everything but the selection; whole objects are cleaned first if that is wanted."""
+    _edit(session, "Isolate", edits.isolate_cleaned, session.isolate_selected)
+
+
+def delete_selected(session: Session) -> None:
+    """Delete the selection; whole objects are cleaned first if that is wanted."""
+    _edit(session, "Delete", edits.delete_cleaned, session.delete_selected)
+
+
+def export(session: Session, what: stages.Export, path: Path, *, form: Form = Form.PLY) -> None:
+    """`stages.export`; whole selected objects are cleaned first if that is wanted."""
+    groups = _to_clean(session)
+    if not groups:
+        files.export(session, what, path, form=form)
+        return
+    scene = replace(session.need().settled().scene)
+
+    def stage() -> Stage[str]:
+        labels = yield from edits.clean_objects_stage(scene, groups)
+        copy = edits.cleaned_copy(scene, groups, labels)
+        return (yield from stages.export_stage(copy, what, path, chosen=groups, form=form))
+
+    files.start_export(session, path, stage())
+
+
+def _edit(session: Session, verb: str, build: Build, plain: Callable[[], bool]) -> None:
+    groups = _to_clean(session)
+    if not groups:
+        plain()
+        return
+    document = session.need()
+    title = document.title_for(verb)
+    stage = edits.clean_objects_stage(document.settled().scene, groups)
+    is_same = _watch(session, document)
+
+    def done(labels: IntArray) -> None:
+        if is_same():
+            document.do(build(document.scene, groups, labels, title))
+
+    session.jobs.start(f"{title}, cleaned", stage, on_done=done)
+
+
+def _to_clean(session: Session) -> tuple[int, ...]:
+    """Objects to clean before something is done to the selection; parts of objects never are."""
+    if session.scene is None or not session.settings.clean_first:
+        return ()
+    return edits.whole_objects(session.scene)
+
+
+def _watch(session: Session, document: Document) -> Callable[[], bool]:
+    """Asked later: whether nothing was edited or dragged since; if not, there is a notice."""
+    before = document.history.state_id
+
+    def is_same() -> bool:
+        if session.document is not document:
+            return False
+        history = document.history
+        if history.state_id == before and not history.is_previewing:
+            return True
+        session.notify(Level.WARNING, _CHANGED)
+        return False
+
+    return is_same

@@ -1,0 +1,154 @@
+"""The long work that a person starts on the open scene: associate, export.
+
+Each runs as a job; its result arrives as an edit or a notice.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import Association, BankSnapshot
+from gaga_core.io.splat_files import Form, form_of
+from gaga_core.progress import Stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.append import read_added_stage
+from gaga_core.scene.export import What, export_losses, objects_losses
+from gaga_studio.session import stages
+from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode
+
+
+def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
+    """Make groups from the masks of ``provider`` (default: the first), as one edit."""
+    chosen = provider or session.provider
+    session.attempt(lambda: _associate(session, chosen, preset or session.settings.preset))
+
+
+def _associate(session: Session, provider: str, preset: str) -> None:
+    document = session.need()
+    session.provider, session.masks = stages.masks_of(document.project, provider)
+    stage = stages.associate_project_stage(document.project, session.masks, preset)
+    progress, end = watch_bank(session)
+
+    def done(result: Association) -> None:
+        session.notify(Level.INFO, f"Found {document.group(result)} objects.")
+        for note in result.notes:
+            session.notify(Level.WARNING, note)
+
+    session.jobs.start("Associate masks", stage, progress, done, end)
+
+
+def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:
+    """Observers of a job that fills a memory bank: of its progress, and of its end.
+
+    While it runs the picture shows the groups growing; then what it showed before.
+    """
+    document, mode = session.document, session.view.mode
+
+    def progress(payload: object) -> None:
+        if isinstance(payload, BankSnapshot) and session.document is document:
+            view = session.view
+            view.mode = view.mode if session.live else Mode.GROUPS  # seen growing
+            session.live = payload
+
+    def end() -> None:
+        session.view.mode = mode if session.live else session.view.mode
+        session.live = None
+
+    return progress, end
+
+
+def export(
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    *,
+    groups: bool = False,
+    form: Form = Form.PLY,
+) -> None:
+    """Write what is visible, the selection, or one file per (selected, else any) object.
+
+    ``path`` is a folder for "objects", whose files are of ``form``; else its name says the form of
+    the file. ``groups`` adds a column with the group to a .ply.
+    """
+    if session.scene is None:
+        return
+    scene, chosen = session.need().settled().scene, session.selected_groups()
+    stage = stages.export_stage(scene, what, path, chosen=chosen, groups=groups, form=form)
+    start_export(session, path, stage)
+
+
+def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
+    """Run ``stage``, which exports to ``path`` and says what it has written."""
+
+    def done(text: str) -> None:
+        session.has_exported = True
+        session.notify(Level.INFO, text)
+
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+
+
+def when_agreed(
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    then: Callable[[], object],
+    form: Form | None = None,
+) -> None:
+    """Do ``then``, which exports to ``path``; when that loses something, ask first.
+
+    ``form`` is that of objects' files; else the name of the file says it.
+    """
+    session.attempt(lambda: _ask_about_losses(session, what, path, then, form))
+
+
+def _ask_about_losses(
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    then: Callable[[], object],
+    form: Form | None,
+) -> None:
+    scene, form = session.need().settled().scene, form or form_of(path)
+    if what == "objects":
+        lost = objects_losses(scene, form, session.selected_groups() or None)
+        first = f"Files that end in {form.suffix} do not keep everything."
+    else:
+        kind: What = "selected" if what == "selected" else "visible"
+        lost = export_losses(scene, form, what=kind)
+        first = f"{path.name} does not keep everything."
+    if not lost:
+        then()
+        return
+
+    def chosen(choice: str) -> None:
+        if choice == "Export":
+            then()
+
+    text = " ".join([first, *lost])
+    session.pending_question = Question(text, ("Export", "Cancel"), chosen)
+
+
+def add_splats(session: Session, path: Path) -> None:
+    """Add the splats of another file to the open scene, selected, as one edit."""
+    document = session.document
+    if document is None:
+        return
+
+    def done(read: tuple[Gaussians, str]) -> None:
+        if session.document is not document:
+            return
+        splats, digest = read
+        document.do(edits.append(document.settled().scene, splats, path, digest))
+        session.notify(
+            Level.INFO, f"Added {len(splats):,} splats of {path.name}; they are selected."
+        )
+        if splats.is_antialiased != document.scene.gaussians.is_antialiased:
+            session.notify(
+                Level.WARNING,
+                f"{path.name} was trained for another look (antialiased or not) than this scene, "
+                "so its fine parts may look thinner or thicker here.",
+            )
+
+    session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)

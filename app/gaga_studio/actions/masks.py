@@ -1,0 +1,329 @@
+"""Masks of the open scene: who can make them, making, trying, importing, choosing, exporting."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import GagaError
+from gaga_core.io.mask_import import recognise
+from gaga_core.io.masks import read_labels
+from gaga_core.io.scene_folder import SceneFolder, find_mask_folders
+from gaga_core.pipeline.import_masks import ImportReport, import_masks
+from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, segment_scene
+from gaga_core.progress import Progress, Stage
+from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers
+from gaga_core.segmentation.regions import NAME as REGIONS
+from gaga_core.segmentation.weights import models_folder, weights_at
+from gaga_studio.session import stages
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.session import Session
+
+Views = Literal["train", "all"]
+MaskForm = Literal["png", "dataset", "coco"]
+_TRIAL = ".preview"  # mask folder of a trial; a leading dot keeps it out of the lists
+_UNNAMED = "imported"  # what `recognise` calls masks whose maker it does not know
+_CANCEL = "Cancel"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What masks are wanted."""
+
+    provider: str = REGIONS
+    settings: ProviderSettings = field(default_factory=ProviderSettings)
+    weights: Path | None = None  # of a model that lies elsewhere
+    views: Views = "train"
+    redo: bool = False
+    use_depth: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What a wish gave for one photo."""
+
+    wish: Wish
+    view: str
+    labels: IntArray  # (H, W)
+    n_masks: int
+    seconds: float  # 0: it was there already
+
+
+# --- who can make masks
+
+
+def providers() -> tuple[ProviderEntry, ...]:
+    """Every provider, those that can be used first, in the order of the list otherwise."""
+    return tuple(sorted(available_providers(), key=lambda entry: not entry.is_available))
+
+
+def has_model(entries: tuple[ProviderEntry, ...]) -> bool:
+    """Whether a model is here, beside what needs none."""
+    return any(entry.is_available and entry.kind != "regions" for entry in entries)
+
+
+def entry_of(path: Path) -> ProviderEntry:
+    """A line of the list for a model elsewhere; ``GagaError`` when it makes no masks."""
+    found = weights_at(path)
+    title = f"{found.model_type} in {found.path.name}"
+    return ProviderEntry(path.stem, title, True, "", "own", found.path, licence="its own")
+
+
+def first_steps() -> str:
+    """What to say while no model is here."""
+    return (
+        "Regions work at once, on any computer: they follow color, texture and the shape of the "
+        "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects. Nothing"
+        f" is downloaded for you: put a model's files into {models_folder()}, or name its folder."
+    )
+
+
+# --- making
+
+
+def why_not(session: Session, entry: ProviderEntry | None) -> str:
+    """Why masks cannot be made now; "" when they can."""
+    reason = no_photos(session)
+    if reason:
+        return reason
+    if entry is None:
+        return "Choose who makes the masks."
+    return "" if entry.is_available else entry.reason
+
+
+def no_photos(session: Session) -> str:
+    """Needs photos with places, and the job runner."""
+    if session.project is None:
+        return "No scene is open."
+    folder = session.project.folder
+    if folder is None or not folder.cameras:
+        return "Masks are made of photos, and this scene has none with a place."
+    if not folder.image_paths:
+        return f"The photos are not in {folder.root / 'images'}. Put them back."
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def photos_of(session: Session, views: Views) -> tuple[str, ...]:
+    """Names of the photos that a wish would look at."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is None:
+        return ()
+    wanted = set(folder.train) if views == "train" else {c.name for c in folder.cameras}
+    return tuple(c.name for c in folder.cameras if c.name in wanted)
+
+
+def make(session: Session, wish: Wish | None = None) -> None:
+    """Make the masks of all wanted photos; those that are there already stay unless ``redo``.
+
+    What is finished when the job is cancelled is kept, and the next run goes on from there.
+    """
+    wish = wish or Wish()
+    reason = no_photos(session)
+    if reason:
+        session.notify(Level.WARNING, reason)
+        return
+    document = session.need()
+    ended: list[SegmentReport] = []
+
+    def done(report: SegmentReport) -> None:
+        ended.append(report)
+        if session.document is document:
+            choose(session, report.folder.name)
+        n = len(report.made) + len(report.kept)
+        session.notify(Level.INFO, f"{report.n_masks:,} masks in {_photos(n)}.")
+        for note in report.notes:
+            session.notify(Level.WARNING, note)
+
+    def end() -> None:
+        if not ended and session.document is document:
+            _keep_partial(session, wish.provider)
+
+    session.jobs.start("Make masks", _make_stage(_folder(document), wish), None, done, end)
+
+
+def try_one(session: Session, wish: Wish, view: str, on_done: Callable[[Trial], None]) -> None:
+    """Make the masks of one photo without keeping them; a run with the same wish reuses them."""
+    stage = _trial_stage(_folder(session.need()), wish, view)
+    session.jobs.start(f"Try on {view}", stage, on_done=on_done)
+
+
+def _make_stage(
+    folder: SceneFolder, wish: Wish, views: str | tuple[str, ...] = "", name: str = ""
+) -> Stage[SegmentReport]:
+    # torch is imported here, in the job's thread, and only when a model is asked for.
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+    from gaga_core.segmentation.choose import provider_named
+
+    yield Progress("Make masks", 0, 0, "Preparing")
+    provider = provider_named(wish.provider, weights=wish.weights, settings=wish.settings)
+    stage = segment_scene(
+        folder,
+        provider,
+        views=views or wish.views,
+        name=name,
+        redo=wish.redo and not name,
+        config=SegmentConfig(use_depth=wish.use_depth),
+    )
+    draws_depth = wish.use_depth and "depth" in provider.cues and folder.model_path is not None
+    return (yield from (after_warm_up(stage) if draws_depth else stage))
+
+
+def _trial_stage(folder: SceneFolder, wish: Wish, view: str) -> Stage[Trial]:
+    place = folder.root / "masks" / _TRIAL
+    try:
+        report = yield from _make_stage(folder, wish, (view,), _TRIAL)
+        labels = read_labels(report.folder / f"{Path(view).stem}.png")
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        if place.parent.is_dir() and not any(place.parent.iterdir()):
+            place.parent.rmdir()
+    return Trial(wish, view, labels, report.n_masks, report.seconds if report.made else 0.0)
+
+
+def _keep_partial(session: Session, provider: str) -> None:
+    """After a cancel or an error: what is finished is there, and said."""
+    chosen = session.provider
+    _look_again(session.need())
+    folders = mask_folders(session)
+    if provider not in folders:
+        return
+    choose(session, chosen if chosen in folders else provider)
+    _, made = stages.masks_of(session.need().project, provider)
+    session.notify(
+        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks again goes on there."
+    )
+
+
+# --- choosing
+
+
+def mask_folders(session: Session) -> tuple[str, ...]:
+    """Names of the mask folders of the scene."""
+    folder = session.project.folder if session.project is not None else None
+    return tuple(folder.mask_folders) if folder is not None else ()
+
+
+def choose(session: Session, name: str) -> bool:
+    """Use the masks of this folder from now on; False, and a notice, when it is gone."""
+
+    def use() -> bool:
+        document = session.need()
+        _look_again(document)
+        if name not in mask_folders(session):
+            raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
+        session.provider, session.masks = stages.masks_of(document.project, name)
+        return True
+
+    return session.attempt(use)
+
+
+def _look_again(document: Document) -> None:
+    folder = document.project.folder
+    if folder is not None:
+        found = find_mask_folders(folder.root)
+        document.project.folder = replace(folder, mask_folders=found)
+
+
+# --- masks of other programs
+
+
+def import_from(session: Session, source: Path) -> None:
+    """Say what lies in a folder or file of masks, ask, then import it as a mask folder."""
+    document = session.need()
+    folder = _folder(document)
+
+    def look() -> Stage[tuple[str, str]]:
+        yield Progress("Look at masks", 0, 1, source.name)
+        found = recognise(source)
+        plain = source.stem.strip(". ")
+        return found.said, plain if plain and found.name == _UNNAMED else found.name
+
+    def seen(found: tuple[str, str]) -> None:
+        if session.document is document:
+            _ask(session, folder, source, *found)
+
+    session.jobs.start(f"Look at {source.name}", look(), on_done=seen)
+
+
+def _ask(session: Session, folder: SceneFolder, source: Path, said: str, name: str) -> None:
+    taken = (folder.root / "masks" / name).exists()
+    other = free_name(folder, name)
+    keep, instead = f"Import as {other}", f"Replace {name}"
+    choices = (keep, instead, _CANCEL) if taken else ("Import", _CANCEL)
+    extra = f" There are masks called {name} already." if taken else ""
+
+    def chosen(choice: str) -> None:
+        if choice == _CANCEL:
+            return
+        as_name = other if choice == keep else name
+        _import(session, folder, source, as_name, replace_old=choice == instead)
+
+    session.pending_question = Question(f"{said}{extra}", choices, chosen)
+
+
+def free_name(folder: SceneFolder, name: str) -> str:
+    """``name``, or the first of "name 2", "name 3" ... that is not taken."""
+    k, free = 1, name
+    while (folder.root / "masks" / free).exists():
+        k += 1
+        free = f"{name} {k}"
+    return free
+
+
+def _import(
+    session: Session, folder: SceneFolder, source: Path, name: str, *, replace_old: bool
+) -> None:
+    document = session.document
+
+    def done(report: ImportReport) -> None:
+        if session.document is document:
+            choose(session, report.name)
+        n = len(report.views)
+        session.notify(Level.INFO, f"Imported {report.n_masks:,} masks in {_photos(n)}.")
+        for note in report.notes()[1:]:
+            session.notify(Level.WARNING, note)
+
+    stage = import_masks(folder, source, name, replace=replace_old)
+    session.jobs.start("Import masks", stage, on_done=done)
+
+
+# --- exporting
+
+
+def export(session: Session, form: MaskForm, out: Path) -> None:
+    """Write the objects as every view shows them: maps, COCO, or a data set with the photos."""
+    project = session.need().settled()
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[str]:
+        # These modules draw: numba is a good part of the launch time.
+        from gaga_core.pipeline.associate import export_masks
+        from gaga_core.pipeline.mask_dataset import export_mask_dataset
+
+        yield Progress("Export masks", 0, 0)
+        if form == "png":
+            maps = yield from export_masks(frozen, out)
+            return f"Exported label maps of {len(maps)} views to {out}."
+        made = yield from export_mask_dataset(frozen, out, form)
+        text = f"Exported {made.n_masks:,} masks of {made.n_groups:,} objects to {out}."
+        if made.without_photo:
+            text += f" {len(made.without_photo)} views are left out: their photos are gone."
+        return text
+
+    title = f"Export masks to {out.name}"
+    session.jobs.start(title, stage(), on_done=lambda text: session.notify(Level.INFO, text))
+
+
+def _folder(document: Document) -> SceneFolder:
+    folder = document.project.folder
+    if folder is None:
+        raise GagaError("A lone splat file has no photos. Open its scene folder for masks.")
+    return folder
+
+
+def _photos(n: int) -> str:
+    return "1 photo" if n == 1 else f"{n:,} photos"

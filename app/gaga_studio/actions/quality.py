@@ -1,0 +1,72 @@
+"""How good the objects are: measured on demand, kept for every state of the groups."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.scene.objects import ObjectTable
+from gaga_studio.actions import association_repair, navigation
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.evaluate.quality import GroupQuality, Quality
+
+
+def measure(session: Session) -> bool:
+    """Compare every object's picture with its masks, view by view."""
+    return session.attempt(lambda: _measure(session))
+
+
+def _measure(session: Session) -> bool:
+    document = session.need()
+    scene = document.settled().scene
+    evidence, bank = association_repair.evidence_of(session, document), scene.bank
+    assert bank is not None  # `evidence_of` looked
+    labels, sure = association_repair.file_columns(scene)
+    digest = document.read.labels_digest()
+
+    def stage() -> "Stage[Quality]":
+        from gaga_core.evaluate.quality import quality_stage
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+
+        yield Progress("Measure the objects", 0, 0, "Preparing")
+        work = quality_stage(evidence, bank, labels, sure, choose())
+        return (yield from after_warm_up(work))
+
+    def done(found: "Quality") -> None:
+        document.quality[digest] = found
+
+    return session.jobs.start("Measure the objects", stage(), None, done)
+
+
+def shown(session: Session) -> "tuple[Quality | None, bool]":
+    """The newest measure of the open scene, and whether it is of the groups as they are now."""
+    document = session.document
+    if document is None or not document.quality:
+        return None, False
+    now = document.quality.get(document.read.labels_digest())
+    return (now, True) if now is not None else (list(document.quality.values())[-1], False)
+
+
+def of_group(session: Session, group: int) -> "GroupQuality | None":
+    """What was measured of one object."""
+    found, _ = shown(session)
+    return None if found is None else found.groups.get(group)
+
+
+def column(session: Session, table: ObjectTable) -> DoubleArray:
+    """Agreement (G,) of the rows of the list, -1 where nothing is known."""
+    found, _ = shown(session)
+    return np.full(len(table), -1.0) if found is None else found.agreement(table.ids)
+
+
+def worst_view(session: Session) -> None:
+    """Fly to the photo in which the object in the inspector agrees least with its masks."""
+    found = of_group(session, session.focus)
+    if found is not None and found.views:
+        index = navigation.view_index(session, found.views[0].view)
+        if index is not None:
+            navigation.go_to_view(session, index)

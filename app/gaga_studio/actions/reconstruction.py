@@ -1,0 +1,220 @@
+"""From photos to splats in the window: the offer, the job, what it shows, and what is asked."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage, mapped
+from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.session import Session
+from gaga_studio.session.training_preview import Live, Training
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.photo_source import PhotoFind
+    from gaga_core.pipeline.reconstruct import ReconstructConfig, Reconstruction
+
+TITLE = "Make splats"
+_STEPS = 1000  # of the job's bar
+_ANYWAY, _STOP = "Use it anyway", "Cancel"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a person wants to be made of the photos that were found."""
+
+    config: "ReconstructConfig"
+    scene: Path  # folder to write
+
+
+@dataclass(frozen=True)
+class _Refused:
+    """The checks do not trust the placement of the photos."""
+
+    finding: str
+
+
+def why_not(session: Session) -> str:
+    """Why no splats can be made now; "" when they can."""
+    if session.photos is None:
+        return "No photos without splats are open. Open a folder of photos, or a video."
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def plan_of(found: "PhotoFind") -> Plan:
+    """What is made when nobody says otherwise: what was begun, else a draft."""
+    from gaga_core.pipeline.reconstruct import ReconstructConfig
+
+    return Plan(found.going_on or ReconstructConfig(), found.scene)
+
+
+def title(session: Session) -> str:
+    """ "Make splats from 50 photos" or "Continue training"."""
+    found = session.photos
+    if found is None:
+        return "Make splats from photos"
+    if found.going_on is not None:
+        return "Continue training"
+    what = "the video" if found.is_video else f"{found.n_photos:,} photos"
+    return f"Train splats on {what}" if found.is_placed else f"Make splats from {what}"
+
+
+def said(found: "PhotoFind") -> str:
+    """What was found, in a sentence."""
+    if found.going_on is not None:
+        share = 100 * found.iteration / found.going_on.train().iterations
+        return f"The training of {found.name} was stopped at {share:.0f} %. It can go on there."
+    if found.is_video:
+        return f"{found.name} is a video of about {found.n_photos} useful frames."
+    if found.is_placed:
+        return f"{found.n_photos:,} photos with their places, and no splats yet."
+    return f"{found.n_photos:,} photos, and no splats yet."
+
+
+def make(session: Session, plan: Plan | None = None) -> None:
+    """Make splats of the photos that are open, as a job that shows them while they are trained."""
+    found = session.photos
+    if found is None or why_not(session):
+        session.notify(Level.WARNING, why_not(session))
+        return
+    plan = plan or plan_of(found)
+    training = Training(found.name, plan.config.train().iterations)
+
+    def progress(payload: object) -> None:
+        if isinstance(payload, Live) and training.take(payload):
+            session.rig.go_to(training.cameras[0], animated=False)
+            session.active_view = 0
+            for note in payload.notes:
+                session.notify(Level.WARNING, note)
+
+    def done(result: "Reconstruction | _Refused") -> None:
+        if isinstance(result, _Refused):
+            _ask(session, plan, result.finding)
+            return
+        session.notify(Level.INFO, _figures(result.report))
+        session.training = None
+        session.open(plan.scene)
+
+    def end() -> None:
+        if session.training is training:
+            session.training = None
+            session.attempt(lambda: _look_again(session, plan.scene))
+
+    if session.jobs.start(title(session), _stage(found, plan), progress, done, end):
+        session.training = training
+
+
+def _ask(session: Session, plan: Plan, finding: str) -> None:
+    def chosen(choice: str) -> None:
+        if choice == _ANYWAY:
+            make(session, replace(plan, config=replace(plan.config, accept_wrong=True)))
+
+    session.pending_question = Question(finding, (_ANYWAY, _STOP), chosen)
+
+
+def _look_again(session: Session, scene: Path) -> None:
+    """After a cancel or an error: what is finished is there, and offered to go on from."""
+    from gaga_core.pipeline.photo_source import look_at_photos
+
+    if scene.is_dir():
+        session.photos = look_at_photos(scene) or session.photos
+
+
+def _stage(found: "PhotoFind", plan: Plan) -> "Stage[Reconstruction | _Refused]":
+    # In the job's thread: numba and the reader of photos are a good part of the launch time.
+    from gaga_core.io.scene_folder import find_sparse, open_scene_folder
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+    from gaga_core.pipeline.reconstruct import WrongModelError, reconstruct_scene
+
+    yield Progress(TITLE, 0, 0, "Preparing")
+    yield from after_warm_up(_nothing())
+    share, config = found.placing_share(plan.config), plan.config
+    notes: tuple[str, ...] = ()
+    if find_sparse(plan.scene) is None:
+        place = reconstruct_scene(found.photos, plan.scene, replace(config, only="sfm"))
+        try:
+            placed = yield from mapped(place, _in_steps(0, share))
+        except WrongModelError as error:
+            return _Refused(error.finding)
+        notes = placed.notes
+    folder = open_scene_folder(plan.scene)
+    seen = Live(folder.cameras, notes)
+    train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
+    return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
+
+
+def _nothing() -> Stage[None]:
+    yield Progress(TITLE, 0, 0, "Preparing")
+
+
+def _in_steps(start: float, end: float) -> Callable[[Progress], Progress]:
+    """Progress as that of a share of the job; the bar never goes back from one step to the next."""
+    best = start
+
+    def change(step: Progress) -> Progress:
+        nonlocal best
+        is_long = step.stage in ("Train splats", "Place photos", "Match photos", "Find features")
+        if step.total > 0 and is_long:
+            done = step.done / step.total
+            best = max(best, start + (end - start) * _placed(step.stage, done))
+        message = f"{step.stage}: {step.message}" if step.message else step.stage
+        done = round(best * _STEPS)
+        return replace(step, stage=TITLE, done=done, total=_STEPS, message=message)
+
+    return change
+
+
+def _placed(stage: str, done: float) -> float:
+    """Share of its half of the job; the three steps of placing take about a third each."""
+    part = {"Find features": 0, "Match photos": 1, "Place photos": 2}.get(stage)
+    return done if part is None else (part + min(done, 1.0)) / 3
+
+
+def _gathered(seen: Live) -> Callable[[Progress], Progress]:
+    """Payloads that hold everything so far."""
+
+    def change(step: Progress) -> Progress:
+        from gaga_core.reconstruct.train import TrainUpdate
+
+        nonlocal seen
+        if isinstance(step.payload, TrainUpdate):
+            gaussians = step.payload.gaussians or seen.gaussians
+            seen = replace(seen, update=step.payload, gaussians=gaussians)
+        return replace(step, payload=seen)
+
+    return change
+
+
+def _figures(report: dict[str, object]) -> str:
+    """ "Made 79,983 splats, 32.0 dB on photos that were held out"."""
+    train = report.get("train")
+    if not isinstance(train, dict):
+        return "The splats are made."
+    text = f"Made {train.get('splats', 0):,} splats"
+    held_out = train.get("held_out")
+    if isinstance(held_out, dict) and isinstance(held_out.get("psnr"), float):
+        text += f", {held_out['psnr']:.1f} dB on photos that were held out"
+    return f"{text}."
+
+
+def plan_with(
+    plan: Plan,
+    *,
+    quality: str | None = None,
+    iterations: int | None = None,
+    max_side: int | None = None,
+    focal: float | None = None,
+) -> Plan:
+    """``plan`` with other settings; ``GagaError`` when they do not do. 0 = as the quality says."""
+    changes: dict[str, object] = {}
+    if quality is not None and quality != plan.config.quality:
+        changes |= {"quality": quality, "iterations": None, "max_side": None}
+    for name, value in (("iterations", iterations), ("max_side", max_side), ("focal", focal)):
+        if value is not None:
+            changes[name] = value or None
+    try:
+        return replace(plan, config=replace(plan.config, **changes))  # type: ignore[arg-type]
+    except ValueError as error:
+        raise GagaError(str(error)) from error

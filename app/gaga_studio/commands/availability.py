@@ -1,0 +1,264 @@
+"""Why a command cannot be run now: "" when it can."""
+
+import numpy as np
+
+from gaga_core.scene.scene import State
+from gaga_studio.actions import cleanup, masks, quality, search
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
+
+
+def no_scene(session: Session) -> str:
+    """Needs an open scene."""
+    return "" if session.document is not None else "No scene is open."
+
+
+def busy(session: Session) -> str:
+    """Needs the job runner."""
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def idle(session: Session) -> str:
+    """Needs a running job."""
+    return "" if session.jobs.running is not None else "Nothing is running."
+
+
+def not_saveable(session: Session) -> str:
+    """Needs a scene and the job runner."""
+    return no_scene(session) or busy(session)
+
+
+def no_selection(session: Session) -> str:
+    """Needs a selection."""
+    reason = no_scene(session)
+    if reason:
+        return reason
+    return "" if len(session.selected_indices()) else "Nothing is selected. Click an object first."
+
+
+def no_selection_to_clean(session: Session) -> str:
+    """Needs a selection, and the job runner when it is to be cleaned first."""
+    return no_selection(session) or (busy(session) if session.settings.clean_first else "")
+
+
+def not_cleanable(session: Session) -> str:
+    """Needs one selected object and the job runner."""
+    return not_one_object(session) or busy(session)
+
+
+def no_cleaning(session: Session) -> str:
+    """Needs the preview of a cleaning."""
+    if cleanup.shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+
+
+def not_exportable_selection(session: Session) -> str:
+    """Needs a selection and the job runner."""
+    return no_selection(session) or busy(session)
+
+
+def no_groups(session: Session) -> str:
+    """Needs objects."""
+    if session.document is None:
+        return no_scene(session)
+    if session.live is not None or session.document.read.has_groups():
+        return ""
+    return "There are no groups yet. Use Find objects to make them."
+
+
+def no_confidence(session: Session) -> str:
+    """Needs to know how sure each splat is of its group."""
+    scene = session.scene
+    if scene is not None and scene.confidence is not None:
+        return ""
+    return no_scene(session) or "How sure the groups are is not known. Use Find objects."
+
+
+def not_exportable_objects(session: Session) -> str:
+    """Needs objects and the job runner."""
+    return no_groups(session) or busy(session)
+
+
+def no_masks(session: Session) -> str:
+    """Needs masks and the job runner."""
+    reason = not_saveable(session)
+    if reason or len(session.masks):
+        return reason
+    return "This scene has no masks. Use Make masks, or Import masks."
+
+
+def no_photos_for_masks(session: Session) -> str:
+    """Needs photos with places, and the job runner."""
+    return masks.no_photos(session)
+
+
+def no_views(session: Session) -> str:
+    """Needs views, and the job runner."""
+    return no_photos(session) or busy(session)
+
+
+def not_exportable_masks(session: Session) -> str:
+    """Needs objects, views and the job runner."""
+    return no_groups(session) or no_views(session)
+
+
+def not_indexable(session: Session) -> str:
+    """Needs objects, views, a model of words and pictures, and the job runner."""
+    return not_exportable_masks(session) or search.no_embedder()
+
+
+def not_nameable(session: Session) -> str:
+    """Needs an index of the scene, and the job runner."""
+    return not_exportable_objects(session) or search.no_index(session)
+
+
+def no_detection(session: Session) -> str:
+    """Needs a text in the search box, a detector, and the job runner."""
+    return no_groups(session) or search.no_detector() or search.no_question(session)
+
+
+def not_one_object(session: Session) -> str:
+    """Needs exactly one selected object."""
+    reason = no_selection(session)
+    if reason:
+        return reason
+    n = len(session.selected_groups())
+    return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+def no_bank(session: Session) -> str:
+    """Needs a memory bank with masks, and the job runner."""
+    if session.scene is None:
+        return no_scene(session)
+    if session.scene.bank is None:
+        return "Nothing is known of the masks behind these objects. Use Find objects first."
+    return no_masks(session)
+
+
+def not_one_object_with_masks(session: Session) -> str:
+    """Needs one selected object that several masks joined, and the job runner."""
+    reason = not_one_object(session) or no_bank(session)
+    if reason:
+        return reason
+    n_masks = len(session.decisions(session.selected_groups()[0]))
+    return "" if n_masks > 1 else "This object has no masks that could be told apart."
+
+
+def no_quality(session: Session) -> str:
+    """Needs the measured quality of the object in the inspector."""
+    reason = no_scene(session)
+    if reason or quality.of_group(session, session.focus) is not None:
+        return reason
+    return "Nothing is measured of this object. Use Measure the quality of the objects first."
+
+
+def not_several_objects(session: Session) -> str:
+    """Needs two selected objects or more."""
+    reason = no_selection(session)
+    if reason or len(session.selected_groups()) > 1:
+        return reason
+    return "Select two objects or more: Shift adds to the selection."
+
+
+def nothing_hidden(session: Session) -> str:
+    """Needs something hidden."""
+    if session.scene is None:
+        return no_scene(session)
+    bits = np.uint8(State.HIDDEN | State.DELETED)
+    is_hidden = ((session.scene.state & bits) == np.uint8(State.HIDDEN)).any()
+    return "" if is_hidden else "Nothing is hidden."
+
+
+def nothing_locked(session: Session) -> str:
+    """Needs something locked."""
+    if session.scene is None:
+        return no_scene(session)
+    return "" if session.scene.has(State.LOCKED).any() else "Nothing is locked."
+
+
+def no_encodings(session: Session) -> str:
+    """Needs a selection of splats with identity encodings."""
+    reason = no_selection(session)
+    if reason or session.scene is None:
+        return reason
+    if "obj_dc_0" in session.scene.gaussians.extra:
+        return ""
+    return "The splats have no identity encodings. Run gaga lift on the scene and export them."
+
+
+def no_edits(session: Session) -> str:
+    """Needs something to record."""
+    history = session.history
+    if history is not None and history.can_undo:
+        return ""
+    return no_scene(session) or "Nothing has been edited yet."
+
+
+def no_photos(session: Session) -> str:
+    """Needs cameras."""
+    return no_scene(session) or ("" if session.cameras else "This scene has no photos.")
+
+
+def no_keyframe(session: Session) -> str:
+    """Needs a keyframe of the camera's path."""
+    if session.project is not None and session.project.film.keyframes:
+        return ""
+    return no_scene(session) or "The camera's path has no keyframes. Add one first."
+
+
+def no_path(session: Session) -> str:
+    """Needs two keyframes or more."""
+    reason = no_keyframe(session)
+    if reason or (session.project is not None and len(session.project.film.keyframes) > 1):
+        return reason
+    return "The camera's path has one keyframe only. Add another one."
+
+
+def not_filmable(session: Session) -> str:
+    """Needs two keyframes or more, and the job runner."""
+    return no_path(session) or busy(session)
+
+
+def no_undo(session: Session) -> str:
+    """Needs an edit."""
+    history = session.history
+    return "" if history is not None and history.can_undo else "There is nothing to undo."
+
+
+def no_redo(session: Session) -> str:
+    """Needs an undone edit."""
+    history = session.history
+    return "" if history is not None and history.can_redo else "There is nothing to redo."
+
+
+def nothing_pointed(session: Session) -> str:
+    """Needs a point of the surface that was clicked with the right button."""
+    if session.view.pointed is not None:
+        return no_scene(session)
+    return no_scene(session) or "No point is chosen. Click one in the picture, right button."
+
+
+def no_corner(session: Session) -> str:
+    """Needs an outline that is being drawn, or a point of the ground."""
+    if session.tool is ToolName.GROUND:
+        return "" if session.view.ground else "No point of the ground is marked yet."
+    if session.view.outline is not None:
+        return ""
+    return no_scene(session) or "No outline is being drawn. Take the polygon tool first."
+
+
+def nothing_to_confirm(session: Session) -> str:
+    """Needs an outline or the preview of a cleaning."""
+    if session.view.outline is not None or cleanup.shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is nothing to confirm."
+
+
+def no_cancel(session: Session) -> str:
+    """Needs something that Escape ends."""
+    leaves = session.tool is not ToolName.PICK or session.rig.is_flying
+    if session.is_previewing or leaves or not no_selection(session):
+        return ""
+    return "There is nothing to cancel."

@@ -1,0 +1,188 @@
+"""What commands do in more than one call, and titles of the moment."""
+
+from dataclasses import replace
+
+from gaga_studio.actions import align_ground, cleanup, navigation
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
+from gaga_studio.tools.polygon import close_outline
+
+# --- titles of the moment
+
+
+def undo_title(session: Session) -> str:
+    """ "Undo Move mug"."""
+    history = session.history
+    return f"Undo {history.undo_title}" if history is not None and history.can_undo else "Undo"
+
+
+def redo_title(session: Session) -> str:
+    """ "Redo Move mug"."""
+    history = session.history
+    return f"Redo {history.redo_title}" if history is not None and history.can_redo else "Redo"
+
+
+def remove_title(session: Session) -> str:
+    """ "Take back the last point" while the ground is marked."""
+    on_ground = session.tool is ToolName.GROUND
+    return "Take back the last point" if on_ground else "Take back the last corner"
+
+
+# --- acts
+
+
+def cancel(session: Session) -> None:
+    """End the innermost thing: a drag, flying, the tool, the selection."""
+    if session.is_previewing:
+        session.cancel_preview()
+    elif session.rig.is_flying:
+        session.rig.is_flying = False
+    elif session.view.outline is not None:
+        session.view.outline = None
+    elif session.tool is ToolName.GROUND:
+        align_ground.leave(session)
+    elif session.tool is not ToolName.PICK:
+        session.tool = ToolName.PICK
+    else:
+        select_none(session)
+
+
+def select_all(session: Session) -> None:
+    """Select everything visible."""
+    session.attempt(lambda: session.need().select_all())
+
+
+def select_none(session: Session) -> None:
+    """Select nothing."""
+    session.attempt(lambda: session.need().select_none())
+
+
+def select_inverse(session: Session) -> None:
+    """Select what is not selected."""
+    session.attempt(lambda: session.need().select_inverse())
+
+
+def merge(session: Session) -> None:
+    """Make the selected objects one."""
+    session.attempt(lambda: session.need().merge_selected())
+
+
+def frame_selected(session: Session) -> None:
+    """Show the selection."""
+    navigation.frame_selected(session)
+
+
+def frame_all(session: Session) -> None:
+    """Show everything."""
+    navigation.frame_all(session)
+
+
+def next_view(session: Session) -> None:
+    """Fly to the next photo."""
+    navigation.next_view(session, 1)
+
+
+def previous_view(session: Session) -> None:
+    """Fly to the photo before."""
+    navigation.next_view(session, -1)
+
+
+def toggle_clean_first(session: Session) -> None:
+    """Clean objects before they are isolated, deleted or exported, or do not."""
+    settings = session.settings
+    session.change_settings(replace(settings, clean_first=not settings.clean_first))
+
+
+def toggle_flying(session: Session) -> None:
+    """Orbit or fly."""
+    session.rig.is_flying = not session.rig.is_flying
+
+
+def toggle_frusta(session: Session) -> None:
+    """Show or hide the photos' cameras."""
+    session.view.show_frusta = not session.view.show_frusta
+
+
+def toggle_outline(session: Session) -> None:
+    """Show or hide the outline of the selection."""
+    session.view.show_outline = not session.view.show_outline
+
+
+def toggle_panels(session: Session) -> None:
+    """Show or hide everything but the picture."""
+    session.view.show_panels = not session.view.show_panels
+
+
+def toggle_info(session: Session) -> None:
+    """Show or hide the figures in the status bar."""
+    session.view.show_info = not session.view.show_info
+
+
+def toggle_splats(session: Session) -> None:
+    """Tools that select regions: whole objects or single splats."""
+    session.view.takes_splats = not session.view.takes_splats
+
+
+def toggle_visible_only(session: Session) -> None:
+    """Tools that select regions: the visible surface or through everything."""
+    session.view.visible_only = not session.view.visible_only
+
+
+def smaller_brush(session: Session) -> None:
+    """Make the brush a quarter smaller."""
+    session.view.brush_radius = max(session.view.brush_radius / 1.25, 2.0)
+
+
+def larger_brush(session: Session) -> None:
+    """Make the brush a quarter larger."""
+    session.view.brush_radius = min(session.view.brush_radius * 1.25, 400.0)
+
+
+def confirm(session: Session) -> None:
+    """End what waits for a yes: the outline, the cleaning."""
+    if session.view.outline is not None:
+        close_outline(session)
+    else:
+        cleanup.apply(session)
+
+
+def remove_corner(session: Session) -> None:
+    """Take the last corner of the outline back, or the last point of the ground."""
+    if session.tool is ToolName.GROUND:
+        align_ground.take_back(session)
+    elif session.view.outline is not None:
+        session.view.outline = session.view.outline.without_last()
+
+
+def toggle_first_steps(session: Session) -> None:
+    """The card of five steps: bring it back, or put it away."""
+    put_away = not session.settings.first_steps_done
+    session.change_settings(replace(session.settings, first_steps_done=put_away))
+
+
+def toggle_snap(session: Session) -> None:
+    """Handles: freely or in steps."""
+    session.view.snaps = not session.view.snaps
+
+
+def toggle_local_axes(session: Session) -> None:
+    """Handles: along the world's axes or the object's own."""
+    session.view.local_axes = not session.view.local_axes
+
+
+def set_pivot(session: Session) -> None:
+    """Turn and scale about the point that the camera turns around (double click sets it)."""
+    x, y, z = (float(value) for value in session.rig.pose.pivot)
+    session.view.pivot = (x, y, z)
+
+
+def set_pivot_here(session: Session) -> None:
+    """Turn and scale about the point of the surface that was clicked."""
+    if session.view.pointed is not None:
+        x, y, z = session.view.pointed
+        session.view.pivot = (x, y, z)
+
+
+def reset_pivot(session: Session) -> None:
+    """Turn and scale about the middle of the selection."""
+    session.view.pivot = None

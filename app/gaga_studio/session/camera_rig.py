@@ -1,0 +1,368 @@
+"""The camera that a person moves: orbit, pan, zoom, fly, look, and smooth jumps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
+from gaga_core.scene.camera_path import Shot
+from gaga_core.scene.orientation import common_target, estimate_up, upright_basis
+
+_JUMP_S = 0.35  # time of an animated jump
+_STEEPEST = np.radians(89.9)  # straight up and down has no heading
+_ORBIT_PER_HEIGHT = np.pi  # drag over the picture's height: half a turn
+_ZOOM_PER_NOTCH = 0.15
+_FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
+_LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where the camera is, relative to the scene's up: what a bookmark would keep.
+
+    ``yaw`` turns around up, ``pitch`` looks down when negative, ``roll`` turns the picture
+    clockwise; radians. The fields of view are the least that the picture shows both ways.
+    """
+
+    pivot: DoubleArray  # (3,) world: what orbit turns around
+    distance: float  # from the pivot
+    yaw: float
+    pitch: float
+    roll: float = 0.0
+    fov_x: float = np.radians(50.0)
+    fov_y: float = np.radians(50.0)
+    is_orthographic: bool = False  # the same size near and far: a far camera with a long lens
+
+
+class CameraRig:
+    """A pose and its motion. Lengths are scene units, drags are pixels of the picture."""
+
+    def __init__(self) -> None:
+        self.up: DoubleArray = np.array([0.0, 0.0, 1.0])
+        self._basis = upright_basis(self.up)
+        self.radius = 1.0  # size of the scene: the scale of flying and of the nearest distance
+        self.pose = Pose(np.zeros(3), 3.0, 0.0, -0.35)
+        self.is_flying = False  # left drag looks around instead of orbiting
+        self._size = (1280, 720)
+        self._start: Pose | None = None
+        self._goal: Pose | None = None
+        self._elapsed = 0.0
+        self._world: DoubleArray | None = None  # (4, 4) that `follow` saw last
+
+    # --- reading
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a jump is under way."""
+        return self._goal is not None
+
+    @property
+    def pivot(self) -> DoubleArray:
+        """What orbit turns around (3,), world."""
+        return self.pose.pivot
+
+    @property
+    def eye(self) -> DoubleArray:
+        """Centre of projection (3,), world."""
+        result: DoubleArray = self.pose.pivot - self.pose.distance * self._axes(self.pose)[2]
+        return result
+
+    @property
+    def seen_from(self) -> DoubleArray:
+        """Where the picture is taken from (3,), world: far off when it is orthographic."""
+        return self._camera(self._size).position
+
+    @property
+    def sideways(self) -> DoubleArray:
+        """The picture's right (3,), unit, world."""
+        right: DoubleArray = self._axes(self.pose)[0]
+        return right
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The view at this picture size (at least 1 x 1), for drawing and for picking."""
+        self._size = (max(width, 1), max(height, 1))
+        return self._camera(self._size)
+
+    def _camera(self, size: tuple[int, int]) -> Camera:
+        focal, eye = self._focal(size), self.eye
+        axes = self._axes(self.pose)
+        if self.pose.is_orthographic:  # what is at the pivot keeps its size
+            far = self.pose.distance + _FAR * self.radius
+            focal *= far / self.pose.distance
+            eye = self.pose.pivot - far * axes[2]
+        K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
+        matrix = np.eye(4)
+        matrix[:3, :3] = axes
+        matrix[:3, 3] = -axes @ eye
+        return Camera(K, matrix, *size, "view")
+
+    def shot(self) -> Shot:
+        """The present view, for a bookmark, a keyframe or a picture of any size.
+
+        Another picture size shows it as the picture does when the window is resized.
+        """
+        pose, camera = self.pose, self._camera(self._size)
+        distance = float((pose.pivot - camera.position) @ camera.forward)
+        near = pose.distance / distance  # 1, or little: the long lens of an orthographic camera
+        shot = Shot.of_camera(camera, distance, is_orthographic=pose.is_orthographic)
+        fov_x = 2 * float(np.arctan(near * np.tan(pose.fov_x / 2)))
+        fov_y = 2 * float(np.arctan(near * np.tan(pose.fov_y / 2)))
+        return replace(shot, fov_x=fov_x, fov_y=fov_y)
+
+    # --- moving by hand: each ends a jump
+
+    def orbit(self, dx: float, dy: float) -> None:
+        """Turn around the pivot by a drag in pixels."""
+        self._stop()
+        yaw, pitch = self._turned(dx, dy)
+        self.pose = replace(self.pose, yaw=yaw, pitch=pitch, roll=self._levelled())
+
+    def look(self, dx: float, dy: float) -> None:
+        """Turn the head by a drag in pixels: the eye stays."""
+        self._stop()
+        eye = self.eye
+        yaw, pitch = self._turned(0.5 * dx, 0.5 * dy)
+        self.pose = replace(self.pose, yaw=yaw, pitch=pitch, roll=self._levelled())
+        self._put_eye(eye)
+
+    def pan(self, dx: float, dy: float) -> None:
+        """Move sideways by a drag in pixels: the pivot follows the mouse."""
+        self._stop()
+        right, down, _ = self._axes(self.pose)
+        shift = (dx * right + dy * down) * self.pose.distance / self._focal()
+        self.pose = replace(self.pose, pivot=self.pose.pivot - shift)
+
+    def zoom(self, notches: float) -> None:
+        """Go nearer to the pivot (positive) or away from it, by wheel notches."""
+        self._stop()
+        distance = self.pose.distance * float(np.exp(-_ZOOM_PER_NOTCH * notches))
+        nearest, farthest = 1e-3 * self.radius, 1e3 * self.radius
+        self.pose = replace(self.pose, distance=float(np.clip(distance, nearest, farthest)))
+
+    def fly(self, move: Sequence[float], dt: float, speed: float = 1.0) -> None:
+        """Move by ``move`` (right, up, forward), each -1..1, for ``dt`` seconds.
+
+        At ``speed`` 1 the scene is crossed in about four seconds; up is the scene's.
+        """
+        if not any(move):
+            return
+        self._stop()
+        right, _, forward = self._axes(self.pose)
+        direction = move[0] * right + move[1] * self.up + move[2] * forward
+        shift = direction * (0.5 * self.radius * speed * dt)
+        self.pose = replace(self.pose, pivot=self.pose.pivot + shift)
+
+    def set_pivot(self, point: DoubleArray) -> None:
+        """Turn around ``point`` (3,) from now on; the camera jumps to face it, smoothly."""
+        distance = float(np.linalg.norm(point - self.eye))
+        self._jump(replace(self._target(), pivot=np.array(point), distance=distance))
+
+    # --- jumps
+
+    def focus(self, centre: DoubleArray, radius: float, *, animated: bool = True) -> None:
+        """Show a ball (3,), scene units, from the present direction."""
+        fov = min(self.pose.fov_x, self.pose.fov_y)
+        distance = 1.15 * max(radius, 1e-4 * self.radius) / float(np.sin(fov / 2))
+        self._jump(replace(self._target(), pivot=np.array(centre), distance=distance), animated)
+
+    def go_to(self, camera: Camera, *, animated: bool = True) -> None:
+        """Stand where ``camera`` stands, roll included, and show at least what it shows."""
+        yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
+        distance = self._depth_of_interest(camera)
+        fov_x = 2 * float(np.arctan(camera.width / 2 / camera.K[0, 0]))
+        fov_y = 2 * float(np.arctan(camera.height / 2 / camera.K[1, 1]))
+        pivot = camera.position + distance * camera.forward
+        self._jump(Pose(pivot, distance, yaw, pitch, roll, fov_x, fov_y), animated)
+
+    def go_to_shot(self, shot: Shot, *, animated: bool = True) -> None:
+        """Show what ``shot`` shows, and turn around what it looks at."""
+        camera = shot.camera(*self._size)
+        yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
+        pivot = camera.position + shot.distance * camera.forward
+        distance, fov_x, fov_y = shot.distance, shot.fov_x, shot.fov_y
+        if shot.is_orthographic:  # what would be seen from near by with a common lens
+            fov_x, fov_y = self.pose.fov_x, self.pose.fov_y
+            distance *= self._focal() / float(camera.K[0, 0])
+        pose = Pose(pivot, distance, yaw, pitch, roll, fov_x, fov_y, shot.is_orthographic)
+        self._jump(pose, animated)
+
+    def set_orthographic(self, flat: bool) -> None:
+        """Draw far things as large as near ones, or not; what is at the pivot keeps its size."""
+        self._jump(replace(self._target(), is_orthographic=flat), animated=False)
+
+    def look_from(self, side: Sequence[float]) -> None:
+        """See the pivot from ``side`` (right, back, up) of the upright scene, in halves of a cube:
+        (0, -1, 0) is the front, (1, -1, 1) a corner. Raises ``ValueError`` for (0, 0, 0)."""
+        x, y, z = (float(value) for value in side)
+        flat = float(np.hypot(x, y))
+        if flat == 0 and z == 0:
+            raise ValueError("look_from: no side")
+        pose = self._target()
+        yaw = float(np.arctan2(-y, -x)) if flat else _quarter(pose.yaw)
+        pitch = float(np.clip(np.arctan2(-z, flat), -_STEEPEST, _STEEPEST))
+        self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
+
+    @property
+    def cube(self) -> DoubleArray:
+        """Right, back and up of the upright scene as columns (3, 3) in the picture's axes right,
+        down, forward: how the view cube stands."""
+        result: DoubleArray = self._axes(self.pose) @ self._basis.T
+        return result
+
+    def look_along(self, axis: str) -> None:
+        """An axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
+        headings = {"front": 90.0, "back": -90.0, "left": 0.0, "right": 180.0}
+        pose = self._target()
+        if axis in headings:
+            yaw, pitch = float(np.radians(headings[axis])), 0.0
+        elif axis in ("top", "bottom"):
+            yaw = float(np.radians(90.0))
+            pitch = float(-_STEEPEST if axis == "top" else _STEEPEST)
+        else:
+            raise ValueError(f"axis: {axis!r} is none of {(*headings, 'top', 'bottom')}")
+        self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
+
+    def follow(self, world: DoubleArray) -> None:
+        """Go along when the whole scene was turned: ``world`` (4, 4) says by what since the start.
+
+        The picture stays what it was, then it is levelled, smoothly.
+        """
+        before, self._world = self._world, world
+        if before is None or before is world:
+            return
+        motion = world @ np.linalg.inv(before)
+        goal = self._carried(self._target(), motion)
+        self.pose = self._carried(self.pose, motion)
+        steepest = float(np.clip(goal.pitch, -_STEEPEST, _STEEPEST))
+        self._jump(replace(goal, pitch=steepest, roll=0.0))
+
+    def frame_scene(
+        self,
+        lo: DoubleArray,
+        hi: DoubleArray,
+        cameras: Sequence[Camera] = (),
+        *,
+        animated: bool = False,
+    ) -> None:
+        """A good first view of a scene with the robust box lo..hi (3,): its first photo, if any.
+
+        Without cameras: from the front, a little above, the whole box. Sets up and the scale too.
+        """
+        self._world = None
+        self.up = estimate_up(cameras)
+        self._basis = upright_basis(self.up)
+        centre = (lo + hi) / 2
+        self.radius = max(float(np.linalg.norm(hi - lo)) / 2, 1e-6)
+        if not cameras:
+            # Seen from its front: lone models are made in a world where cameras look along +z.
+            yaw = float(np.arctan2(*(self._basis @ np.array([0, 0, 1.0]))[1::-1]))
+            self.pose = Pose(centre, 3 * self.radius, yaw, -0.3)
+            self.focus(centre, 0.8 * self.radius, animated=animated)
+            return
+        target = common_target(cameras)
+        inside = target is not None and np.all(target > lo - self.radius)
+        inside = inside and target is not None and np.all(target < hi + self.radius)
+        self.pose = replace(self.pose, pivot=target if inside and target is not None else centre)
+        self.go_to(cameras[0], animated=animated)
+
+    def update(self, dt: float) -> bool:
+        """Advance a jump by ``dt`` seconds; whether the camera moved."""
+        if self._goal is None or self._start is None:
+            return False
+        self._elapsed += dt
+        t = min(self._elapsed / _JUMP_S, 1.0)
+        self.pose = _between(self._start, self._goal, t * t * (3 - 2 * t))
+        if t >= 1:
+            self.pose = self._goal
+            self._stop()
+        return True
+
+    # --- inside
+
+    def _axes(self, pose: Pose) -> DoubleArray:
+        """Rows right, down, forward (3, 3), world: the rotation of ``cam_from_world``."""
+        cos_p, sin_p = np.cos(pose.pitch), np.sin(pose.pitch)
+        forward = np.array([cos_p * np.cos(pose.yaw), cos_p * np.sin(pose.yaw), sin_p])
+        right = np.array([np.sin(pose.yaw), -np.cos(pose.yaw), 0.0])
+        down = np.cross(forward, right)
+        cos_r, sin_r = np.cos(pose.roll), np.sin(pose.roll)
+        rolled = [cos_r * right + sin_r * down, cos_r * down - sin_r * right, forward]
+        result: DoubleArray = np.stack(rolled) @ self._basis
+        return result
+
+    def _angles(self, axes: DoubleArray) -> tuple[float, float, float]:
+        """Yaw, pitch and roll of a camera with the rows right, down, forward (3, 3), world."""
+        local = self._basis @ axes[2]
+        pitch = float(np.arcsin(np.clip(local[2], -1, 1)))
+        yaw = float(np.arctan2(local[1], local[0]))
+        right, down, _ = self._axes(replace(self.pose, yaw=yaw, pitch=pitch, roll=0.0))
+        return yaw, pitch, float(np.arctan2(axes[0] @ down, axes[0] @ right))
+
+    def _carried(self, pose: Pose, motion: DoubleArray) -> Pose:
+        """``pose`` after the rigid world map ``motion`` (4, 4)."""
+        yaw, pitch, roll = self._angles(self._axes(pose) @ motion[:3, :3].T)
+        pivot = motion[:3, :3] @ pose.pivot + motion[:3, 3]
+        return replace(pose, pivot=pivot, yaw=yaw, pitch=pitch, roll=roll)
+
+    def _focal(self, size: tuple[int, int] | None = None) -> float:
+        """Focal length in pixels at a picture size: both fields of view are inside."""
+        width, height = size or self._size
+        pose = self.pose
+        return float(min(width / 2 / np.tan(pose.fov_x / 2), height / 2 / np.tan(pose.fov_y / 2)))
+
+    def _turned(self, dx: float, dy: float) -> tuple[float, float]:
+        per_pixel = _ORBIT_PER_HEIGHT / self._size[1]
+        pitch = float(np.clip(self.pose.pitch - dy * per_pixel, -_STEEPEST, _STEEPEST))
+        return self.pose.yaw - dx * per_pixel, pitch
+
+    def _levelled(self) -> float:
+        roll = self.pose.roll * _LEVEL_PER_DRAG
+        return roll if abs(roll) > 1e-3 else 0.0
+
+    def _put_eye(self, eye: DoubleArray) -> None:
+        forward = self._axes(self.pose)[2]
+        self.pose = replace(self.pose, pivot=eye + self.pose.distance * forward)
+
+    def _depth_of_interest(self, camera: Camera) -> float:
+        """Distance at which ``camera`` passes the present pivot, if it looks towards it."""
+        depth = float((self.pose.pivot - camera.position) @ camera.forward)
+        return depth if depth > 0.05 * self.radius else self.radius
+
+    def _target(self) -> Pose:
+        """Where a jump ends, or the present pose."""
+        return self._goal if self._goal is not None else self.pose
+
+    def _jump(self, goal: Pose, animated: bool = True) -> None:
+        if not animated:
+            self._stop()
+            self.pose = goal
+            return
+        self._start, self._goal, self._elapsed = self.pose, goal, 0.0
+
+    def _stop(self) -> None:
+        self._start = self._goal = None
+
+
+def _between(a: Pose, b: Pose, t: float) -> Pose:
+    """The pose at share ``t`` of the way; angles go the short way round."""
+
+    def angle(x: float, y: float) -> float:
+        return x + t * float(np.angle(np.exp(1j * (y - x))))
+
+    return Pose(
+        pivot=a.pivot + t * (b.pivot - a.pivot),
+        distance=float(np.exp((1 - t) * np.log(a.distance) + t * np.log(b.distance))),
+        yaw=angle(a.yaw, b.yaw),
+        pitch=angle(a.pitch, b.pitch),
+        roll=angle(a.roll, b.roll),
+        fov_x=a.fov_x + t * (b.fov_x - a.fov_x),
+        fov_y=a.fov_y + t * (b.fov_y - a.fov_y),
+        is_orthographic=b.is_orthographic,
+    )
+
+
+def _quarter(yaw: float) -> float:
+    """The nearest quarter turn: a view from the top keeps its edges upright."""
+    return round(yaw / (np.pi / 2)) * float(np.pi / 2)

@@ -1,0 +1,249 @@
+"""Runs one stage at a time in a thread: progress, cancel, error; and a quiet one beside it.
+
+The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
+which the main thread calls every frame (STYLE 14).
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage
+from gaga_studio.session.notices import Level
+
+T = TypeVar("T")
+Notify = Callable[[Level, str], None]
+_LOG = logging.getLogger(__name__)
+_QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
+_LEAST_FOR_ETA = 0.03  # below this share of the work a rate says nothing
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a panel shows of the work that is running."""
+
+    title: str
+    stage: str  # the step it is in; the title until the first progress
+    message: str
+    fraction: float  # 0..1; -1 while unknown
+    eta_s: float | None  # seconds left; None while unknown
+    elapsed_s: float
+    is_cancelling: bool
+
+
+class JobRunner:
+    """One worker thread at most, and one for a quiet job: preparation that nobody asked for.
+
+    ``notify`` gets the sentence when a job fails; a quiet one fails into the log.
+    """
+
+    def __init__(self, notify: Notify) -> None:
+        self._notify = notify
+        self._worker: _Worker | None = None
+        self._quiet: _Worker | None = None
+
+    @property
+    def running(self) -> Job | None:
+        """The job that runs, until ``poll`` has delivered its end."""
+        return self._worker.describe() if self._worker is not None else None
+
+    def start(
+        self,
+        title: str,
+        stage: Stage[T],
+        on_progress: Callable[[object], None] | None = None,
+        on_done: Callable[[T], None] | None = None,
+        on_end: Callable[[], None] | None = None,
+    ) -> bool:
+        """Run ``stage`` in a thread; False, and a notice, when another job runs.
+
+        ``on_progress`` gets the newest payload, ``on_done`` the value; ``on_end`` is called last
+        in every case: done, failed, cancelled. All are called by ``poll``.
+        """
+        if self._worker is not None:
+            stage.close()
+            running = self._worker.title
+            self._notify(Level.WARNING, f"{running} is still running. Wait for it, or cancel it.")
+            return False
+        self._worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
+        self._worker.start()
+        return True
+
+    @property
+    def quiet(self) -> Job | None:
+        """The quiet job that runs beside; it stops no other and cannot be cancelled by hand."""
+        return self._quiet.describe() if self._quiet is not None else None
+
+    def start_quiet(self, title: str, stage: Stage[object]) -> bool:
+        """Run ``stage`` in a thread of its own, without a result; False when one runs already."""
+        if self._quiet is not None:
+            stage.close()
+            return False
+        self._quiet = _Worker(title, _Delivery(stage, None, None, None))
+        self._quiet.start()
+        return True
+
+    def poll(self) -> None:
+        """Hand over what the worker has produced since the last call. Main thread only."""
+        if self._quiet is not None and not self._quiet.is_alive():
+            quiet, self._quiet = self._quiet, None
+            if quiet.error is not None:
+                _LOG.error("%s failed", quiet.title, exc_info=quiet.error)
+        worker = self._worker
+        if worker is None:
+            return
+        is_finished = not worker.is_alive()
+        if not worker.is_cancelling:
+            worker.delivery.progress()
+        if not is_finished:
+            return
+        worker.join()
+        self._worker = None
+        self._finish(worker)
+
+    def cancel(self) -> None:
+        """Ask the job to stop at its next step; everything stays as it was before it."""
+        if self._worker is not None:
+            self._worker.cancel()
+
+    def wait(self, timeout_s: float = 60.0) -> bool:
+        """Poll until nothing runs (scripts and tests); False when the time is up."""
+        end = time.monotonic() + timeout_s
+        while self._worker is not None and time.monotonic() < end:
+            self._worker.join(0.005)
+            self.poll()
+        return self._worker is None
+
+    def shut_down(self, timeout_s: float = 5.0) -> None:
+        """Cancel and wait, without delivering anything: the window is closing."""
+        # A compiler that is cut off by the end of the process may abort it: wait for its step.
+        ending = ((self._worker, timeout_s), (self._quiet, _QUIET_STEP_S))
+        for worker, _ in ending:
+            if worker is not None:
+                worker.cancel()
+        for worker, seconds in ending:
+            if worker is not None:
+                worker.join(seconds)
+        self._worker = self._quiet = None
+
+    def _finish(self, worker: "_Worker") -> None:
+        error = worker.error
+        try:
+            if isinstance(error, GagaError):
+                self._notify(Level.ERROR, str(error))
+            elif error is not None:
+                _LOG.error("%s failed", worker.title, exc_info=error)
+                self._notify(
+                    Level.ERROR,
+                    f"Something went wrong in {worker.title}; the details are in the log file.",
+                )
+            elif worker.has_value and not worker.is_cancelling:
+                self._deliver(worker)
+        finally:
+            worker.delivery.end()
+
+    def _deliver(self, worker: "_Worker") -> None:
+        try:
+            worker.delivery.done()
+        except GagaError as error:
+            self._notify(Level.ERROR, str(error))
+
+
+class _Delivery(Generic[T]):
+    """A stage and who waits for it."""
+
+    def __init__(
+        self,
+        stage: Stage[T],
+        on_progress: Callable[[object], None] | None,
+        on_done: Callable[[T], None] | None,
+        on_end: Callable[[], None] | None,
+    ) -> None:
+        self.stage = stage
+        self._on_progress, self._on_done, self._on_end = on_progress, on_done, on_end
+        self._value: T | None = None
+        self._payload: object = None
+        self.latest: Progress | None = None
+
+    def step(self) -> bool:
+        """One step of the stage, in the worker; False at its end."""
+        try:
+            progress = next(self.stage)
+        except StopIteration as end:
+            self._value = end.value
+            return False
+        if progress.payload is not None:
+            self._payload = progress.payload
+        self.latest = progress
+        return True
+
+    def progress(self) -> None:
+        """Deliver the newest payload, once."""
+        payload, self._payload = self._payload, None
+        if payload is not None and self._on_progress is not None:
+            self._on_progress(payload)
+
+    def done(self) -> None:
+        """Deliver the value."""
+        if self._on_done is not None:
+            self._on_done(self._value)  # type: ignore[arg-type]  # None is a T where it is returned
+
+    def end(self) -> None:
+        """Say that nothing more comes."""
+        if self._on_end is not None:
+            self._on_end()
+
+
+class _Worker(threading.Thread):
+    """Drives one stage."""
+
+    def __init__(self, title: str, delivery: "_Delivery[T]") -> None:
+        super().__init__(name=f"job: {title}", daemon=True)
+        self.title = title
+        self.delivery = delivery
+        self.error: Exception | None = None
+        self.has_value = False
+        self._started_at = time.monotonic()
+        self._stop_asked = threading.Event()
+
+    @property
+    def is_cancelling(self) -> bool:
+        """Whether the user asked it to stop."""
+        return self._stop_asked.is_set()
+
+    def cancel(self) -> None:
+        """Stop at the next step."""
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """Thread body."""
+        try:
+            while not self._stop_asked.is_set():
+                if not self.delivery.step():
+                    self.has_value = True
+                    return
+            self.delivery.stage.close()
+        except Exception as error:  # noqa: BLE001  of a job: it becomes a notice and a log entry
+            self.error = error
+
+    def describe(self) -> Job:
+        """What to show now."""
+        progress = self.delivery.latest
+        elapsed = time.monotonic() - self._started_at
+        if progress is None:
+            return Job(self.title, self.title, "", -1.0, None, elapsed, self.is_cancelling)
+        fraction = min(progress.done / progress.total, 1.0) if progress.total > 0 else -1.0
+        eta = elapsed * (1 - fraction) / fraction if fraction >= _LEAST_FOR_ETA else None
+        return Job(
+            self.title,
+            progress.stage,
+            progress.message,
+            fraction,
+            eta,
+            elapsed,
+            self.is_cancelling,
+        )

@@ -1,0 +1,80 @@
+"""The one thing that a scene lacks next, with a button and a time."""
+
+from dataclasses import dataclass
+
+from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.scene.project import Project
+
+# Measured on two cores: a depth picture, a vote and the gate, per view and million splats.
+_SECONDS_PER_VIEW = {"paper": 0.6, "robust": 1.2}
+_LEAST_SECONDS = 2.0
+_SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A missing stage. Without an ``action`` there is no button: the reason says what to do."""
+
+    reason: str  # "48 photos have masks but no objects yet."
+    action: str = ""  # text of the button
+    command: str = ""  # id in the command table
+    seconds: float = 0.0  # estimate
+    note: str = ""  # in brackets behind the action: "regions"
+    more: tuple[str, str] = ("", "")  # another way: text of a button and its command
+
+    @property
+    def label(self) -> str:
+        """ "Make masks (regions, about 20 s)", "Find objects, about 20 s"."""
+        if self.note:
+            return f"{self.action} ({', '.join(filter(None, (self.note, self.duration)))})"
+        return ", ".join(filter(None, (self.action, self.duration)))
+
+    @property
+    def duration(self) -> str:
+        """ "about 20 s", "about 3 min"; empty without an estimate."""
+        if self.seconds <= 0:
+            return ""
+        if self.seconds < 90:
+            return f"about {max(5 * round(self.seconds / 5), 5)} s"
+        return f"about {round(self.seconds / 60)} min"
+
+
+def stage_offer(project: Project, n_masks: int, preset: str) -> Offer:
+    """What a scene without groups lacks. ``n_masks``: views with masks."""
+    folder, scene = project.folder, project.scene
+    if folder is None:
+        return Offer(
+            "A lone splat file has no photos, so there are no masks to make groups from. "
+            "Open its scene folder for that."
+        )
+    if not folder.mask_folders:
+        return _no_masks(folder)
+    if n_masks == 0:
+        names = ", ".join(folder.mask_folders)
+        return Offer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
+    millions = len(scene) / 1e6
+    seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
+    return Offer(
+        f"{n_masks} photos have masks but no objects yet.",
+        "Find objects",
+        "object.associate",
+        seconds,
+    )
+
+
+def _no_masks(folder: SceneFolder) -> Offer:
+    if not folder.cameras:
+        return Offer(
+            "This folder has splats but no photos with a place, so there is nothing to make groups "
+            "from. Put images/ and sparse/ beside them."
+        )
+    n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
+    if n_photos == 0:
+        return Offer(
+            f"The {len(folder.cameras)} photos are not in {folder.root.name}/images, so no masks "
+            "can be made of them. Put them back, or import masks."
+        )
+    seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
+    reason = f"{n_photos} photos have no masks yet."
+    more = ("Other ways…", "object.masks")
+    return Offer(reason, "Make masks", "object.masks_quick", seconds, "regions", more)

@@ -1,0 +1,85 @@
+"""Pictures that a job wants and only the thread with the OpenGL context can draw."""
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_studio.session.view_state import ViewState
+
+Draw = Callable[[Camera, ViewState], UInt8Array]  # (H, W, 3)
+_PATIENCE_S = 120.0  # for one picture: software OpenGL at a large size
+
+
+@dataclass
+class _Wish:
+    camera: Camera
+    view: ViewState
+    done: threading.Event = field(default_factory=threading.Event)
+    picture: UInt8Array | None = None
+
+
+class Easel:
+    """A worker calls ``paint`` and waits; the window's thread calls ``serve`` every frame."""
+
+    def __init__(self, *, most: int, is_fast: bool) -> None:
+        self.most = most  # pixels of a side that OpenGL can draw
+        self.is_fast = is_fast  # a graphics card: else the CPU's own rasterizer is quicker
+        self._wishes: queue.SimpleQueue[_Wish] = queue.SimpleQueue()
+        self._closed = False
+
+    def paint(self, camera: Camera, view: ViewState, *, transparent: bool = False) -> UInt8Array:
+        """The picture (H, W, 3), or (H, W, 4) with straight colors and alpha if ``transparent``.
+
+        Raises ``GagaError`` when the window closes or does not answer.
+        """
+        if not transparent:
+            return self._ask(camera, view)
+        dark, light = (
+            self._ask(camera, replace(view, background=(level, level, level))).astype(np.int16)
+            for level in (0.0, 1.0)
+        )
+        # What the background adds is what the splats let through.
+        alpha = 255 - np.clip(light - dark, 0, 255).max(axis=2, keepdims=True)
+        straight = np.where(alpha > 0, dark * 255.0 / np.maximum(alpha, 1), 0)
+        picture = np.concatenate([straight, alpha], axis=2)
+        result: UInt8Array = (np.clip(picture, 0, 255) + 0.5).astype(np.uint8)
+        return result
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody waits for a picture: the window must not rest."""
+        return not self._wishes.empty()
+
+    def serve(self, draw: Draw) -> bool:
+        """Draw one picture that is waited for; whether there was one."""
+        try:
+            wish = self._wishes.get_nowait()
+        except queue.Empty:
+            return False
+        wish.picture = draw(wish.camera, wish.view)
+        wish.done.set()
+        return True
+
+    def close(self) -> None:
+        """The window closes: nobody waits any longer."""
+        self._closed = True
+        while True:
+            try:
+                self._wishes.get_nowait().done.set()
+            except queue.Empty:
+                return
+
+    def _ask(self, camera: Camera, view: ViewState) -> UInt8Array:
+        wish = _Wish(camera, view)
+        if not self._closed:
+            self._wishes.put(wish)
+            wish.done.wait(_PATIENCE_S)
+        if wish.picture is None:
+            raise GagaError("The window did not draw the picture. Try again.")
+        return wish.picture

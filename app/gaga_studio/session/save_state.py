@@ -1,0 +1,38 @@
+"""Whether there is something to save: which states of the history hold the same content."""
+
+from gaga_core.scene.edits.history import History
+
+Content = tuple[int, int]
+
+
+class Changes:
+    """Maps states of a history to contents; selecting makes a state but no new content."""
+
+    def __init__(self) -> None:
+        self._content = {0: 0}  # by History.state_id
+        self._newest = 0
+        self._beside = 0  # changes of what is saved but is no edit of the scene
+        self._saved: Content | None = (0, 0)
+
+    def note(self, before: int, after: int, is_content: bool) -> None:
+        """State ``after`` was made from ``before`` by an edit."""
+        if before == after:
+            return
+        self._newest += is_content
+        self._content[after] = self._newest if is_content else self._content.get(before, 0)
+
+    def note_beside(self) -> None:
+        """Something changed that a save keeps and undo does not know: bookmarks, the path."""
+        self._beside += 1
+
+    def content(self, state: int) -> Content:
+        """The content that a state holds, and what is beside it now."""
+        return self._content.get(state, 0), self._beside
+
+    def saved(self, content: Content | None) -> None:
+        """``content`` is on disk now; None: nothing of it is."""
+        self._saved = content
+
+    def is_unsaved(self, history: History) -> bool:
+        """Whether the present state differs from what is on disk."""
+        return self.content(history.state_id) != self._saved

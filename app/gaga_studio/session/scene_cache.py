@@ -1,0 +1,218 @@
+"""What panels read of a scene, computed once for each revision of it."""
+
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, TypeVar, cast
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.repair.view_evidence import preset_of
+from gaga_core.scene import objects
+from gaga_core.scene.confidence import confidence_histogram
+from gaga_core.scene.edits.append import spread
+from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.tint import mean_color
+
+T = TypeVar("T")
+SortKey = Literal["id", "name", "splats", "views", "quality"]
+
+
+class Readings:
+    """Caches of one scene: each value with the revision that it was computed for."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._kept: dict[str, tuple[object, object]] = {}
+
+    def _once(self, name: str, key: object, compute: Callable[[], T]) -> T:
+        kept = self._kept.get(name)
+        if kept is None or kept[0] != key:
+            kept = (key, compute())
+            self._kept[name] = kept
+        return cast(T, kept[1])
+
+    def objects(self, live: BankSnapshot | None, is_previewing: bool) -> ObjectTable:
+        """The object list; of the growing bank while ``live``. Stands still during a drag."""
+        scene = self._scene
+        kept = self._kept.get("objects")
+        if is_previewing and kept is not None:
+            return cast(ObjectTable, kept[1])
+        key = (scene.revision.total(), id(live) if live else 0)
+        if live is None:
+            return self._once("objects", key, lambda: objects.object_table(scene))
+        labels, bank = self.live_labels(live), live.bank
+        names = scene.names if live.keeps_ids else {}
+        shown = replace(scene, labels=labels, bank=bank, names=names)
+        return self._once("objects", key, lambda: objects.object_table(shown))
+
+    def live_labels(self, live: BankSnapshot) -> IntArray:
+        """Group (N,) of each splat in the growing bank, 0 = none."""
+        key = (id(live), self._scene.revision.splats)
+        return self._once("live", key, lambda: labels_of_bank(live.bank, self._scene))
+
+    def has_groups(self) -> bool:
+        """Whether any splat belongs to an object."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels)
+        return self._once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
+
+    def selected_indices(self) -> IntArray:
+        """Selected splats (K,)."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state)
+        return self._once("indices", key, lambda: objects.selected_indices(self._scene))
+
+    def selected_groups(self) -> tuple[int, ...]:
+        """Groups with a selected splat, ascending, without 0."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state, revision.labels)
+        return self._once(
+            "groups",
+            key,
+            lambda: tuple(int(g) for g in objects.selected_groups(self._scene)),
+        )
+
+    def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
+        """Box lo, hi (3,) of the selection, world; as before the drag while one is on."""
+        kept = self._kept.get("box")
+        if is_previewing and kept is not None:
+            return cast(tuple[DoubleArray, DoubleArray], kept[1])
+        revision = self._scene.revision
+        key = (revision.splats, revision.state, revision.placement, revision.placements)
+        return self._once("box", key, lambda: splat_box(self._scene, self.selected_indices(), 0.98))
+
+    def selected_color(self) -> DoubleArray:
+        """Mean color (3,) of the selection, 0..1, as it is drawn."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state, revision.placement, revision.placements)
+        return self._once("color", key, lambda: mean_color(self._scene, self.selected_indices()))
+
+    def listed(
+        self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray
+    ) -> IntArray:
+        """`listed`, once for each table, text and order."""
+        key = (table, text, sort, descending, quality.tobytes() if sort == "quality" else b"")
+        return self._once("listed", key, lambda: listed(table, text, sort, descending, quality))
+
+    def labels_digest(self) -> str:
+        """Short name of which splat belongs to which group, the same again after an undo."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels)
+        return self._once("digest", key, lambda: _digest(self._scene.labels))
+
+    def held_by_masks(self) -> dict[int, float]:
+        """Share of each group's splats that its masks gave it: 0 for one made by hand."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.labels, self._scene.bank)
+        return self._once("held", key, lambda: _held_by_masks(self._scene))
+
+    def overlap_is_of_points(self) -> bool:
+        """Whether overlaps in the log are shares of surface points, not of splats."""
+        bank = self._scene.bank
+        if bank is None:
+            return False
+        return self._once("preset", bank, lambda: preset_of(bank)) == "robust"
+
+    def decision_now(self, former: Decision | None) -> Decision | None:
+        """What is decided now of the mask of ``former``; None when the bank does not know it."""
+        bank = self._scene.bank
+        if former is None or bank is None:
+            return None
+        return self.decision_of(former.view, former.mask)
+
+    def decision_of(self, view: str, mask: int) -> Decision | None:
+        """What the bank decided of a mask, if anything."""
+        bank = self._scene.bank
+        if bank is None:
+            return None
+        return self._once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
+
+    def confidence(self, n_bins: int) -> LongArray | None:
+        """How many selected splats have which confidence, (B,) rising; None when it is unknown."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state, revision.labels, n_bins)
+        return self._once(
+            "confidence",
+            key,
+            lambda: confidence_histogram(self._scene, self.selected_indices(), n_bins),
+        )
+
+    def decisions(self, group: int, live: BankSnapshot | None) -> tuple[Decision, ...]:
+        """Which mask of which view joined a group, in the order of the association."""
+        bank = self._scene.bank if live is None else live.bank
+        if bank is None:
+            return ()
+        return self._once("log", bank, lambda: by_group(bank)).get(group, ())
+
+
+def _digest(labels: IntArray) -> str:
+    return hashlib.blake2b(labels.tobytes(), digest_size=8).hexdigest()
+
+
+def _held_by_masks(scene: Scene) -> dict[int, float]:
+    if scene.bank is None:
+        return {}
+    live = scene.labels[~scene.has(State.DELETED)]
+    same = scene.labels[scene.labels == labels_of_bank(scene.bank, scene)]
+    n = int(scene.labels.max(initial=0)) + 1
+    share = np.bincount(same, minlength=n) / np.maximum(np.bincount(live, minlength=n), 1)
+    return {int(group): float(share[group]) for group in np.flatnonzero(share)}
+
+
+def _by_mask(bank: MemoryBank) -> dict[tuple[str, int], Decision]:
+    return {(decision.view, decision.mask): decision for decision in bank.log}
+
+
+def labels_of_bank(bank: MemoryBank, scene: Scene) -> IntArray:
+    """Group (N,) of each splat of the scene; a duplicate has its original's."""
+    return spread(scene, np.maximum(bank.group, 0).astype(np.int32))
+
+
+def by_group(bank: MemoryBank) -> dict[int, tuple[Decision, ...]]:
+    """The log of a bank by group."""
+    found: dict[int, list[Decision]] = {}
+    for decision in bank.log:
+        found.setdefault(decision.group, []).append(decision)
+    return {group: tuple(decisions) for group, decisions in found.items()}
+
+
+def listed(
+    table: ObjectTable,
+    text: str = "",
+    sort: SortKey = "id",
+    descending: bool = False,
+    quality: DoubleArray | None = None,
+) -> IntArray:
+    """Rows (R,) of ``table`` to show: name or id contains ``text``; id 0 stands last.
+
+    ``quality`` (G,) is by row. Equal keys stay in the order of their ids.
+    """
+    wanted = text.strip().casefold()
+    rows = [
+        row
+        for row, name in enumerate(table.names)
+        if wanted in name.casefold() or wanted == str(table.ids[row])
+    ]
+    keys: dict[str, Callable[[int], object]] = {
+        "id": lambda row: int(table.ids[row]),
+        "name": lambda row: _natural(table.names[row]),
+        "splats": lambda row: int(table.counts[row]),
+        "views": lambda row: int(table.n_views[row]),
+        "quality": lambda row: 0.0 if quality is None else float(quality[row]),
+    }
+    rows.sort(key=keys[sort], reverse=descending)  # type: ignore[arg-type]  # one kind per key
+    rows.sort(key=lambda row: bool(table.ids[row] == 0))
+    return np.array(rows, np.int32)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sorts "group 9" before "group 12"."""
+    words = re.split(r"(\d+)", name.casefold())
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words if word]

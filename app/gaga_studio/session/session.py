@@ -1,0 +1,400 @@
+"""What panels see and call: the open document, the view, the jobs, the notices.
+
+Pull, not push: panels read it every frame (STYLE 11). Main thread only; works without a window.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.memory_bank import Decision
+from gaga_core.masks import MaskSet
+from gaga_core.scene.edits import Edit, How
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.project import Project
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.selection.picking import Pick, pick
+from gaga_studio.session import next_stage, stages
+from gaga_studio.session.camera_rig import CameraRig
+from gaga_studio.session.document import NOTHING_SELECTED, Document
+from gaga_studio.session.hover import Hovering
+from gaga_studio.session.jobs import JobRunner
+from gaga_studio.session.notices import Level, Notice, Question, unsaved_question
+from gaga_studio.session.render_requests import Easel
+from gaga_studio.session.settings import Settings, load_settings, save_settings
+from gaga_studio.session.training_preview import Training
+from gaga_studio.session.view_state import ImageSource, ToolName, ViewState
+from gaga_studio.system import paths
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.photo_source import PhotoFind
+
+_MOST_NOTICES = 50
+NO_GROUPS = "There are no groups here. Use Find objects to make them."
+
+
+class Session:
+    """One open document at most, and everything that a person does with it."""
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        self.document: Document | None = None
+        self.view = ViewState()
+        self.rig = CameraRig()
+        self.tool = ToolName.PICK
+        self.jobs = JobRunner(self.notify)
+        self.hovering = Hovering()
+        self.notices: tuple[Notice, ...] = ()  # oldest first
+        self.pending_question: Question | None = None  # shown as a modal; see `answer`
+        self.request = ""  # dialog that a command asks for; see `take_request`
+        self.should_quit = False
+        self.live: BankSnapshot | None = None  # while an association runs
+        self.photos: PhotoFind | None = None  # opened, but without splats
+        self.training: Training | None = None  # while splats are made of them
+        self.filter = ""  # of the object list
+        self.hint = ""  # what the last click met, until the next one
+        self.images: ImageSource | None = None
+        self.easel: Easel | None = None  # draws films with OpenGL; the window gives one
+        self.masks = MaskSet()  # of `provider`
+        self.provider = ""
+        self.active_view: int | None = None  # training camera last jumped to
+        self.has_exported = False  # anything, since the program was started
+        self.settings, problem = (settings, "") if settings else load_settings()
+        self.view.background = self.settings.background_color
+        if problem:
+            self.notify(Level.WARNING, problem)
+
+    # --- messages
+
+    def notify(self, level: Level, text: str) -> None:
+        """Tell the user one sentence."""
+        self.notices = (*self.notices, Notice(level, text))[-_MOST_NOTICES:]
+
+    def answer(self, choice: str) -> None:
+        """The user's answer to the pending question."""
+        question, self.pending_question = self.pending_question, None
+        if question is not None:
+            question.on_choice(choice)
+
+    def take_request(self) -> str:
+        """The dialog that a command asked for since the last call, or ""."""
+        request, self.request = self.request, ""
+        return request
+
+    def change_settings(self, settings: Settings) -> None:
+        """Use and save these preferences."""
+        self.settings = settings
+        self.view.background = settings.background_color
+        if self.document is not None:
+            self.document.history.set_budget(settings.undo_bytes)
+        self.attempt(lambda: save_settings(settings))
+
+    def attempt(self, action: Callable[[], object]) -> bool:
+        """Do ``action``; what a user can mend becomes a notice, and False is returned."""
+        try:
+            return bool(action())
+        except GagaError as error:
+            level = Level.INFO if str(error) == NOTHING_SELECTED else Level.ERROR
+            self.notify(level, str(error))
+            return False
+
+    # --- the document
+
+    @property
+    def project(self) -> Project | None:
+        """What is open."""
+        return self.document.project if self.document is not None else None
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene that is open."""
+        return self.document.scene if self.document is not None else None
+
+    @property
+    def shown(self) -> Scene | None:
+        """What the picture shows: the open scene, or splats that are being trained."""
+        return self.training.scene if self.training is not None else self.scene
+
+    @property
+    def history(self) -> History | None:
+        """The edits of the open scene."""
+        return self.document.history if self.document is not None else None
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether there are edits that are not on disk; a mere selection is none."""
+        return self.document is not None and self.document.unsaved
+
+    @property
+    def title(self) -> str:
+        """Name of what is open, starred when there is something to save; "" if nothing is."""
+        return self.document.title if self.document is not None else ""
+
+    def open(self, path: Path) -> None:
+        """Open a scene folder, a .ply or a project; what is open stays until it has succeeded."""
+        path = Path(path)
+        self._when_saved(f"before {path.name} is opened", lambda: self._start_opening(path))
+
+    def open_demo(self) -> None:
+        """Open the demo scene; the first time it is made."""
+        self._when_saved("before the demo is opened", lambda: self._start_opening(None))
+
+    def close(self) -> None:
+        """Close the scene, after asking about unsaved edits."""
+        self._when_saved("before it is closed", self._forget)
+
+    def quit(self) -> None:
+        """End the program (``should_quit``), after asking about unsaved edits."""
+
+        def end() -> None:
+            self.should_quit = True
+
+        self._when_saved("before gaga-studio ends", end)
+
+    def save(self, path: Path | None = None, then: Callable[[], None] | None = None) -> None:
+        """Save the project where it was, or to ``path``; ``then`` is called after success."""
+        document = self.document
+        if document is None:
+            return
+        content = document.changes.content(document.history.state_id)
+
+        def done(where: Path) -> None:
+            document.project.path = where
+            document.changes.saved(content)
+            self.notify(Level.INFO, f"Saved to {where}.")
+            if then is not None:
+                then()
+
+        self.jobs.start("Save", stages.save_stage(document.settled(), path), on_done=done)
+
+    def shut_down(self) -> None:
+        """Stop the threads; the window is closing."""
+        if self.easel is not None:
+            self.easel.close()
+        self.jobs.shut_down()
+        self.hovering.shut_down()
+
+    def _when_saved(self, when: str, action: Callable[[], None]) -> None:
+        """Do ``action``; with unsaved edits ask first."""
+        if self.document is None or not self.unsaved:
+            action()
+            return
+
+        self.pending_question = unsaved_question(
+            f"Save the changes to {self.document.name} {when}?",
+            save=lambda: self.save(then=action),
+            discard=action,
+        )
+
+    def _start_opening(self, path: Path | None) -> None:
+        """Open ``path``, or the demo."""
+        title = f"Open {path.name}" if path else "Open the demo"
+        stage = stages.open_stage(path) if path else stages.open_demo_stage(paths.demo_scene())
+
+        def opened(project: "Project | PhotoFind") -> None:
+            if isinstance(project, Project):
+                self.take(project)
+            else:
+                self._forget()
+                self.photos = project
+            if path is not None:
+                self.change_settings(self.settings.opened(path))
+            self.jobs.start_quiet("Prepare kernels", stages.kernels_stage())
+
+        self.jobs.start(title, stage, on_done=opened)
+
+    def take(self, project: Project) -> None:
+        """Show ``project`` in place of what is open."""
+        found = stages.masks_of(project)
+        self._forget()
+        self.document, (self.provider, self.masks) = Document(project), found
+        self.document.history.set_budget(self.settings.undo_bytes)
+        self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+        self.rig.follow(self.document.world)
+        self.active_view = 0 if self.cameras else None
+
+    def _forget(self) -> None:
+        self.document = self.live = self.active_view = self.photos = self.training = None
+        self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
+        self.view.ground = ()
+        self.hovering.away()
+
+    # --- every frame
+
+    def tick(self, dt: float) -> None:
+        """Take what jobs have produced, move the camera, look up the hovered object."""
+        self.jobs.poll()
+        if self.document is not None:
+            self.rig.follow(self.document.world)
+        is_moving = self.rig.update(dt)
+        if self.scene is None or is_moving or self.is_previewing:
+            self.hovering.away()
+        else:
+            look = self.view.is_antialiased(self.scene)
+            self.hovering.update(self.scene, self.rig.camera, self.rig.pose, look)
+
+    # --- reading
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """Cameras of the photos that the picture is about, by name."""
+        if self.training is not None:
+            return self.training.cameras
+        folder = self.project.folder if self.project is not None else None
+        return folder.cameras if folder is not None else ()
+
+    @property
+    def focus(self) -> int:
+        """Group shown in the inspector; 0 = none."""
+        return self.document.focus if self.document is not None else 0
+
+    @property
+    def hovered_group(self) -> int:
+        """Object under the resting mouse; 0 = none."""
+        return self.hovering.group
+
+    @property
+    def is_previewing(self) -> bool:
+        """Whether a drag shows an edit that has no entry yet."""
+        return self.history is not None and self.history.is_previewing
+
+    @property
+    def live_labels(self) -> IntArray | None:
+        """Group (N,) of each splat while an association runs, else None."""
+        if self.live is None or self.document is None:
+            return None
+        return self.document.read.live_labels(self.live)
+
+    def objects(self) -> ObjectTable:
+        """The object list (of the growing bank while an association runs). Needs an open scene."""
+        return self.need().read.objects(self.live, self.is_previewing)
+
+    def selected_indices(self) -> IntArray:
+        """Selected splats (K,)."""
+        return self.need().read.selected_indices()
+
+    def selected_groups(self) -> tuple[int, ...]:
+        """Objects with a selected splat, ascending."""
+        return self.document.read.selected_groups() if self.document is not None else ()
+
+    def decisions(self, group: int) -> tuple[Decision, ...]:
+        """Which masks joined a group and why, in the order of the association."""
+        return self.need().read.decisions(group, self.live)
+
+    def stage_offer(self) -> next_stage.Offer | None:
+        """What the open scene lacks next; None when nothing, or while a job runs."""
+        if self.document is None or self.jobs.running or self.document.read.has_groups():
+            return None
+        return next_stage.stage_offer(self.document.project, len(self.masks), self.settings.preset)
+
+    def need(self) -> Document:
+        """The open document; ``GagaError`` when there is none."""
+        if self.document is None:
+            raise GagaError("No scene is open. Open one first.")
+        return self.document
+
+    # --- edits: those of `Document`, with a notice where there is nothing to edit
+
+    def do(self, edit: Edit | None) -> bool:
+        """Apply an edit as one entry of the history; False when it is None."""
+        return self.attempt(lambda: self.need().do(edit))
+
+    def undo(self) -> str | None:
+        """Take the newest edit back; its title, None if there is none."""
+        return self.document.undo() if self.document is not None else None
+
+    def redo(self) -> str | None:
+        """Do the next undone edit again; its title, None if there is none."""
+        return self.document.redo() if self.document is not None else None
+
+    def move_selected(self, matrix: DoubleArray, verb: str = "Move") -> bool:
+        """Move the selection by the world map ``matrix`` (3, 4)."""
+        return self.attempt(lambda: self.need().move_selected(matrix, verb))
+
+    def preview_move(self, matrix: DoubleArray, verb: str = "Move") -> None:
+        """Show the selection moved by ``matrix`` (3, 4), counted from the drag's start."""
+        self.attempt(lambda: self.need().preview_move(matrix, verb))
+
+    def recolor_selected(self, rgb: Sequence[float], opacity: float = 1.0) -> bool:
+        """Give the selection this mean color, 0..1, and multiply its opacity."""
+        return self.attempt(lambda: self.need().recolor_selected(rgb, opacity))
+
+    def preview_recolor(self, rgb: Sequence[float], opacity: float = 1.0) -> None:
+        """Show the selection in this color while it is being chosen."""
+        self.attempt(lambda: self.need().preview_recolor(rgb, opacity))
+
+    def commit_preview(self) -> bool:
+        """End a drag: what it shows becomes one entry; False if nothing changed."""
+        return self.document is not None and self.document.commit_preview()
+
+    def cancel_preview(self) -> None:
+        """Drop a drag: everything is as it was before."""
+        if self.document is not None:
+            self.document.cancel_preview()
+
+    def duplicate_selected(self) -> bool:
+        """Copy the selection to its side in the picture; the copy is selected."""
+        return self.attempt(lambda: self.need().duplicate_selected(self.rig.sideways))
+
+    def delete_selected(self) -> bool:
+        """Delete the selected splats."""
+        return self.attempt(lambda: self.need().delete_selected())
+
+    def hide_selected(self) -> bool:
+        """Hide the selected splats."""
+        return self.attempt(lambda: self.need().hide_selected())
+
+    def isolate_selected(self) -> bool:
+        """Hide everything but the selected splats."""
+        return self.attempt(lambda: self.need().isolate_selected())
+
+    def show_all(self) -> bool:
+        """Show everything that is hidden."""
+        return self.attempt(lambda: self.need().show_all())
+
+    def rename(self, group: int, name: str) -> bool:
+        """Name a group; an empty name gives it its number back."""
+        return self.attempt(lambda: self.need().rename(group, name))
+
+    def select_group(self, group: int, how: How = "set") -> bool:
+        """Select a whole object, add it, or remove it; it comes into the inspector."""
+        return self.attempt(lambda: self.need().select_groups((group,), how))
+
+    # --- pointing: at pixel (u, v) of the picture; pixel centres are at +0.5
+
+    def pick(self, u: float, v: float, width: int, height: int) -> Pick | None:
+        """What is at a pixel; None if nothing is."""
+        camera = self.rig.camera(width, height)
+        if self.scene is None:
+            return None
+        return pick(self.scene, camera, u, v, antialiased=self.view.is_antialiased(self.scene))
+
+    def click(self, u: float, v: float, width: int, height: int, how: How = "set") -> int:
+        """Select the object at a pixel, add or remove it; its group, 0 for none.
+
+        To set the selection by a click on nothing, or on splats without a group, selects nothing.
+        """
+        found = self.pick(u, v, width, height)
+        group = found.group if found is not None else 0
+        self.hint = NO_GROUPS if found is not None and group == 0 else ""
+        if group:
+            self.select_group(group, how)
+        elif how == "set":
+            self.attempt(lambda: self.need().select_none())
+        return group
+
+    def focus_at(self, u: float, v: float, width: int, height: int) -> bool:
+        """Turn around the surface at a pixel from now on (double click)."""
+        found = self.pick(u, v, width, height)
+        if found is not None:
+            self.rig.set_pivot(found.point)
+        return found is not None
+
+    def hover(self, u: float, v: float, width: int, height: int) -> None:
+        """The mouse is at this pixel: `hovered_group` follows once it rests."""
+        self.hovering.at(u, v, width, height)

@@ -1,0 +1,137 @@
+"""What the program remembers between runs: recent files and preferences."""
+
+import json
+import logging
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+
+from gaga_core.io.files import atomic_write
+from gaga_studio.system import paths
+
+_LOG = logging.getLogger(__name__)
+_MOST_RECENT = 10
+PRESETS = ("robust", "paper")
+# What else than a number or a text of the right kind a setting must be.
+RANGES: Mapping[str, tuple[float, float]] = {
+    "fly_speed": (0.1, 5.0),
+    "ui_scale": (0.7, 2.0),
+    "font_size": (8.0, 40.0),
+    "autosave_minutes": (0.25, 30.0),
+    "undo_megabytes": (64.0, 65536.0),
+}
+_PATTERNS: Mapping[str, str] = {
+    "preset": "|".join(PRESETS),
+    "theme": "dark|light",
+    "keys": "supersplat|blender",
+    "background": "#[0-9a-fA-F]{6}",
+    "language": r"[A-Za-z]{2,3}(-\w+)*",
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Preferences, one line each; saved as JSON under the same names."""
+
+    recent: tuple[str, ...] = ()  # paths, newest first
+    preset: str = "robust"  # of the association
+    fly_speed: float = 1.0  # 1 crosses the scene in about four seconds
+    ui_scale: float = 1.0  # times what the screen asks for
+    font_size: float = field(default=15.0)  # pixels at 96 dpi
+    invert_zoom: bool = False
+    theme: str = "dark"  # or "light"
+    keys: str = "supersplat"  # or "blender": the profile of shortcuts
+    background: str = "#1c1c1f"  # behind the picture, as in HTML
+    clean_first: bool = False  # clean objects before they are isolated, deleted, exported
+    language: str = "en"  # a file of `words.languages`
+    autosave_minutes: float = 1.0  # so much work is at risk at most
+    undo_megabytes: float = 1024.0  # what undo may hold
+    first_steps_done: bool = False  # the card of five steps was put away for good
+
+    @property
+    def background_color(self) -> tuple[float, float, float]:
+        """``background`` as red, green, blue in 0..1; black when it is none."""
+        try:
+            r, g, b = bytes.fromhex(self.background.removeprefix("#"))
+        except ValueError:
+            return 0.0, 0.0, 0.0
+        return r / 255, g / 255, b / 255
+
+    @property
+    def undo_bytes(self) -> int:
+        """``undo_megabytes`` in bytes."""
+        return int(self.undo_megabytes * 1e6)
+
+    def opened(self, path: Path) -> "Settings":
+        """These settings with ``path`` as the newest recent file."""
+        name = str(path.resolve())
+        others = [p for p in self.recent if p != name]
+        return replace(self, recent=(name, *others)[:_MOST_RECENT])
+
+    def forgotten(self, path: Path) -> "Settings":
+        """These settings without a recent file that is gone."""
+        names = {str(path), str(path.resolve())}
+        return replace(self, recent=tuple(p for p in self.recent if p not in names))
+
+
+def hex_color(rgb: Sequence[float]) -> str:
+    """Red, green, blue in 0..1 as HTML writes them: "#1c1c1f"."""
+    return "#" + bytes(round(255 * min(max(float(c), 0.0), 1.0)) for c in rgb[:3]).hex()
+
+
+def settings_file() -> Path:
+    """Where the settings are kept."""
+    return paths.home() / "settings.json"
+
+
+def load_settings() -> tuple[Settings, str]:
+    """The saved settings, and a sentence for the user when they could not be read (else empty).
+
+    Names that are unknown and values of another kind fall back to the defaults.
+    """
+    path = settings_file()
+    if not path.exists():
+        return Settings(), ""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        _LOG.warning("settings %s: %s", path, error)
+        return Settings(), f"The settings in {path} cannot be read; the defaults are used."
+    if not isinstance(content, dict):
+        return Settings(), f"The settings in {path} are not a list of settings; defaults are used."
+    return _checked(content), ""
+
+
+def save_settings(settings: Settings) -> None:
+    """Write the settings, whole or not at all. Raises ``GagaError`` when the disk says no."""
+    with atomic_write(settings_file()) as temporary:
+        temporary.write_text(json.dumps(asdict(settings), indent=1) + "\n", encoding="utf-8")
+
+
+def _checked(content: dict[str, object]) -> Settings:
+    defaults = Settings()
+    values: dict[str, object] = {}
+    for item in fields(Settings):
+        value = content.get(item.name)
+        default = getattr(defaults, item.name)
+        if isinstance(default, tuple) and isinstance(value, list):
+            values[item.name] = tuple(v for v in value if isinstance(v, str))[:_MOST_RECENT]
+        elif isinstance(default, float):
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                values[item.name] = _in_range(item.name, float(value), default)
+        elif type(value) is type(default) and _is_known(item.name, value):
+            values[item.name] = value
+    return replace(defaults, **values)  # type: ignore[arg-type]  # kinds are checked above
+
+
+def _in_range(name: str, value: float, default: float) -> float:
+    """A number that is too small or large becomes the nearest; none at all, the default."""
+    low, high = RANGES[name]
+    return min(max(value, low), high) if value > 0 and math.isfinite(value) else default
+
+
+def _is_known(name: str, value: object) -> bool:
+    pattern = _PATTERNS.get(name)
+    return pattern is None or re.fullmatch(pattern, str(value)) is not None

@@ -1,0 +1,140 @@
+"""The stages behind the session's buttons. Each works on values taken at the call."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from gaga_core.demo import ensure_demo
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.io.masks import mask_folder
+from gaga_core.io.scene_folder import find_model
+from gaga_core.io.splat_files import Form
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.scene.export import export_objects_stage, export_scene_stage, listed_files
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.photo_source import PhotoFind
+
+Export = Literal["scene", "selected", "objects"]
+
+
+def open_demo_stage(folder: Path) -> Stage[Project]:
+    """Make the demo scene if it is not there yet, then open it."""
+    made = yield from ensure_demo(folder)
+    project = yield from open_path_stage(made)
+    return project
+
+
+def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
+    """Open what is there; of photos without splats, or a video, what can be made of them."""
+    from gaga_core.pipeline.photo_source import look_at_photos
+
+    yield Progress("Look at the folder", 0, 1, path.name)
+    found = look_at_photos(path)
+    if found is not None and find_model(found.scene) is None:
+        return found
+    return (yield from open_path_stage(found.scene if found is not None else path))
+
+
+def kernels_stage() -> Stage[None]:
+    """Compile what pictures, clicks and associations run, so that none of them waits for it.
+
+    Once on a machine: later it ends at once.
+    """
+    from gaga_core.kernels import is_compiled
+
+    if not is_compiled():
+        from gaga_core.pipeline.compile_kernels import warm_up_stage
+
+        yield from warm_up_stage()
+
+
+def save_stage(project: Project, path: Path | None) -> Stage[Path]:
+    """Save the project as it is at the call; returns where it is now."""
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[Path]:
+        yield Progress("Save", 0, 1)
+        return save_project(frozen, path)
+
+    return stage()
+
+
+def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> Stage[Association]:
+    """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
+
+    Works on the Gaussians of the file: the photos show them where they stood.
+    """
+    if project.folder is None or len(masks) == 0:
+        raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
+    config = AssociateConfig.of(preset)
+    train = set(project.folder.train)
+    cameras = [camera for camera in project.folder.cameras if camera.name in train]
+    gaussians = file_gaussians(project.scene)
+
+    def stage() -> Stage[Association]:
+        from gaga_core.pipeline.compile_kernels import (
+            after_warm_up,  # numba is a good part of the launch time
+        )
+
+        yield Progress("Associate masks", 0, 0, "Preparing (the first run takes a little longer)")
+        stage = associate_stage(gaussians, cameras, masks, choose(), config)
+        return (yield from after_warm_up(stage))
+
+    return stage()
+
+
+def file_gaussians(scene: Scene) -> Gaussians:
+    """The Gaussians of the opened file, in its order: no duplicates, no splats of other files."""
+    n = scene.n_opened  # all others are appended, so these are a prefix
+    return scene.gaussians if n == len(scene) else scene.gaussians.take(np.arange(n))
+
+
+def masks_of(project: Project, provider: str = "") -> tuple[str, MaskSet]:
+    """The chosen (else the first) provider and its masks; empty when there are none."""
+    folder = project.folder
+    if folder is None or not folder.mask_folders:
+        return "", MaskSet()
+    if provider and provider not in folder.mask_folders:
+        known = ", ".join(folder.mask_folders)
+        raise GagaError(f"There are no masks of {provider!r} here. Choose one of {known}.")
+    name = provider or next(iter(folder.mask_folders))
+    return name, mask_folder(folder.mask_folders[name], [c.name for c in folder.cameras])
+
+
+def export_stage(
+    scene: Scene,
+    what: Export,
+    path: Path,
+    *,
+    chosen: Sequence[int] = (),
+    groups: bool = False,
+    form: Form = Form.PLY,
+) -> Stage[str]:
+    """Export, and the sentence that says what was written. ``form`` is that of objects' files."""
+    if what == "objects":
+        stage = export_objects_stage(scene, path, list(chosen) or None, form=form)
+
+        def objects() -> Stage[str]:
+            manifest = yield from stage
+            n_files = len(listed_files(manifest))
+            return f"Exported objects to {manifest.parent} ({n_files} files and {manifest.name})."
+
+        return objects()
+    kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
+    whole = export_scene_stage(scene, path, what=kind, groups=groups)
+
+    def splats() -> Stage[str]:
+        n = yield from whole
+        return f"Exported {n:,} splats to {path}."
+
+    return splats()

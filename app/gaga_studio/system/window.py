@@ -1,0 +1,314 @@
+"""The window itself: size, OpenGL context, docking layout, idling, dropped files.
+
+It knows nothing of the scene: ``studio.py`` hands it functions. Besides ``gpu/`` this is the only
+module that speaks to GLFW.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import glfw
+from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
+
+from gaga_core.errors import GagaError
+from gaga_studio.system import words
+
+Draw = Callable[[], None]
+_WIDE, _COMPACT = "Wide", "Compact"  # layouts
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A dockable panel: its title is also its name for tests and for the saved layout."""
+
+    label: str
+    draw: Draw
+    space: str  # dock space of the wide layout
+    compact_space: str  # dock space of the compact layout
+    is_bare: bool = False  # no padding, no scrolling: the picture fills it
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """What the window calls, and when."""
+
+    started: Draw  # once, when the OpenGL context is there
+    ending: Draw  # once, while it is still there
+    fonts: Draw
+    style: Draw
+    before_frame: Draw
+    keys: Draw  # before the panels, which may close the popup that a key was for
+    menu: Draw
+    tool_bar: Draw
+    status: Draw
+    overlay: Draw  # dialogs and notices, after the panels
+    dropped: Callable[[list[Path]], None]
+    may_close: Callable[[], bool]  # False keeps the window open
+    frame_rate: Callable[[], float]  # wanted frames a second at rest; 0 = as fast as the screen
+    panels_shown: Callable[[], bool]  # False: the picture alone
+
+
+@dataclass(frozen=True)
+class WindowOptions:
+    """How the window comes up."""
+
+    title: str = "gaga-studio"
+    size: tuple[int, int] = (1440, 900)  # at 96 dpi
+    settings_file: Path | None = None  # None: no layout is remembered (tests)
+    compact_below: tuple[int, int] = (1100, 640)  # smaller windows start with the compact layout
+
+
+@dataclass
+class Window:
+    """One window, from ``run`` to its end."""
+
+    hooks: Hooks
+    panels: Sequence[Panel]
+    options: WindowOptions = field(default_factory=WindowOptions)
+    _layout: str = ""
+    _title: str = ""
+    _panels_shown: bool = True
+    _tabs: dict[str, str] = field(default_factory=dict)  # what each panel's tab says
+    _drop: object = None  # GLFW keeps no reference to its callback: we must
+
+    def params(self) -> hello_imgui.RunnerParams:
+        """Everything that the runner wants to know, ready for ``run`` or for the test engine."""
+        p = hello_imgui.RunnerParams()
+        p.platform_backend_type = hello_imgui.PlatformBackendType.glfw
+        p.renderer_backend_type = hello_imgui.RendererBackendType.open_gl3
+        p.renderer_backend_options.open_gl_options = _open_gl()
+        p.app_window_params.window_title = self.options.title
+        p.app_window_params.window_geometry.size = self.options.size
+        _settings(p, self.options.settings_file)
+        _frame(p)
+        p.fps_idling.time_active_after_last_event = 1.0
+        self._callbacks(p.callbacks)
+        self._tabs = {panel.label: _shown(panel) for panel in self.panels}
+        wide, compact = self._layouts()
+        self._layout = self._layout_for(self.options.size)
+        first, second = (compact, wide) if self._layout == _COMPACT else (wide, compact)
+        p.docking_params = first
+        p.alternative_docking_layouts = [second]
+        p.remember_selected_alternative_layout = False
+        return p
+
+    def run(self) -> None:
+        """Open the window and stay until it is closed.
+
+        Raises ``GagaError`` when this machine cannot open it.
+        """
+        params = self.params()
+        try:
+            immapp.run(params, immapp.AddOnsParams())
+        except RuntimeError as error:
+            sentence = _opening_problem(str(error))
+            if not sentence:
+                raise
+            raise GagaError(sentence) from error
+
+    def set_title(self, title: str) -> None:
+        """Show ``title`` in the title bar."""
+        if title != self._title:
+            self._title = title
+            glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)
+
+    def close(self) -> None:
+        """End the program after this frame."""
+        hello_imgui.get_runner_params().app_shall_exit = True
+
+    def reset_layout(self) -> None:
+        """Put every panel back to its place."""
+        hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+    def _callbacks(self, callbacks: hello_imgui.RunnerCallbacks) -> None:
+        hooks = self.hooks
+        callbacks.load_additional_fonts = hooks.fonts
+        callbacks.setup_imgui_style = hooks.style
+        callbacks.setup_imgui_config = _imgui_config
+        callbacks.post_init = self._started
+        callbacks.before_exit = hooks.ending
+        callbacks.pre_new_frame = self._before_frame
+        callbacks.show_gui = hooks.keys
+        callbacks.show_menus = hooks.menu
+        callbacks.show_status = hooks.status
+        callbacks.post_render_dockable_windows = hooks.overlay
+        callbacks.confirm_exit = hooks.may_close
+        bar = hello_imgui.EdgeToolbarOptions()
+        bar.size_em = 2.55
+        bar.window_padding_em = ImVec2(0.55, 0.4)
+        bar.window_bg = ImVec4(0.0, 0.0, 0.0, 0.0)  # `ui.toolbar` paints it in the theme's color
+        callbacks.add_edge_toolbar(hello_imgui.EdgeToolbarType.top, hooks.tool_bar, bar)
+
+    def _started(self) -> None:
+        handle = glfw_utils.glfw_window_hello_imgui()
+        self._drop = lambda _, names: self.hooks.dropped([Path(name) for name in names])
+        glfw.set_drop_callback(handle, self._drop)  # type: ignore[arg-type]  # names: a list
+        glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
+        self.hooks.started()
+
+    def _before_frame(self) -> None:
+        rate = self.hooks.frame_rate()
+        idling = hello_imgui.get_runner_params().fps_idling
+        idling.enable_idling = rate > 0
+        idling.fps_idle = max(rate, 1.0)
+        self._fit_layout()
+        self._show_panels(self.hooks.panels_shown())
+        self.hooks.before_frame()
+
+    def _fit_layout(self) -> None:
+        """Fewer columns when the window becomes small, all of them when it becomes large."""
+        size, style = imgui.get_io().display_size, imgui.get_style()
+        scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
+        if size.x <= 0 or size.y <= 0:  # minimized
+            return
+        wanted = self._layout_for((int(size.x / scale), int(size.y / scale)))
+        if wanted != self._layout:
+            self._layout = wanted
+            self._panels_shown = True
+            hello_imgui.switch_layout(wanted)
+
+    def _layout_for(self, size: tuple[int, int]) -> str:
+        need = self.options.compact_below
+        return _COMPACT if size[0] < need[0] or size[1] < need[1] else _WIDE
+
+    def _show_panels(self, shown: bool) -> None:
+        """Show all panels, or the picture alone."""
+        if shown == self._panels_shown:
+            return
+        self._panels_shown = shown
+        docking = hello_imgui.get_runner_params().docking_params
+        for panel in self.panels:
+            if not panel.is_bare:
+                docking.dockable_window_of_name(self._tabs[panel.label]).is_visible = shown
+
+    def _layouts(self) -> tuple[hello_imgui.DockingParams, hello_imgui.DockingParams]:
+        wide = _layout(
+            _WIDE,
+            [
+                ("MainDockSpace", "Right", imgui.Dir.right, 0.24),
+                ("Right", "RightDown", imgui.Dir.down, 0.36),
+                ("MainDockSpace", "Bottom", imgui.Dir.down, 0.22),
+                ("MainDockSpace", "Left", imgui.Dir.left, 0.28),
+            ],
+            [(panel, panel.space) for panel in self.panels],
+        )
+        compact = _layout(
+            _COMPACT,
+            [
+                ("MainDockSpace", "Right", imgui.Dir.right, 0.43),
+                ("Right", "RightBottom", imgui.Dir.down, 0.53),
+            ],
+            [(panel, panel.compact_space) for panel in self.panels],
+        )
+        return wide, compact
+
+
+def physical_keys() -> dict[str, str]:
+    """The character that each key of the fly keys W A S D Q E types on this keyboard layout.
+
+    Flying goes by the position of the keys, so that it works on AZERTY too; the other shortcuts go
+    by character.
+    """
+    names = {}
+    for letter in "WASDQE":
+        typed = glfw.get_key_name(getattr(glfw, f"KEY_{letter}"), 0)
+        names[letter] = typed.upper() if typed and typed.isalpha() and len(typed) == 1 else letter
+    return names
+
+
+def _layout(
+    name: str,
+    splits: Sequence[tuple[str, str, imgui.Dir, float]],
+    places: Sequence[tuple[Panel, str]],
+) -> hello_imgui.DockingParams:
+    docking = hello_imgui.DockingParams()
+    docking.layout_name = name
+    docking.docking_splits = [hello_imgui.DockingSplit(*split) for split in splits]
+    docking.dockable_windows = [_dockable(panel, space) for panel, space in places]
+    docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
+    return docking
+
+
+def _dockable(panel: Panel, space: str) -> hello_imgui.DockableWindow:
+    window = hello_imgui.DockableWindow(_shown(panel), space, panel.draw)
+    window.can_be_closed = False
+    window.remember_is_visible = False  # a hidden panel must not stay lost after a restart
+    if panel.is_bare:
+        window.call_begin_end = False
+        window.gui_function = lambda: _bare(panel)
+    return window
+
+
+def _shown(panel: Panel) -> str:
+    """What the tab says, in the language that the program was started in."""
+    return panel.label if panel.is_bare else words.label(panel.label)
+
+
+def _bare(panel: Panel) -> None:
+    """A panel that is nothing but its content: no tab, no padding, no scrolling."""
+    node = imgui.WindowClass()
+    node.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_tab_bar
+    imgui.set_next_window_class(node)
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
+    imgui.begin(
+        panel.label,
+        None,
+        imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse,
+    )
+    imgui.pop_style_var()
+    panel.draw()
+    imgui.end()
+
+
+def _open_gl() -> hello_imgui.OpenGlOptions:
+    """OpenGL 3.3 core: what macOS, Mesa and every graphics card of the last decade offer."""
+    options = hello_imgui.OpenGlOptions()
+    options.major_version, options.minor_version, options.glsl_version = 3, 3, "150"
+    options.use_core_profile = True
+    options.use_forward_compat = True
+    options.anti_aliasing_samples = 0  # the runner's default of 8 only slows the splats down
+    return options
+
+
+def _settings(p: hello_imgui.RunnerParams, settings_file: Path | None) -> None:
+    p.ini_disable = settings_file is None
+    if settings_file is not None:
+        p.ini_filename = str(settings_file)
+        p.app_window_params.restore_previous_geometry = True
+
+
+def _frame(p: hello_imgui.RunnerParams) -> None:
+    inside = p.imgui_window_params
+    inside.default_imgui_window_type = (
+        hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
+    )
+    inside.enable_viewports = False
+    inside.show_menu_bar = True
+    inside.show_menu_app = False
+    inside.show_menu_view = False
+    inside.show_status_bar = True
+    inside.show_status_fps = False
+    inside.remember_theme = False
+    inside.remember_status_bar_settings = False
+
+
+def _imgui_config() -> None:
+    io = imgui.get_io()
+    io.config_flags |= imgui.ConfigFlags_.docking_enable
+    io.config_windows_move_from_title_bar_only = True
+    io.config_drag_click_to_input_text = True
+
+
+def _opening_problem(error: str) -> str:
+    if "glfwInitSuccess" in error:
+        return (
+            "gaga-studio could not reach the display. Check DISPLAY or WAYLAND_DISPLAY, or start "
+            "it from a desktop session."
+        )
+    if "window" in error.lower() and "opengl" in error.lower():
+        return (
+            "gaga-studio could not open an OpenGL 3.3 window. Install the graphics driver, or for "
+            "software drawing on Debian or Ubuntu: sudo apt-get install libgl1-mesa-dri"
+        )
+    return ""

@@ -1,0 +1,142 @@
+"""Joins mouse, keys, tools and camera: one call a frame for the picture."""
+
+from gaga_studio.actions import align_ground
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
+from gaga_studio.tools.base import PathShape, Place, RectShape, Tool
+from gaga_studio.tools.brush import BrushTool
+from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
+from gaga_studio.tools.ground import GroundTool
+from gaga_studio.tools.lasso import LassoTool
+from gaga_studio.tools.move import MoveTool
+from gaga_studio.tools.pick import PickTool
+from gaga_studio.tools.polygon import PolygonTool
+from gaga_studio.tools.rect import RectTool
+from gaga_studio.tools.sphere import SphereTool
+
+
+class Pointing:
+    """The tools, one of each, and the gesture that is under way."""
+
+    def __init__(self) -> None:
+        self.move_tools = {
+            name: MoveTool(name) for name in (ToolName.MOVE, ToolName.ROTATE, ToolName.SCALE)
+        }
+        self._tools: dict[ToolName, Tool] = {
+            ToolName.PICK: PickTool(),
+            ToolName.RECT: RectTool(),
+            ToolName.LASSO: LassoTool(),
+            ToolName.POLYGON: PolygonTool(),
+            ToolName.BRUSH: BrushTool(),
+            ToolName.SPHERE: SphereTool(),
+            ToolName.GROUND: GroundTool(),
+            **self.move_tools,
+        }
+        self._gestures = Gestures()
+        self._active = ToolName.PICK
+
+    @property
+    def overlay(self) -> RectShape | PathShape | None:
+        """What the tool draws over the picture now."""
+        return self._tools[self._active].overlay()
+
+    @property
+    def is_dragging(self) -> bool:
+        """Whether a drag is under way."""
+        return self._gestures.is_dragging
+
+    def tool(self, session: Session) -> Tool:
+        """The active tool."""
+        return self._tools[session.tool]
+
+    def cancel(self, session: Session) -> bool:
+        """Escape: end the gesture without an edit; whether there was one."""
+        had = self._gestures.is_dragging or session.is_previewing
+        self._gestures.cancel()
+        self.tool(session).cancel(session)
+        return had
+
+    def update(self, session: Session, pointer: PointerState, keys: KeyState, dt: float) -> None:
+        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame."""
+        if session.tool is not self._active:
+            self._tools[self._active].cancel(session)
+            self._gestures.cancel()
+            self._active = session.tool
+        if session.shown is None:
+            return
+        looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
+        tool, is_open = self.tool(session), session.document is not None
+        drags = tool.takes_drag and is_open
+        for action in self._gestures.update(pointer, keys, tool_drags=drags, looks=looks):
+            if not _move_camera(session, action) and is_open:
+                _use(session, tool, action, pointer)
+        move, speed = fly_move(keys, session.rig.is_flying)
+        session.rig.fly(move, dt, speed * session.settings.fly_speed)
+
+
+def _move_camera(session: Session, action: Action) -> bool:
+    """Whether the action was the camera's."""
+    rig = session.rig
+    if action.act is Act.ORBIT:
+        rig.orbit(action.dx, action.dy)
+    elif action.act is Act.LOOK:
+        rig.look(action.dx, action.dy)
+    elif action.act is Act.PAN:
+        rig.pan(action.dx, action.dy)
+    elif action.act is Act.ZOOM:
+        rig.zoom(-action.dy if session.settings.invert_zoom else action.dy)
+    else:
+        return False
+    return True
+
+
+def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) -> None:
+    place = Place(action.u, action.v, pointer.width, pointer.height, action.how)
+    if action.act in (Act.HOVER, Act.AWAY):
+        _rest(session, tool, place if action.act is Act.HOVER else None)
+    elif action.act is Act.DOUBLE_CLICK:
+        if isinstance(tool, PolygonTool):
+            tool.double_click(session, place)
+        else:
+            session.focus_at(place.u, place.v, place.width, place.height)
+    elif action.act is Act.CLICK:
+        tool.click(session, place)
+    elif action.act is Act.MENU:
+        _menu(session, place)
+    elif action.act is Act.TOOL_PRESS:
+        tool.press(session, place)
+    elif action.act is Act.TOOL_DRAG:
+        tool.drag(session, place)
+    elif action.act is Act.TOOL_RELEASE:
+        tool.release(session, place)
+
+
+def _menu(session: Session, place: Place) -> None:
+    """A right click: the menu of the object there, which is selected.
+
+    In an outline, and among points of the ground: one less.
+
+    With nothing there the menu is the whole scene's.
+    """
+    view = session.view
+    if view.outline is not None:
+        view.outline = view.outline.without_last()
+        return
+    if session.tool is ToolName.GROUND and view.ground:
+        align_ground.take_back(session)
+        return
+    found = session.pick(place.u, place.v, place.width, place.height)
+    view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])
+    if found is not None and found.group and found.group not in session.selected_groups():
+        session.select_group(found.group)
+    session.request = "object_menu" if found is not None and found.group else "scene_menu"
+
+
+def _rest(session: Session, tool: Tool, place: Place | None) -> None:
+    """The mouse rests at a place of the picture, or is elsewhere."""
+    if isinstance(tool, BrushTool | PolygonTool):
+        tool.hover(session, place)
+    elif place is not None:
+        session.hover(place.u, place.v, place.width, place.height)
+    if place is None:
+        session.hovering.away()

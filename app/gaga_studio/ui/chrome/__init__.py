@@ -1,0 +1,1 @@
+"""The frame of the window: menu, tool bar, status bar, toasts."""

@@ -1,0 +1,199 @@
+"""Commands as buttons and menu items: one table decides what is possible and says why not."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio import commands
+from gaga_studio.actions import navigation
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import icons, widgets
+from gaga_studio.ui.kit.widgets import Face
+
+ICONS = {
+    "file.open_folder": icons.FOLDER,
+    "file.open_file": icons.FILE,
+    "file.demo": icons.DEMO,
+    "file.save": icons.SAVE,
+    "file.export_scene": icons.EXPORT,
+    "file.export_selected": icons.EXPORT,
+    "file.export_objects": icons.EXPORT,
+    "edit.undo": icons.UNDO,
+    "edit.redo": icons.REDO,
+    "edit.duplicate": icons.DUPLICATE,
+    "edit.delete": icons.DELETE,
+    "object.associate": icons.RUN,
+    "object.masks": icons.MASK,
+    "object.masks_quick": icons.MASK,
+    "object.find": icons.SEARCH,
+    "file.export_masks": icons.EXPORT,
+    "object.hide": icons.EYE_OFF,
+    "object.show_all": icons.EYE,
+    "object.isolate": icons.ISOLATE,
+    "object.rename": icons.RENAME,
+    "object.merge": icons.MERGE,
+    "object.clean": icons.CLEAN,
+    "object.lock": icons.LOCK,
+    "object.unlock_all": icons.UNLOCK,
+    "object.separate": icons.SEPARATE,
+    "tool.pivot_here": icons.PIVOT,
+    "help.first_steps": icons.STEPS,
+    "object.split": icons.SPLIT,
+    "object.split_masks": icons.MEMORY,
+    "object.quality": icons.QUALITY,
+    "object.uncertain": icons.CONFIDENCE,
+    "view.color": icons.COLOR,
+    "view.groups": icons.GROUPS,
+    "view.depth": icons.DEPTH,
+    "view.confidence": icons.CONFIDENCE,
+    "view.centres": icons.CENTRES,
+    "view.rings": icons.RINGS,
+    "view.mask": icons.MASK_MODE,
+    "view.frame_selected": icons.FOCUS,
+    "view.frame_all": icons.HOME,
+    "view.frusta": icons.FRUSTA,
+    "view.fly": icons.FLY,
+    "view.ortho": icons.ORTHO,
+    "camera.add_bookmark": icons.BOOKMARK_NEW,
+    "camera.swipe": icons.SWIPE,
+    "camera.difference": icons.DIFFERENCE,
+    "camera.add_keyframe": icons.PATH,
+    "camera.turntable": icons.TURNTABLE,
+    "camera.play": icons.PLAY,
+    "camera.film": icons.FILM,
+    "file.save_picture": icons.PICTURE,
+    "tool.pick": icons.PICK,
+    "tool.rect": icons.RECT,
+    "tool.lasso": icons.LASSO,
+    "tool.polygon": icons.POLYGON,
+    "tool.brush": icons.BRUSH,
+    "tool.sphere": icons.SPHERE,
+    "tool.ground": icons.GROUND,
+    "tool.move": icons.MOVE,
+    "tool.rotate": icons.ROTATE,
+    "tool.scale": icons.SCALE,
+    "help.palette": icons.SEARCH,
+    "help.shortcuts": icons.KEYBOARD,
+}
+SELECTION_BUTTONS = (
+    ("object.hide", "Hide"),
+    ("object.isolate", "Isolate"),
+    ("view.frame_selected", "Focus"),
+    ("edit.duplicate", "Duplicate"),
+    ("edit.delete", "Delete"),
+    ("file.export_selected", "Export…"),
+    ("object.clean", "Clean up"),
+)
+_OBJECT_MENU = (
+    "view.frame_selected",
+    "object.isolate",
+    "object.hide",
+    "object.lock",
+    "object.rename",
+    "",
+    "edit.duplicate",
+    "object.separate",
+    "object.split",
+    "object.split_masks",
+    "object.merge",
+    "object.clean",
+    "edit.delete",
+    "",
+    "file.export_selected",
+)
+_SCENE_MENU = (
+    "select.all",
+    "select.none",
+    "object.show_all",
+    "",
+    "view.frame_all",
+    "tool.ground",
+)
+
+
+def command_button(
+    session: Session,
+    command_id: str,
+    label: str = "",
+    face: Face | None = None,
+) -> None:
+    """A text button; ``label`` is its identity for tests. Without ``face``: with its icon."""
+    command = commands.command(command_id)
+    why_not = command.enabled(session)
+    clicked = widgets.button(
+        label or command.title.rstrip("…"),
+        face or Face(icon=ICONS.get(command_id, "")),
+        why_not=why_not,
+        hint=command.title_now(session),
+        shortcut=commands.shortcut_of(command, session),
+    )
+    if clicked:
+        commands.run(command_id, session)
+
+
+def command_icon(session: Session, command_id: str) -> None:
+    """An icon button of the tool bar."""
+    command = commands.command(command_id)
+    clicked = widgets.icon_button(
+        command.title.rstrip("…"),
+        ICONS[command_id],
+        hint=command.title_now(session),
+        why_not=command.enabled(session),
+        on=command.is_on is not None and command.is_on(session),
+        shortcut=commands.shortcut_of(command, session),
+    )
+    if clicked:
+        commands.run(command_id, session)
+
+
+def command_item(session: Session, command_id: str) -> None:
+    """A menu item with its shortcut; greyed, it says why in its tooltip."""
+    command = commands.command(command_id)
+    why_not = command.enabled(session)
+    icon = ICONS.get(command_id, icons.BLANK)
+    label = f"{icon}  {command.title_now(session)}###{command.title}"
+    is_on = command.is_on is not None and command.is_on(session)
+    keys = commands.shortcut_of(command, session)
+    if imgui.menu_item(label, keys, is_on, not why_not)[0]:
+        commands.run(command_id, session)
+    widgets.tooltip(why_not)
+
+
+def object_menu(session: Session) -> None:
+    """What can be done with the selected objects: the context menu of list and picture."""
+    _items(session, _OBJECT_MENU)
+
+
+def picture_menus(session: Session) -> None:
+    """The menus of a right click in the picture: on an object, and on nothing."""
+    if imgui.begin_popup("Object in the picture"):
+        widgets.escape_closes()
+        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.ground"))
+        imgui.end_popup()
+    if imgui.begin_popup("Scene in the picture"):
+        widgets.escape_closes()
+        if session.view.pointed is not None:
+            _items(session, ("tool.pivot_here", ""))
+        _items(session, _SCENE_MENU)
+        imgui.end_popup()
+
+
+def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
+    """Commands as menu items; "" is a line."""
+    for command_id in command_ids:
+        if command_id:
+            command_item(session, command_id)
+        else:
+            imgui.separator()
+
+
+def fly_to(session: Session, view: str) -> None:
+    """Go to where a photo was taken, by its name."""
+    index = navigation.view_index(session, view)
+    if index is not None:
+        navigation.go_to_view(session, index)
+
+
+def gap(size: float) -> None:
+    """A pause in a row of buttons."""
+    imgui.same_line()
+    imgui.dummy(ImVec2(size, 1))
+    imgui.same_line()

@@ -1,0 +1,122 @@
+"""The menu bar, from the table of commands."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from imgui_bundle import imgui
+
+from gaga_studio.actions import masks
+from gaga_studio.commands import COMMANDS, GROUPS
+from gaga_studio.commands.camera import RECALL, SET
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+
+# A line above these, to set apart what belongs together.
+_LINE_BEFORE = {
+    "file.save",
+    "file.export_scene",
+    "file.close",
+    "edit.duplicate",
+    "edit.cancel",
+    "edit.preferences",
+    "object.associate",
+    "object.find",
+    "object.hide",
+    "object.rename",
+    "object.clean",
+    "view.confidence",
+    "view.next_mode",
+    "view.look_auto",
+    "view.background",
+    "view.frame_selected",
+    "view.front",
+    "view.next_photo",
+    "view.outline",
+    "camera.faster",
+    "camera.add_bookmark",
+    "camera.swipe",
+    "camera.add_keyframe",
+    "camera.open_path",
+    "file.save_picture",
+    "tool.move",
+    "tool.splats",
+    "tool.visible_only",
+    "job.cancel",
+    "help.about",
+}
+
+_IN_SUBMENUS = {*RECALL, *SET}
+
+
+def draw(session: Session, ui: UiState, reset_layout: Callable[[], None]) -> None:
+    """Menus, and at the right end the name of what is open."""
+    for group in GROUPS:
+        if imgui.begin_menu(group):
+            for command in COMMANDS:
+                if command.group == group:
+                    if command.id in _LINE_BEFORE:
+                        imgui.separator()
+                    if command.id not in _IN_SUBMENUS:
+                        command_buttons.command_item(session, command.id)
+                    _submenu_after(session, command.id)
+            if group == "View":
+                imgui.separator()
+                if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
+                    reset_layout()
+            imgui.end_menu()
+    _title(session)
+
+
+def _submenu_after(session: Session, command_id: str) -> None:
+    if command_id == "camera.add_bookmark":
+        _bookmarks(session)
+    elif command_id == "file.demo":
+        _recent(session)
+    elif command_id == "object.import_masks_file":
+        _mask_folders(session)
+
+
+def _bookmarks(session: Session) -> None:
+    for name, icon, ids in (
+        ("Go to bookmark", icons.BOOKMARK, RECALL),
+        ("Set bookmark", icons.BLANK, SET),
+    ):
+        if imgui.begin_menu(f"{icon}  {name}###{name}"):
+            for command_id in ids:
+                command_buttons.command_item(session, command_id)
+            imgui.end_menu()
+
+
+def _recent(session: Session) -> None:
+    recent = session.settings.recent
+    if imgui.begin_menu(f"{icons.CLOCK}  Open recent###Open recent", bool(recent)):
+        for name in recent:
+            if imgui.menu_item_simple(name):
+                session.open(Path(name))
+        imgui.end_menu()
+
+
+def _mask_folders(session: Session) -> None:
+    folders = masks.mask_folders(session)
+    label = f"{icons.MASK}  Use the masks of###Use the masks of"
+    if imgui.begin_menu(label, len(folders) > 1):
+        for name in folders:
+            if imgui.menu_item(name, "", name == session.provider)[0]:
+                masks.choose(session, name)
+        imgui.end_menu()
+    if len(folders) < 2:
+        widgets.tooltip("There is one mask folder at most, so there is nothing to choose.")
+
+
+def _title(session: Session) -> None:
+    title = session.title
+    if not title:
+        return
+    width = imgui.calc_text_size(title).x
+    left = (imgui.get_window_width() - width) / 2
+    if left > imgui.get_cursor_pos_x() + theme.em(2):
+        imgui.set_cursor_pos_x(left)
+        with theme.text_color(theme.DIM):
+            imgui.text_unformatted(title)

@@ -1,0 +1,100 @@
+"""The status bar: what a click does now, the running task, and figures of the picture."""
+
+from dataclasses import dataclass
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.session.jobs import Job
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome.status_text import backend
+from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the picture costs, and who draws it."""
+
+    n_splats: int
+    frame_ms: float  # of the last picture
+    backend: str  # "llvmpipe, OpenGL 4.5"
+
+
+def draw(session: Session, hint: str, figures: Figures | None) -> None:
+    """The whole bar; ``hint`` says what a click does now."""
+    right = _figures_text(session, figures)
+    width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+    tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
+    job = session.jobs.running or session.jobs.quiet
+    middle = min(em(30), width * 0.5) if job is not None else 0.0
+    imgui.align_text_to_frame_padding()
+    room = width - tail - middle - em(1)
+    if room > em(4):
+        widgets.dim(widgets.elided(hint, room))
+    else:
+        imgui.dummy(ImVec2(1, 1))
+    if job is not None:
+        imgui.same_line(width - tail - middle)
+        _job(session, job, middle)
+    if right:
+        imgui.same_line(width - tail + em(1))
+        imgui.align_text_to_frame_padding()
+        widgets.dim(right)
+        widgets.tooltip(backend().sentence)
+
+
+def _job(session: Session, job: Job, width: float) -> None:
+    cancel = em(4.8) if session.jobs.running is not None else 0.0
+    bar = em(7) if width > em(24) else em(3.5)
+    text = widgets.elided(_job_text(job), width - cancel - bar - em(1.8))
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(text)
+    widgets.tooltip(job.message)
+    imgui.same_line(0, em(0.6))
+    fraction = job.fraction if job.fraction >= 0 else -imgui.get_time()
+    top = imgui.get_cursor_pos_y()
+    imgui.set_cursor_pos_y(top + (imgui.get_frame_height() - em(0.35)) / 2)
+    imgui.progress_bar(fraction, ImVec2(bar, em(0.35)), "")
+    imgui.same_line(0, em(0.6))
+    imgui.set_cursor_pos_y(top)
+    if not cancel:  # a quiet job: nothing waits for it
+        imgui.dummy(ImVec2(1, 1))
+        return
+    why_not = "Already stopping" if job.is_cancelling else ""
+    face = Face(width=cancel)
+    if widgets.button("Cancel", face, why_not=why_not, hint="Stop; nothing is changed"):
+        session.jobs.cancel()
+
+
+def _job_text(job: Job) -> str:
+    """ "Associate masks 45 %, 12 s left"."""
+    if job.is_cancelling:
+        return f"{job.title}: stopping"
+    if job.fraction < 0:
+        return job.title
+    text = f"{job.title}  {100 * job.fraction:.0f} %"
+    if job.eta_s is not None:
+        text += f", {duration(job.eta_s)} left"
+    return text
+
+
+def duration(seconds: float) -> str:
+    """ "12 s" or "3 min 20 s"."""
+    whole = max(round(seconds), 1)
+    if whole < 90:
+        return f"{whole} s"
+    return f"{whole // 60} min {whole % 60} s"
+
+
+def _figures_text(session: Session, figures: Figures | None) -> str:
+    if figures is None or session.document is None or not session.view.show_info:
+        return ""
+    parts = [f"{figures.n_splats:,} splats"]
+    width = imgui.get_main_viewport().size.x
+    if width > em(60):
+        parts += [f"{figures.frame_ms:.0f} ms", figures.backend]
+    if width > em(75):
+        compute = backend()
+        parts.append(f"{compute.name} ({compute.reason})" if width > em(130) else compute.name)
+    return "   ".join(parts)

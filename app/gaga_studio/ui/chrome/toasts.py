@@ -1,0 +1,74 @@
+"""What the session has to say: short cards in the corner of the picture.
+
+Errors stay until they are closed; the rest goes by itself.
+"""
+
+import time
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.session.notices import Level, Notice
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+_SECONDS = {Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
+_MOST = 4  # on screen at once; older ones wait below
+_SIGNS = {
+    Level.INFO: (icons.SUCCESS, theme.GOOD),
+    Level.WARNING: (icons.WARNING, theme.WARN),
+    Level.ERROR: (icons.ERROR, theme.BAD),
+}
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The newest notices, in the upper right corner of the picture."""
+    now = time.monotonic()
+    fresh = [
+        notice
+        for notice in session.notices
+        if id(notice) not in ui.closed and now - notice.time < _SECONDS[notice.level]
+    ]
+    ui.closed &= {id(notice) for notice in session.notices}
+    ui.has_notices = any(notice.level is not Level.ERROR for notice in fresh)
+    left, top, width, _ = ui.picture
+    at = ImVec2(left + width - em(0.7), top + em(0.7))
+    for slot, notice in enumerate(reversed(fresh[-_MOST:])):
+        at.y = _card(ui, notice, slot, at) + em(0.4)
+
+
+def _card(ui: UiState, notice: Notice, slot: int, corner: ImVec2) -> float:
+    """One card whose upper right corner is ``corner``; returns its lower edge."""
+    width = max(min(em(24), ui.picture[2] - em(1.4)), em(12))
+    imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
+    imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
+    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    flags = (
+        imgui.WindowFlags_.no_decoration
+        | imgui.WindowFlags_.always_auto_resize
+        | imgui.WindowFlags_.no_docking
+        | imgui.WindowFlags_.no_saved_settings
+        | imgui.WindowFlags_.no_focus_on_appearing
+        | imgui.WindowFlags_.no_nav
+        | imgui.WindowFlags_.no_move
+    )
+    imgui.begin(f"Notice {slot}", None, flags)
+    icon, color = _SIGNS[notice.level]
+    with theme.text_color(color):
+        imgui.text_unformatted(icon)
+    imgui.same_line()
+    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
+    imgui.text_unformatted(notice.text)
+    imgui.pop_text_wrap_pos()
+    imgui.same_line(width - em(2.2))
+    if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
+        ui.closed.add(id(notice))
+    bottom = imgui.get_window_pos().y + imgui.get_window_height()
+    imgui.end()
+    imgui.pop_style_var(2)
+    imgui.pop_style_color(2)
+    return bottom

@@ -1,0 +1,157 @@
+"""The tool bar: tools, undo, how the picture is colored, and the search."""
+
+from imgui_bundle import imgui
+
+from gaga_studio import commands
+from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.view_state import REGION_TOOLS, Mode, SplatLook
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+_MODES = (
+    (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
+    (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
+    (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
+)
+_TAKES = (
+    (False, "", "Objects", "Whole objects of which at least half lies in the region"),
+    (True, "", "Splats", "Single splats"),
+)
+_DEPTHS = (
+    (False, "", "Through", "Everything in the region, what is hidden behind it too"),
+    (True, "", "Visible surface", "Only what is seen from here"),
+)
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole bar, left to right; what does not fit a small window is left to the menus."""
+    _paint()
+    width = imgui.get_content_region_avail().x
+    left = imgui.get_cursor_screen_pos().x
+    for position, tool in enumerate(("pick", "rect", "lasso", "polygon", "brush", "sphere")):
+        _next(position)
+        command_buttons.command_icon(session, f"tool.{tool}")
+    if session.tool in REGION_TOOLS and width > em(50):
+        _what_regions_take(session)
+    _rule()
+    for position, tool in enumerate(("move", "rotate", "scale")):
+        _next(position)
+        command_buttons.command_icon(session, f"tool.{tool}")
+    _rule()
+    command_buttons.command_icon(session, "edit.undo")
+    _next()
+    command_buttons.command_icon(session, "edit.redo")
+    _rule()
+    _modes(session, with_text=width > em(58))
+    imgui.same_line()
+    if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
+        imgui.new_line()
+        return
+    _rule()
+    command_buttons.command_icon(session, "view.frusta")
+    _next()
+    command_buttons.command_icon(session, "view.fly")
+    _next()
+    command_buttons.command_icon(session, "view.frame_all")
+    imgui.same_line()
+    used = imgui.get_cursor_screen_pos().x - left
+    _search(ui, width, used)
+
+
+def _paint() -> None:
+    """The ground of the bar; the window's own color does not follow the theme."""
+    corner, size = imgui.get_window_pos(), imgui.get_window_size()
+    end = imgui.ImVec2(corner.x + size.x, corner.y + size.y)
+    imgui.get_window_draw_list().add_rect_filled(corner, end, theme.u32(theme.BACK))
+
+
+def _what_regions_take(session: Session) -> None:
+    """In words, because "rings" and "centres" are what users of other editors stumble over."""
+    view = session.view
+    document = session.document
+    no_objects = "" if document and document.read.has_groups() else NO_GROUPS
+    imgui.same_line(0, em(0.5))
+    takes = widgets.segmented(
+        "What is selected",
+        _TAKES,
+        view.takes_splats or bool(no_objects),
+        why_not={False: no_objects},
+    )
+    imgui.same_line(0, em(0.4))
+    why_not = "" if takes else "An object is selected whole, what is seen of it and what is not."
+    depth = widgets.segmented(
+        "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
+    )
+    if not no_objects:
+        view.takes_splats = takes
+    if takes:
+        view.visible_only = depth
+
+
+def _modes(session: Session, *, with_text: bool) -> None:
+    shown = [mode for mode, *_ in _MODES]
+    why_not = {mode: commands.command(f"view.{mode}").enabled(session) for mode in shown}
+    picked = widgets.segmented(
+        "Render mode", _MODES, session.view.mode, why_not=why_not, with_text=with_text
+    )
+    if picked is not session.view.mode:
+        commands.run(f"view.{picked}", session)
+    imgui.same_line(0, theme.scaled(1))
+    if widgets.icon_button(
+        "More render modes",
+        icons.MORE,
+        hint="Confidence, centres, rings, a mask, and the look of small splats",
+        on=session.view.mode not in shown,
+    ):
+        imgui.open_popup("More modes")
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
+    if imgui.begin_popup("More modes"):
+        for mode in Mode:
+            if mode not in shown:
+                command_buttons.command_item(session, f"view.{mode}")
+        imgui.separator()
+        for look in SplatLook:
+            command_buttons.command_item(session, f"view.look_{look}")
+        imgui.separator()
+        command_buttons.command_item(session, "view.background")
+        imgui.end_popup()
+
+
+def _search(ui: UiState, width: float, used: float) -> None:
+    """Looks like a text field; opens the list of all commands."""
+    room = width - used - em(0.3)
+    size = min(em(15), room)
+    if size < em(3):
+        imgui.new_line()
+        return
+    imgui.same_line(imgui.get_cursor_pos_x() + room - size)
+    text = f"{icons.SEARCH}  Find a command" if size > em(11) else icons.SEARCH
+    imgui.push_style_var(imgui.StyleVar_.button_text_align, imgui.ImVec2(0.0, 0.5))
+    imgui.push_style_color(imgui.Col_.text, theme.DIM)
+    imgui.push_style_color(imgui.Col_.button, theme.RAISED)
+    if imgui.button(f"{text}###Find a command", imgui.ImVec2(size, 0)):
+        ui.open_popup = "palette"
+    imgui.pop_style_color(2)
+    imgui.pop_style_var()
+    widgets.tooltip("Every command by its name", "Ctrl+P")
+
+
+def _next(position: int = 1) -> None:
+    if position:
+        imgui.same_line(0, em(0.15))
+
+
+def _rule() -> None:
+    """A thin line between groups of buttons."""
+    imgui.same_line(0, em(0.6))
+    corner = imgui.get_cursor_screen_pos()
+    height = imgui.get_frame_height()
+    top, bottom = corner.y + height * 0.15, corner.y + height * 0.85
+    imgui.get_window_draw_list().add_line(
+        imgui.ImVec2(corner.x, top), imgui.ImVec2(corner.x, bottom), theme.u32(theme.LINE_STRONG)
+    )
+    imgui.dummy(imgui.ImVec2(1, height))
+    imgui.same_line(0, em(0.6))

@@ -1,0 +1,1 @@
+"""Dialogs: files, export, masks, preferences, shortcuts."""

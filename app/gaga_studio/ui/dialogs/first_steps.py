@@ -1,0 +1,167 @@
+"""The way through the program in five steps: a calm card in the lower left corner of the picture.
+
+Each step ticks itself when it is done. The card covers neither the offer of the next stage nor the
+middle of the picture: where there is no room for five lines it is one line, the next step.
+"""
+
+from dataclasses import dataclass, field, replace
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.session.session import Session
+from gaga_studio.system import words
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+STEPS = (
+    ("open", "Open a scene or the demo"),
+    ("find", "Find its objects"),
+    ("click", "Click an object"),
+    ("change", "Hide, color or move it"),
+    ("export", "Export what you made"),
+)
+_WIDTH, _LINE, _GAP = 14.6, 1.55, 0.7  # ems
+_HIGH = 1.9 + len(STEPS) * _LINE + 0.9  # title, steps, padding
+
+
+@dataclass
+class Progress:
+    """Which of `STEPS` were done since the program was started."""
+
+    done: set[str] = field(default_factory=set)
+    _document: int = 0
+    _content: object = None  # of the scene when an object was first clicked
+
+    def follow(self, session: Session) -> None:
+        """Tick what is done by now."""
+        document = session.document
+        if session.has_exported:
+            self.done.add("export")
+        if document is None:
+            return
+        content = document.changes.content(document.history.state_id)
+        if self._document != id(document):
+            self._document, self._content = id(document), content
+        self.done.add("open")
+        if document.read.has_groups():
+            self.done.add("find")
+        if "find" not in self.done or not ("click" in self.done or session.selected_groups()):
+            self._content = content
+            return
+        self.done.add("click")
+        if content != self._content:
+            self.done.add("change")
+
+    @property
+    def next(self) -> int:
+        """Number of the first step that is not done, from 1; 0 when all are."""
+        return next((i for i, (name, _) in enumerate(STEPS, 1) if name not in self.done), 0)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the card stands, pixels of the screen."""
+
+    left: float
+    bottom: float
+    width: float
+    is_whole: bool  # all five lines
+
+
+def place(picture: tuple[float, float, float, float], foot: float, unit: float) -> Place | None:
+    """Where the card can stand in ``picture`` (x, y, w, h) above the y of ``foot``; None: nowhere.
+
+    ``unit`` is one em. Five lines need room beside the middle third of the picture, or below it.
+    """
+    left, top, width, height = picture
+    bottom = min(foot, top + height) - _GAP * unit
+    wide, high = _WIDTH * unit, _HIGH * unit
+    beside = left + _GAP * unit + wide <= left + width / 3
+    below = bottom - high >= top + height * 2 / 3
+    if (beside and bottom - high >= top + 3 * unit) or below:
+        return Place(left + _GAP * unit, bottom, wide, True)
+    strip = min(20 * unit, width - 2 * _GAP * unit)
+    if strip < 9 * unit or bottom - 2.2 * unit < top + height * 2 / 3:
+        return None
+    return Place(left + _GAP * unit, bottom, strip, False)
+
+
+def draw(session: Session, ui: UiState, progress: Progress) -> None:
+    """The card, unless it was put away."""
+    progress.follow(session)
+    ui.steps_strip = 0.0
+    if session.settings.first_steps_done or ui.decision is not None or not ui.picture[2]:
+        return
+    is_open = session.document is not None
+    if not is_open and ui.picture[3] < em(20):  # the ways to begin need all of it
+        return
+    foot = ui.offer_top if is_open else ui.picture[1] + ui.picture[3]
+    where = place(ui.picture, foot, em())
+    if where is None:
+        return
+    if not is_open:  # the ways to begin are in the middle: one line at the foot
+        where = replace(where, is_whole=False, width=min(em(20), ui.picture[2] - em(1.4)))
+        ui.steps_strip = em(3)
+    imgui.set_next_window_pos(ImVec2(where.left, where.bottom), imgui.Cond_.always, ImVec2(0, 1))
+    imgui.set_next_window_size_constraints(ImVec2(where.width, 0), ImVec2(where.width, em(40)))
+    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(0.6), em(0.35)))
+    imgui.begin("First steps", None, _FLAGS)
+    if where.is_whole:
+        _card(session, progress)
+    else:
+        _strip(session, progress)
+    imgui.end()
+    imgui.pop_style_var(3)
+    imgui.pop_style_color(2)
+
+
+_FLAGS = (
+    imgui.WindowFlags_.no_decoration
+    | imgui.WindowFlags_.always_auto_resize
+    | imgui.WindowFlags_.no_docking
+    | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.no_focus_on_appearing
+    | imgui.WindowFlags_.no_nav
+    | imgui.WindowFlags_.no_move
+)
+
+
+def _card(session: Session, progress: Progress) -> None:
+    at = progress.next
+    imgui.align_text_to_frame_padding()
+    with theme.face(strong=True):
+        imgui.text_unformatted("First steps" if at else "That was all of it")
+    _close(session)
+    for number, (name, text) in enumerate(STEPS, 1):
+        _step(text, name in progress.done, number == at)
+
+
+def _step(text: str, is_done: bool, is_next: bool) -> None:
+    with theme.text_color(theme.GOOD if is_done else theme.ACCENT if is_next else theme.FAINT):
+        imgui.text_unformatted(icons.SUCCESS if is_done else icons.RINGS)
+    imgui.same_line(0, em(0.5))
+    widgets.line(text, theme.DIM if is_done else theme.TEXT)
+
+
+def _strip(session: Session, progress: Progress) -> None:
+    at = progress.next
+    imgui.align_text_to_frame_padding()
+    with theme.text_color(theme.ACCENT if at else theme.GOOD):
+        imgui.text_unformatted(f"{at} / {len(STEPS)}" if at else icons.SUCCESS)
+    imgui.same_line(0, em(0.6))
+    imgui.align_text_to_frame_padding()
+    room = imgui.get_content_region_avail().x - em(2)
+    imgui.text_unformatted(widgets.elided(STEPS[at - 1][1] if at else "That was all of it", room))
+    widgets.tooltip("\n".join(f"{i}. {words.tr(text)}" for i, (_, text) in enumerate(STEPS, 1)))
+    _close(session)
+
+
+def _close(session: Session) -> None:
+    imgui.same_line(imgui.get_window_width() - em(2.1))
+    if widgets.small_icon("Put away", icons.CLOSE, hint="Put away; Help brings it back"):
+        session.change_settings(replace(session.settings, first_steps_done=True))

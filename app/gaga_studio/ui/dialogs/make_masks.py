@@ -1,0 +1,322 @@
+"""Dialogs of masks: who makes them and how, a try on one photo, the form of an export."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.segmentation.choose import ProviderEntry
+from gaga_studio.actions import mask_settings, masks
+from gaga_studio.actions.masks import MaskForm, Trial, Views
+from gaga_studio.session.session import Session
+from gaga_studio.ui.dialogs.modal import begin_modal, body_height
+from gaga_studio.ui.kit import icons, mask_images, photo_textures, theme, widgets
+from gaga_studio.ui.kit.state import MaskDialog, UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+MAKE, EXPORT = "Make masks", "Export masks"
+_VIEWS: tuple[tuple[Views, str, str, str], ...] = (
+    ("train", "", "Training photos", "Objects are found in these; the others are for scores"),
+    ("all", "", "All photos", "Those for testing too"),
+)
+_FORMS: tuple[tuple[MaskForm, str, str], ...] = (
+    ("dataset", "Data set", "Photos, label maps, previews, COCO and panoptic files"),
+    ("coco", "COCO", "One instances.json with run-length masks"),
+    ("png", "Label maps", "One 16-bit PNG a view: the same number is the same object everywhere"),
+)
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """Whatever is open of them."""
+    if ui.masks.reopen and ui.dialog is None:
+        ui.masks.reopen = False
+        imgui.open_popup(MAKE)
+    if begin_modal(MAKE, em(46)):
+        _make(session, ui)
+        imgui.end_popup()
+    if begin_modal(EXPORT, em(28)):
+        _export(session, ui)
+        imgui.end_popup()
+
+
+def take_weights(session: Session, ui: UiState, path: Path) -> None:
+    """The answer to "Another model…": a folder or a checkpoint."""
+
+    def add() -> bool:
+        entry = masks.entry_of(path)
+        ui.masks.own = (*(e for e in ui.masks.own if e.path != entry.path), entry)
+        ui.masks.entries = ()
+        _choose(ui.masks, entry)
+        return True
+
+    session.attempt(add)
+
+
+# --- making
+
+
+def _make(session: Session, ui: UiState) -> None:
+    dialog = ui.masks
+    if imgui.is_window_appearing() or not dialog.entries:
+        dialog.entries = masks.providers()
+    entry = _entry(dialog)
+    _introduction(session, dialog)
+    height = body_height(em(31))
+    is_wide = imgui.get_content_region_avail().x > em(36)
+    width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
+    if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
+        _providers(session, dialog)
+    imgui.end_child()
+    if is_wide:
+        imgui.same_line(0, em(1))
+    if imgui.begin_child("How", ImVec2(0, height if is_wide else height * 0.5)):
+        _details(session, ui, entry)
+    imgui.end_child()
+    _actions(session, dialog, entry)
+
+
+def _entry(dialog: MaskDialog) -> ProviderEntry | None:
+    wish = dialog.wish
+    for entry in (*dialog.entries, *dialog.own):
+        if entry.name == wish.provider and (wish.weights is None or entry.path == wish.weights):
+            return entry
+    return None
+
+
+def _introduction(session: Session, dialog: MaskDialog) -> None:
+    imgui.push_text_wrap_pos(0.0)
+    if not masks.has_model(dialog.entries) and not dialog.own:
+        widgets.dim(masks.first_steps(), wrap=True)
+    else:
+        widgets.dim("Each photo is cut into masks; Find objects then joins them in 3D.", wrap=True)
+    imgui.pop_text_wrap_pos()
+    folders = masks.mask_folders(session)
+    if folders:
+        imgui.align_text_to_frame_padding()
+        widgets.dim("Masks in use")
+        imgui.same_line()
+        draw_choice(session, em(12))
+    imgui.dummy(ImVec2(0, em(0.2)))
+
+
+def draw_choice(session: Session, width: float) -> None:
+    """A drop-down of the mask folders of the scene."""
+    folders = masks.mask_folders(session)
+    at = folders.index(session.provider) if session.provider in folders else 0
+    imgui.set_next_item_width(width)
+    changed, at = imgui.combo("##Masks in use", at, list(folders))
+    widgets.tooltip("Which masks are shown, and which Find objects takes")
+    if changed:
+        masks.choose(session, folders[at])
+
+
+def _providers(session: Session, dialog: MaskDialog) -> None:
+    here = [e for e in (*dialog.entries, *dialog.own) if e.is_available]
+    missing = [e for e in dialog.entries if not e.is_available]
+    for entry in here:
+        _provider(dialog, entry)
+    if widgets.button(
+        "Another model", Face("Another model…", icons.FOLDER), hint="Choose a folder"
+    ):
+        session.request = "mask_weights"
+        imgui.close_current_popup()
+    if missing:
+        widgets.heading("Not on this computer")
+    for entry in missing:
+        _provider(dialog, entry)
+
+
+def _provider(dialog: MaskDialog, entry: ProviderEntry) -> None:
+    chosen = _entry(dialog)
+    is_chosen = chosen is not None and (chosen.name, chosen.path) == (entry.name, entry.path)
+    icon = icons.CHECK if entry.is_available else icons.BLANK
+    with theme.text_color(theme.TEXT if entry.is_available else theme.DIM):
+        label = f"{icon}  {entry.title}###{entry.name} {entry.path or ''}"
+        flags = imgui.SelectableFlags_.no_auto_close_popups
+        if imgui.selectable(label, is_chosen, flags)[0]:
+            _choose(dialog, entry)
+    if not is_chosen:
+        widgets.tooltip(_facts(entry) or entry.reason)
+
+
+def _choose(dialog: MaskDialog, entry: ProviderEntry) -> None:
+    weights = entry.path if entry in dialog.own else None
+    same = dialog.wish.provider == entry.name and dialog.wish.weights == weights
+    if not same:
+        fresh = masks.Wish(views=dialog.wish.views, redo=dialog.wish.redo)
+        dialog.wish = replace(fresh, provider=entry.name, weights=weights)
+
+
+def _facts(entry: ProviderEntry) -> str:
+    """ "156 MB, Apache-2.0, the best choice without a graphics card"."""
+    size = f"{entry.megabytes:,} MB" if entry.megabytes else ""
+    return ", ".join(part for part in (size, entry.licence, entry.note) if part)
+
+
+def _details(session: Session, ui: UiState, entry: ProviderEntry | None) -> None:
+    if entry is None:
+        widgets.dim("Choose who makes the masks.")
+        return
+    imgui.push_text_wrap_pos(0.0)
+    with theme.face(strong=True):
+        imgui.text_wrapped(entry.title)
+    facts = _facts(entry)
+    if facts:
+        widgets.dim(f"{facts[0].upper()}{facts[1:]}.", wrap=True)
+    if not entry.is_available:
+        imgui.dummy(ImVec2(0, em(0.2)))
+        imgui.text_wrapped(entry.reason)
+        imgui.pop_text_wrap_pos()
+        if entry.page and widgets.button("Copy the address", Face("Copy the address of its page")):
+            imgui.set_clipboard_text(entry.page)
+        return
+    imgui.pop_text_wrap_pos()
+    _settings(session, ui.masks, entry)
+    _trial(session, ui.masks)
+
+
+def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> None:
+    wish = dialog.wish
+    settings = wish.settings
+    try:
+        kind = mask_settings.family(entry)
+    except GagaError as error:
+        imgui.text_wrapped(str(error))
+        return
+    for slider in mask_settings.SLIDERS[kind]:
+        value = mask_settings.value_of(settings, slider, entry)
+        changed, value = _slider(slider, value)
+        widgets.tooltip(slider.hint)
+        if changed:
+            settings = mask_settings.with_value(settings, slider, entry, value)
+    views = widgets.segmented("Which photos", _VIEWS, wish.views, why_not={})
+    _, redo = widgets.checkbox("Make them anew", wish.redo)
+    widgets.tooltip("Also where masks of the same settings are there already")
+    use_depth = wish.use_depth
+    if kind == "regions":
+        _, use_depth = widgets.checkbox("Use the depth of the splats", use_depth)
+        widgets.tooltip("Tells an object from what it stands on; takes a little longer")
+    dialog.wish = replace(wish, settings=settings, views=views, redo=redo, use_depth=use_depth)
+
+
+def _slider(slider: mask_settings.Slider, value: float) -> tuple[bool, float]:
+    with theme.face(scale=0.93):
+        widgets.dim(slider.label)
+    imgui.set_next_item_width(-1)
+    label = f"##{slider.label}"
+    if slider.is_whole:
+        changed, whole = imgui.slider_int(
+            label, round(value), round(slider.low), round(slider.high)
+        )
+        return changed, float(whole)
+    flags = imgui.SliderFlags_.always_clamp
+    if slider.is_logarithmic:
+        flags |= imgui.SliderFlags_.logarithmic
+    return imgui.slider_float(label, value, slider.low, slider.high, "%.2f", flags)
+
+
+# --- one photo, before all
+
+
+def _trial(session: Session, dialog: MaskDialog) -> None:
+    names = masks.photos_of(session, dialog.wish.views)
+    if not names:
+        return
+    if dialog.view not in names:
+        active = session.active_view
+        now = session.cameras[active].name if active is not None else ""
+        dialog.view = now if now in names else names[0]
+    imgui.dummy(ImVec2(0, em(0.2)))
+    job = session.jobs.running
+    why_not = masks.why_not(session, _entry(dialog))
+    if widgets.button("Try on one photo", why_not=why_not, hint="See what the settings give"):
+
+        def done(trial: Trial) -> None:
+            dialog.trial, dialog.n_trials = trial, dialog.n_trials + 1
+
+        session.attempt(lambda: masks.try_one(session, dialog.wish, dialog.view, done))
+    imgui.same_line()
+    imgui.set_next_item_width(-1)
+    changed, at = imgui.combo("##Photo", names.index(dialog.view), list(names))
+    if changed:
+        dialog.view = names[at]
+    if job is not None:
+        imgui.progress_bar(max(job.fraction, 0.0), ImVec2(-em(5), 0), job.message or job.stage)
+        imgui.same_line()
+        if widgets.button("Stop", Face(width=-1), why_not="It stops." if job.is_cancelling else ""):
+            session.jobs.cancel()
+    _picture(session, dialog)
+
+
+def _picture(session: Session, dialog: MaskDialog) -> None:
+    trial, folder = dialog.trial, session.need().project.folder
+    aspect = photo_textures.aspect(session, dialog.view)
+    width = min(imgui.get_content_region_avail().x, em(24))
+    if trial is None or trial.view != dialog.view or folder is None:
+        photo_textures.place(photo_textures.photo(session, dialog.view), width, aspect)
+        return
+    path = folder.image_paths.get(trial.view)
+    texture = None
+    if path is not None and session.images is not None:
+        load = partial(_mixed, path, trial)
+        texture = session.images.texture(f"trial {dialog.n_trials}", load)
+    seconds = f" in {trial.seconds:.1f} s" if trial.seconds else ""
+    stale = ", with other settings" if trial.wish != dialog.wish else ""
+    widgets.dim(f"{trial.n_masks} masks{seconds}{stale}")
+    photo_textures.place(texture, width, aspect)
+
+
+def _mixed(path: Path, trial: Trial) -> UInt8Array:
+    labels = np.asarray(trial.labels, np.int32)
+    return mask_images.photo_with_masks(path, lambda: labels, None, mask_images.LARGE, {})
+
+
+# --- the row of buttons
+
+
+def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
+    imgui.dummy(ImVec2(0, em(0.3)))
+    why_not = masks.why_not(session, entry)
+    n = len(masks.photos_of(session, dialog.wish.views))
+    text = f"Make masks of {n:,} photos{_duration(dialog, n)}"
+    if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
+        imgui.close_current_popup()
+        masks.make(session, dialog.wish)
+    imgui.same_line()
+    if widgets.button("Close"):
+        imgui.close_current_popup()
+
+
+def _duration(dialog: MaskDialog, n: int) -> str:
+    """As long as the try took for each; nothing where nothing was tried."""
+    trial = dialog.trial
+    if trial is None or not trial.seconds or trial.wish.provider != dialog.wish.provider:
+        return ""
+    seconds = n * trial.seconds
+    return f", about {seconds / 60:.0f} min" if seconds >= 90 else f", about {seconds:.0f} s"
+
+
+# --- exporting
+
+
+def _export(session: Session, ui: UiState) -> None:
+    widgets.dim("The objects as every view shows them, edits included.", wrap=True)
+    imgui.dummy(ImVec2(0, em(0.2)))
+    for form, title, text in _FORMS:
+        if widgets.radio_button(title, ui.masks.form == form):
+            ui.masks.form = form
+        imgui.indent(em(1.7))
+        widgets.dim(text, wrap=True)
+        imgui.unindent(em(1.7))
+    imgui.dummy(ImVec2(0, em(0.3)))
+    if widgets.button("Choose a folder", Face("Choose a folder…", icons.FOLDER, primary=True)):
+        imgui.close_current_popup()
+        session.request = "export_masks_to"
+    imgui.same_line()
+    if widgets.button("Close"):
+        imgui.close_current_popup()

@@ -1,0 +1,50 @@
+"""A sheet in the middle of the window: its frame and its last row."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+_MODAL = (
+    imgui.WindowFlags_.no_resize
+    | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.always_auto_resize
+    | imgui.WindowFlags_.no_move
+)
+HIGH = 0.92  # of the window's height: the highest sheet
+
+
+def begin_modal(name: str, width: float) -> bool:
+    """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it."""
+    viewport = imgui.get_main_viewport()
+    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
+    fitting = min(width, viewport.size.x * 0.94)
+    high = viewport.size.y * HIGH
+    imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, high))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(8))
+    # Whole pixels: half of one is enough for a scroll bar.
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(round(em(1.1)), round(em(0.9))))
+    is_open, _ = imgui.begin_popup_modal(name, None, _MODAL)
+    imgui.pop_style_var(2)
+    if is_open and name != "Question":
+        widgets.escape_closes()
+    return is_open
+
+
+def body_height(wanted: float) -> float:
+    """Height of a part that scrolls, so that what is above it and one row below stay in sight."""
+    style = imgui.get_style()
+    row = em(0.3) + imgui.get_frame_height() + 2 * style.item_spacing.y
+    high = imgui.get_main_viewport().size.y * HIGH
+    return max(min(wanted, high - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
+
+
+def close_row() -> None:
+    """The last row of a sheet."""
+    imgui.dummy(ImVec2(0, em(0.3)))
+    width = em(6)
+    room = imgui.get_content_region_avail().x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
+    if widgets.button("Close", Face(width=width)):
+        imgui.close_current_popup()

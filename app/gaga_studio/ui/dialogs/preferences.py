@@ -1,0 +1,108 @@
+"""Preferences: what the program remembers, in four groups; each is saved as it is changed."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import RANGES, Settings, hex_color
+from gaga_studio.system import words
+from gaga_studio.ui.dialogs.modal import begin_modal, body_height, close_row
+from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+_THEMES = (("dark", "Dark"), ("light", "Light"))
+_PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
+_PRESETS = (("robust", "Robust: all views decide"), ("paper", "Paper: one view after the other"))
+_LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole sheet."""
+    if not begin_modal("Preferences", em(31)):
+        ui.half_set.clear()
+        return
+    before = session.settings
+    # The rows scroll where the window is low; the button to close stays in sight.
+    imgui.begin_child("Rows", ImVec2(0, body_height(em(26.5))))
+    imgui.push_item_width(em(13))
+    settings = _look(before, ui)
+    settings = _handling(settings, ui)
+    settings = _work(settings, ui)
+    imgui.pop_item_width()
+    imgui.end_child()
+    if settings != before:
+        session.change_settings(settings)
+    close_row()
+    imgui.end_popup()
+
+
+def _look(settings: Settings, ui: UiState) -> Settings:
+    widgets.heading("Look")
+    settings = replace(
+        settings,
+        theme=_choice("Theme", _THEMES, settings.theme),
+        language=_choice("Language", _languages(settings.language), settings.language),
+    )
+    if imgui.is_item_hovered():
+        widgets.tooltip("The tabs of the panels follow at the next start")
+    settings = _slider(settings, ui, "ui_scale", "Size of text and buttons", "%.2f×")
+    changed, color = imgui.color_edit3("Background", list(settings.background_color))
+    return replace(settings, background=hex_color(color)) if changed else settings
+
+
+def _handling(settings: Settings, ui: UiState) -> Settings:
+    widgets.heading("Keys and mouse")
+    settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
+    settings = _slider(settings, ui, "fly_speed", "Fly speed", "%.1f×")
+    changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
+    return replace(settings, invert_zoom=inverted) if changed else settings
+
+
+def _work(settings: Settings, ui: UiState) -> Settings:
+    widgets.heading("Objects and edits")
+    settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
+    changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
+    widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
+    if changed:
+        settings = replace(settings, clean_first=clean)
+    settings = _slider(settings, ui, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
+    widgets.tooltip("So much work is at risk at most, should the program end by force")
+    settings = _slider(settings, ui, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
+    widgets.tooltip("With more, the oldest edits cannot be undone any more")
+    return settings
+
+
+def _slider(
+    settings: Settings,
+    ui: UiState,
+    name: str,
+    label: str,
+    shown: str,
+    flags: int = imgui.SliderFlags_.always_clamp,
+) -> Settings:
+    """A number of the settings; it counts when the mouse lets go."""
+    low, high = RANGES[name]
+    value = ui.half_set.get(name, float(getattr(settings, name)))
+    changed, value = imgui.slider_float(label, value, low, high, shown, flags)
+    if changed:
+        ui.half_set[name] = value
+    if imgui.is_item_deactivated_after_edit() and name in ui.half_set:
+        return replace(settings, **{name: ui.half_set.pop(name)})  # type: ignore[arg-type]
+    return settings
+
+
+def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> str:
+    """A drop-down of (value, text)."""
+    names = [value for value, _ in choices]
+    at = names.index(current) if current in names else 0
+    changed, at = imgui.combo(label, at, [text for _, text in choices])
+    return names[at] if changed else current
+
+
+@lru_cache(maxsize=1)
+def _languages(_current: str) -> tuple[tuple[str, str], ...]:
+    """Languages that there are files of; looked up when the sheet's language changes."""
+    return tuple(words.languages().items())

@@ -1,0 +1,217 @@
+"""Sheets over the window: a question, all commands by name, the keys, preferences, about."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core import __version__
+from gaga_studio import commands
+from gaga_studio.commands import COMMANDS, GROUPS, Command
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.dialogs import export_options, preferences
+from gaga_studio.ui.dialogs.modal import begin_modal, close_row
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.viewport import training
+
+MOUSE = (
+    ("Click", "Select the object; Shift adds, Ctrl removes"),
+    ("Double click", "Turn around that point"),
+    ("Drag", "Orbit (with the pick tool), else the tool"),
+    ("Middle drag", "Orbit; with Shift pan, with Ctrl zoom"),
+    ("Right drag", "Pan"),
+    ("Right click", "The menu of the object"),
+    ("Wheel", "Zoom"),
+    ("W A S D, Q, E", "Fly; Shift fast, Alt slow"),
+)
+_LICENCES = (
+    "Apache-2.0. With Dear ImGui Bundle (MIT), moderngl (MIT), numba (BSD), NumPy (BSD), "
+    "SciPy (BSD), pycolmap (BSD), the font Inter (OFL) and the icons of Lucide (ISC)."
+)
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """Whatever is open."""
+    if ui.open_popup:
+        imgui.open_popup(_names()[ui.open_popup])
+        ui.open_popup = ""
+        ui.palette_text, ui.palette_at = "", 0
+    _palette(session, ui)
+    _shortcuts(session)
+    preferences.draw(session, ui)
+    export_options.draw(session, ui.wishes)
+    training.sheet(session, ui)
+    _about()
+    _question(session)
+    command_buttons.picture_menus(session)
+
+
+def _names() -> dict[str, str]:
+    return {
+        "palette": "Commands",
+        "shortcuts": "Keys and mouse",
+        "about": "About gaga-studio",
+        "preferences": "Preferences",
+        "masks": "Make masks",
+        "export_masks": "Export masks",
+        "object_menu": "Object in the picture",
+        "scene_menu": "Scene in the picture",
+        "photos": training.SHEET,
+        **export_options.SHEETS,
+    }
+
+
+def _question(session: Session) -> None:
+    question = session.pending_question
+    name = "Question"
+    if question is not None and not imgui.is_popup_open(name):
+        imgui.open_popup(name)
+    if not begin_modal(name, em(28)):
+        return
+    if question is None:
+        imgui.close_current_popup()
+        imgui.end_popup()
+        return
+    imgui.push_text_wrap_pos(0.0)
+    imgui.text_unformatted(question.text)
+    imgui.pop_text_wrap_pos()
+    imgui.dummy(ImVec2(0, em(0.4)))
+    width, spacing = em(6), imgui.get_style().item_spacing.x
+    used = len(question.choices) * (width + spacing) - spacing
+    room = imgui.get_content_region_avail().x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - used, 0.0))
+    answer = ""
+    for position, choice in enumerate(question.choices):
+        if position:
+            imgui.same_line()
+        if widgets.button(choice, Face(width=width, primary=position == 0)):
+            answer = choice
+    if imgui.is_key_pressed(imgui.Key.escape):
+        answer = question.choices[-1]
+    if answer:
+        imgui.close_current_popup()
+        session.answer(answer)
+    imgui.end_popup()
+
+
+def _palette(session: Session, ui: UiState) -> None:
+    viewport = imgui.get_main_viewport()
+    width = min(em(34), viewport.size.x * 0.94)
+    top = ImVec2(viewport.get_center().x, viewport.pos.y + em(4))
+    imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
+    height = min(em(26), viewport.size.y * 0.8)
+    imgui.set_next_window_size(ImVec2(width, height))
+    if not imgui.begin_popup("Commands"):
+        return
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
+    imgui.set_next_item_width(-1)
+    changed, ui.palette_text = imgui.input_text_with_hint(
+        "##Command", f"{icons.SEARCH}  Type what you want to do", ui.palette_text
+    )
+    widgets.escape_closes()
+    found = matching(ui.palette_text)
+    if changed:
+        ui.palette_at = 0
+    step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+    ui.palette_at = min(max(ui.palette_at + step, 0), max(len(found) - 1, 0))
+    chosen: Command | None = None
+    if imgui.is_key_pressed(imgui.Key.enter) and found:
+        chosen = found[ui.palette_at]
+    imgui.begin_child("Found", ImVec2(0, 0))
+    for position, command in enumerate(found):
+        if _palette_line(session, command, position == ui.palette_at, bool(step)):
+            chosen = command
+    if not found:
+        widgets.dim("No command is called that.")
+    imgui.end_child()
+    if chosen is not None and not chosen.enabled(session):
+        imgui.close_current_popup()
+        commands.run(chosen.id, session)
+    imgui.end_popup()
+
+
+def _palette_line(session: Session, command: Command, is_current: bool, moved: bool) -> bool:
+    why_not = command.enabled(session)
+    icon = command_buttons.ICONS.get(command.id, icons.BLANK)
+    room = imgui.get_content_region_avail().x
+    with theme.text_color(theme.FAINT if why_not else theme.TEXT):
+        label = f"{icon}  {command.title_now(session)}###{command.id}"
+        flags = imgui.SelectableFlags_.no_auto_close_popups
+        clicked, _ = imgui.selectable(label, is_current, flags)
+    widgets.tooltip(why_not)
+    if is_current and moved:
+        imgui.set_scroll_here_y()
+    right = commands.shortcut_of(command, session) or command.group
+    imgui.same_line(room - imgui.calc_text_size(right).x)
+    with theme.text_color(theme.FAINT):
+        imgui.text_unformatted(right)
+    return clicked
+
+
+def matching(text: str) -> list[Command]:
+    """Commands whose title has every word of ``text``, those that begin with it first."""
+    words = text.casefold().split()
+    found = [c for c in COMMANDS if all(word in _searched(c) for word in words)]
+    first = words[0] if words else ""
+    return sorted(found, key=lambda c: not c.title.casefold().startswith(first))
+
+
+def _searched(command: Command) -> str:
+    return f"{command.group} {command.title} {command.id}".casefold()
+
+
+def _shortcuts(session: Session) -> None:
+    if not begin_modal("Keys and mouse", em(50)):
+        return
+    columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
+    height = min(em(30), imgui.get_main_viewport().size.y * 0.92 - em(7))
+    imgui.begin_child("Sheet", ImVec2(0, height))
+    if imgui.begin_table("Columns", columns):
+        imgui.table_next_column()
+        _sheet("Mouse", MOUSE)
+        for position, group in enumerate(GROUPS):
+            if position == 3 and columns == 2:
+                imgui.table_next_column()
+            rows = [
+                (", ".join(commands.keys_of(c, session)), c.title.rstrip("…"))
+                for c in COMMANDS
+                if c.group == group
+            ]
+            _sheet(group, [(keys, title) for keys, title in rows if keys])
+        imgui.end_table()
+    imgui.end_child()
+    close_row()
+    imgui.end_popup()
+
+
+def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]]") -> None:
+    widgets.heading(title)
+    left = em(9)
+    for keys, text in rows:
+        start = imgui.get_cursor_screen_pos()
+        imgui.text_unformatted(keys)
+        imgui.same_line()
+        imgui.set_cursor_screen_pos(ImVec2(start.x + left, start.y))
+        imgui.push_text_wrap_pos(0.0)
+        widgets.dim(text, wrap=True)
+        imgui.pop_text_wrap_pos()
+
+
+def _about() -> None:
+    if not begin_modal("About gaga-studio", em(30)):
+        return
+    with theme.face(strong=True, scale=1.4):
+        imgui.text_unformatted("gaga-studio")
+    widgets.dim(f"Version {__version__}")
+    imgui.dummy(ImVec2(0, em(0.3)))
+    imgui.push_text_wrap_pos(0.0)
+    imgui.text_unformatted(
+        "Views and edits 3D Gaussian Splatting scenes object by object. Objects are found by Gaga: "
+        "masks of single photos, associated through a 3D-aware memory bank (TMLR 2026)."
+    )
+    widgets.dim(_LICENCES, wrap=True)
+    imgui.pop_text_wrap_pos()
+    close_row()
+    imgui.end_popup()

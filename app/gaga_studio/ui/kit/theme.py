@@ -1,0 +1,236 @@
+"""Colors, spacing and fonts: neutral, one accent; the splats are the color in the picture.
+
+Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
+
+from gaga_studio.system import paths
+
+BASE_SIZE = 15.0  # pixels of a line of text at 96 dpi
+
+Rgba = tuple[float, float, float, float]
+
+
+_BOTH: list[tuple[ImVec4, Rgba, Rgba]] = []  # every color with its dark and its light value
+
+
+def _both(dark: str, light: str, alpha: float = 1.0) -> ImVec4:
+    """A color of both themes; it changes in place, so that nobody holds an old one."""
+    values = [
+        (int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255, alpha)
+        for code in (dark, light)
+    ]
+    color = ImVec4(*values[0])
+    _BOTH.append((color, values[0], values[1]))
+    return color
+
+
+ACCENT = _both("5B9DF5", "2F74D0")
+ACCENT_STRONG = _both("3F7FD8", "2F74D0")
+ACCENT_SOFT = _both("5B9DF5", "2F74D0", 0.28)
+TEXT = _both("DFE1E6", "1E2126")
+DIM = _both("9DA2AC", "5A606B")
+FAINT = _both("6C717B", "7C828E")
+GOOD = _both("6BBF8A", "1D7038")
+WARN = _both("E3B34F", "855B00")
+BAD = _both("EA7068", "B8342C")
+PANEL = _both("212328", "F4F5F7")
+BACK = _both("1A1B1F", "E6E8EC")
+RAISED = _both("2C2F36", "FFFFFF")
+HOT = _both("343842", "E1E5EC")
+LINE = _both("33363D", "D5D8DE")
+LINE_STRONG = _both("474B54", "B4B9C2")
+HOVER = _both("FFFFFF", "000000", 0.10)
+PRESSED = _both("FFFFFF", "000000", 0.16)
+CLEAR = _both("000000", "000000", 0.0)
+ON_ACCENT = _both("FFFFFF", "FFFFFF")  # text on the accent
+CHOSEN = _both("FFFFFF", "123A70")  # text of what is switched on
+POPUP = _both("26282E", "FBFBFC", 0.99)
+
+_COLORS = {
+    "text": TEXT,
+    "text_disabled": FAINT,
+    "text_selected_bg": ACCENT_SOFT,
+    "text_link": ACCENT,
+    "window_bg": PANEL,
+    "child_bg": _both("212328", "F4F5F7", 0.0),
+    "popup_bg": POPUP,
+    "modal_window_dim_bg": _both("0C0D0F", "40444C", 0.6),
+    "menu_bar_bg": BACK,
+    "border": LINE,
+    "border_shadow": _both("000000", "000000", 0.0),
+    "frame_bg": _both("2C2F36", "FFFFFF"),
+    "frame_bg_hovered": _both("353941", "E9EDF4"),
+    "frame_bg_active": _both("3D424C", "DCE3EE"),
+    "title_bg": BACK,
+    "title_bg_active": BACK,
+    "title_bg_collapsed": BACK,
+    "tab": BACK,
+    "tab_hovered": _both("353941", "E9EDF4"),
+    "tab_selected": PANEL,
+    "tab_selected_overline": _both("5B9DF5", "2F74D0", 0.0),
+    "tab_dimmed": BACK,
+    "tab_dimmed_selected": PANEL,
+    "tab_dimmed_selected_overline": _both("5B9DF5", "2F74D0", 0.0),
+    "docking_preview": _both("5B9DF5", "2F74D0", 0.5),
+    "docking_empty_bg": BACK,
+    "button": _both("2F333B", "FFFFFF"),
+    "button_hovered": _both("3A3F49", "EDF1F7"),
+    "button_active": _both("454B57", "DEE5F0"),
+    "header": _both("5B9DF5", "2F74D0", 0.26),
+    "header_hovered": _both("FFFFFF", "000000", 0.07),
+    "header_active": _both("5B9DF5", "2F74D0", 0.38),
+    "check_mark": ACCENT,
+    "checkbox_selected_bg": ACCENT_SOFT,
+    "slider_grab": _both("7C828E", "8A919D"),
+    "slider_grab_active": ACCENT,
+    "separator": LINE,
+    "separator_hovered": _both("5B9DF5", "2F74D0", 0.6),
+    "separator_active": ACCENT,
+    "resize_grip": _both("000000", "000000", 0.0),
+    "resize_grip_hovered": _both("5B9DF5", "2F74D0", 0.4),
+    "resize_grip_active": ACCENT,
+    "scrollbar_bg": _both("000000", "000000", 0.0),
+    "scrollbar_grab": _both("3D424C", "C3C8D0"),
+    "scrollbar_grab_hovered": _both("4B515D", "A9AFB9"),
+    "scrollbar_grab_active": _both("5B6270", "8F96A2"),
+    "plot_lines": ACCENT,
+    "plot_lines_hovered": ACCENT,
+    "tree_lines": LINE,
+    "plot_histogram": ACCENT,
+    "plot_histogram_hovered": ACCENT,
+    "table_header_bg": _both("26282E", "FBFBFC"),
+    "table_border_strong": LINE,
+    "table_border_light": _both("2A2D33", "E0E3E8"),
+    "table_row_bg": _both("000000", "000000", 0.0),
+    "table_row_bg_alt": _both("FFFFFF", "000000", 0.018),
+    "drag_drop_target": ACCENT,
+    "drag_drop_target_bg": ACCENT_SOFT,
+    "unsaved_marker": ACCENT,
+    "nav_cursor": ACCENT,
+    "nav_windowing_highlight": ACCENT,
+    "nav_windowing_dim_bg": _both("0C0D0F", "40444C", 0.3),
+    "input_text_cursor": TEXT,
+}
+
+
+class _Loaded:
+    """The loaded faces, filled once per window by ``load_fonts``, and the theme in use."""
+
+    regular: imgui.ImFont | None = None
+    strong: imgui.ImFont | None = None
+    theme: str = "dark"
+
+
+def load_fonts() -> None:
+    """Load the text font with the icons merged in, and its heavier face for headings."""
+    _Loaded.regular = _load("Inter-Regular.otf")
+    _Loaded.strong = _load("Inter-SemiBold.otf")
+
+
+def _load(name: str) -> imgui.ImFont:
+    folder = paths.assets() / "fonts"
+    text = hello_imgui.FontLoadingParams(inside_assets=False)
+    font = hello_imgui.load_font(str(folder / name), BASE_SIZE, text)
+    icons = hello_imgui.FontLoadingParams(inside_assets=False, merge_to_last_font=True)
+    icons.font_config.glyph_offset = ImVec2(0.0, BASE_SIZE * 0.19)
+    icons.font_config.glyph_min_advance_x = BASE_SIZE
+    hello_imgui.load_font(str(folder / "lucide.ttf"), BASE_SIZE, icons)
+    return font
+
+
+def use(name: str) -> bool:
+    """Take the theme "dark" or "light"; whether that changed anything. Needs a window."""
+    if _Loaded.theme == name:
+        return False
+    _Loaded.theme = name
+    for color, dark, light in _BOTH:
+        color.x, color.y, color.z, color.w = light if name == "light" else dark
+    _apply_colors()
+    # White fields on a bright ground need a line around them.
+    imgui.get_style().frame_border_size = 1 if name == "light" else 0
+    return True
+
+
+def _apply_colors() -> None:
+    style = imgui.get_style()
+    for name, color in _COLORS.items():
+        index = getattr(imgui.Col_, name, None)
+        if index is not None:
+            style.set_color_(index, color)
+
+
+def apply_style() -> None:
+    """Set every color and distance of the window."""
+    _apply_colors()
+    style = imgui.get_style()
+    style.window_padding = ImVec2(10, 9)
+    style.frame_padding = ImVec2(8, 4)
+    style.cell_padding = ImVec2(3, 3)
+    style.item_spacing = ImVec2(8, 6)
+    style.item_inner_spacing = ImVec2(6, 4)
+    style.indent_spacing = 16
+    style.scrollbar_size = 11
+    style.grab_min_size = 10
+    style.window_border_size = 0
+    style.child_border_size = 1
+    style.popup_border_size = 1
+    style.frame_border_size = 0
+    style.tab_border_size = 0
+    style.tab_min_width_shrink = 36  # rather short titles than tabs that scroll out of sight
+    style.tab_bar_border_size = 0
+    style.tab_bar_overline_size = 0
+    style.docking_separator_size = 2
+    style.window_rounding = 0
+    style.child_rounding = 5
+    style.frame_rounding = 4
+    style.popup_rounding = 6
+    style.scrollbar_rounding = 6
+    style.grab_rounding = 4
+    style.tab_rounding = 4
+    style.window_title_align = ImVec2(0.0, 0.5)
+    style.window_menu_button_position = imgui.Dir.none
+    style.hover_delay_short = 0.35
+    style.disabled_alpha = 0.45
+    style.separator_text_border_size = 1
+    style.separator_text_padding = ImVec2(0, 4)
+
+
+def em(size: float = 1.0) -> float:
+    """``size`` lines of text in pixels of this screen."""
+    return imgui.get_font_size() * size
+
+
+def scaled(pixels: float) -> float:
+    """Pixels at 96 dpi in pixels of this screen, whatever font is pushed."""
+    style = imgui.get_style()
+    return pixels * style.font_scale_dpi * style.font_scale_main
+
+
+def u32(color: ImVec4, alpha: float = 1.0) -> int:
+    """A color for draw lists."""
+    return imgui.get_color_u32(ImVec4(color.x, color.y, color.z, color.w * alpha))
+
+
+@contextmanager
+def text_color(color: ImVec4) -> Iterator[None]:
+    """Draw text in ``color`` inside the block."""
+    imgui.push_style_color(imgui.Col_.text, color)
+    try:
+        yield
+    finally:
+        imgui.pop_style_color()
+
+
+@contextmanager
+def face(strong: bool = False, scale: float = 1.0) -> Iterator[None]:
+    """Another weight or size of the text font inside the block."""
+    imgui.push_font(_Loaded.strong if strong else _Loaded.regular, BASE_SIZE * scale)
+    try:
+        yield
+    finally:
+        imgui.pop_font()

@@ -1,0 +1,300 @@
+"""Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from gaga_studio.system import words
+from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.theme import em
+
+T = TypeVar("T", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Face:
+    """How a button looks: text (else its name), icon, width, and whether it is the one to press."""
+
+    text: str = ""
+    icon: str = ""
+    width: float = 0.0
+    primary: bool = False
+
+
+_PLAIN = Face()
+
+
+def tooltip(text: str, shortcut: str = "") -> None:
+    """Explain the item drawn last when the mouse rests on it, also when it is disabled."""
+    flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
+    if not text or not imgui.is_item_hovered(flags):
+        return
+    if imgui.begin_tooltip():
+        imgui.push_text_wrap_pos(em(24))
+        imgui.text_unformatted(text)
+        if shortcut:
+            with theme.text_color(theme.DIM):
+                imgui.text_unformatted(shortcut)
+        imgui.pop_text_wrap_pos()
+        imgui.end_tooltip()
+
+
+def button(
+    label: str, face: Face = _PLAIN, *, why_not: str = "", hint: str = "", shortcut: str = ""
+) -> bool:
+    """A text button named ``label``; ``why_not`` disables it and is what its tooltip says."""
+    if face.primary:
+        imgui.push_style_color(imgui.Col_.button, theme.ACCENT_STRONG)
+        imgui.push_style_color(imgui.Col_.button_hovered, theme.ACCENT)
+        imgui.push_style_color(imgui.Col_.button_active, theme.ACCENT)
+        imgui.push_style_color(imgui.Col_.text, theme.ON_ACCENT)
+    imgui.begin_disabled(bool(why_not))
+    text = face.text or label
+    text = f"{face.icon}  {text}" if face.icon else text
+    clicked = imgui.button(f"{text}###{label}", ImVec2(face.width, 0))
+    imgui.end_disabled()
+    if face.primary:
+        imgui.pop_style_color(4)
+    tooltip(why_not or hint, shortcut)
+    return clicked and not why_not
+
+
+def beside(text: str, gap: float = 0.0, extra: float = 0.0) -> None:
+    """What is drawn next stands beside the last item where it fits, else below it.
+
+    It is a button that says ``text``, and ``extra`` pixels wider.
+    """
+    style = imgui.get_style()
+    gap = gap or style.item_spacing.x
+    width = imgui.calc_text_size(text).x + 2 * style.frame_padding.x + extra
+    right = imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x
+    if imgui.get_item_rect_max().x + gap + width <= right:
+        imgui.same_line(0, gap)
+
+
+def icon_button(
+    name: str,
+    icon: str,
+    *,
+    hint: str = "",
+    why_not: str = "",
+    on: bool = False,
+    shortcut: str = "",
+    size: float = 0.0,
+) -> bool:
+    """A square button; ``name`` is its identity for tests, ``hint`` its tooltip."""
+    side = size or imgui.get_frame_height()
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    _push_flat(on)
+    imgui.begin_disabled(bool(why_not))
+    clicked = imgui.button(f"{icon}###{name}", ImVec2(side * 1.12, side))
+    imgui.end_disabled()
+    imgui.pop_style_color(4)
+    imgui.pop_style_var()
+    tooltip(f"{hint or name}: {why_not}" if why_not else hint or name, shortcut)
+    return clicked and not why_not
+
+
+def toggle(label: str, on: bool, *, hint: str, why_not: str = "") -> bool:
+    """A text button that stays lit while it is on; whether it was clicked."""
+    _push_flat(on)
+    imgui.begin_disabled(bool(why_not))
+    clicked = imgui.button(label)
+    imgui.end_disabled()
+    imgui.pop_style_color(4)
+    tooltip(why_not or hint)
+    return clicked and not why_not
+
+
+def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None) -> bool:
+    """A borderless icon of text height, for table rows."""
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    _push_flat(False)
+    imgui.push_style_color(imgui.Col_.text, color or theme.DIM)
+    clicked = imgui.button(f"{icon}###{name}", ImVec2(em(1.35), em(1.25)))
+    imgui.pop_style_color(5)
+    imgui.pop_style_var(2)
+    tooltip(hint)
+    return clicked
+
+
+def segmented(
+    name: str,
+    choices: Sequence[tuple[T, str, str, str]],
+    current: T,
+    *,
+    why_not: Mapping[T, str],
+    with_text: bool = True,
+) -> T:
+    """One choice of several in one control; each choice is (value, icon, label, hint)."""
+    imgui.push_id(name)
+    picked = current
+    for position, (value, icon, label, hint) in enumerate(choices):
+        if position:
+            imgui.same_line(0, theme.scaled(1))
+        reason = why_not.get(value, "")
+        _push_flat(value == current, rest=theme.RAISED)
+        imgui.begin_disabled(bool(reason))
+        text = f"{icon}  {label}" if icon and with_text else icon or label
+        if imgui.button(f"{text}###{label}"):
+            picked = value
+        imgui.end_disabled()
+        imgui.pop_style_color(4)
+        tooltip(f"{label}: {reason}" if reason else hint)
+    imgui.pop_id()
+    return picked
+
+
+def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
+    """Push the four colors of a flat toggle."""
+    imgui.push_style_color(imgui.Col_.button, theme.ACCENT_SOFT if on else rest or theme.CLEAR)
+    imgui.push_style_color(imgui.Col_.button_hovered, theme.HOVER)
+    imgui.push_style_color(imgui.Col_.button_active, theme.PRESSED)
+    imgui.push_style_color(imgui.Col_.text, theme.CHOSEN if on else theme.TEXT)
+
+
+def dim(text: str, wrap: bool = False) -> None:
+    """Secondary text."""
+    with theme.text_color(theme.DIM):
+        if wrap:
+            imgui.text_wrapped(text)
+        else:
+            imgui.text_unformatted(text)
+
+
+def heading(text: str) -> None:
+    """The title of a section of a panel."""
+    imgui.dummy(ImVec2(0, em(0.15)))
+    with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
+        imgui.text_unformatted(text)
+
+
+def section(label: str) -> bool:
+    """The heading of a section that opens and closes; whether it is open."""
+    imgui.dummy(ImVec2(0, em(0.1)))
+    imgui.separator()
+    imgui.push_style_color(imgui.Col_.header, theme.CLEAR)
+    imgui.push_style_color(imgui.Col_.header_hovered, theme.HOVER)
+    imgui.push_style_color(imgui.Col_.header_active, theme.PRESSED)
+    # The arrow stands under the words above it: half the panel's padding is the header's own.
+    pad = ImVec2(imgui.get_style().window_padding.x / 2, imgui.get_style().frame_padding.y)
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, pad)
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
+        opened = imgui.collapsing_header(label)
+    imgui.pop_style_var(2)
+    imgui.pop_style_color(3)
+    return opened
+
+
+def checkbox(label: str, value: bool) -> tuple[bool, bool]:
+    """A box to tick, with an edge that is seen while it is empty."""
+    with _edge():
+        return imgui.checkbox(label, value)
+
+
+def radio_button(label: str, is_chosen: bool) -> bool:
+    """One of several, with an edge that is seen while it is empty."""
+    with _edge():
+        return imgui.radio_button(label, is_chosen)
+
+
+@contextmanager
+def _edge() -> Iterator[None]:
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size, theme.scaled(1))
+    try:
+        yield
+    finally:
+        imgui.pop_style_var()
+        imgui.pop_style_color()
+
+
+def number(text: str, color: ImVec4 | None = None) -> None:
+    """Text at the right edge of the room left in this column."""
+    room = imgui.get_content_region_avail().x
+    width = imgui.calc_text_size(text).x
+    if room > width:
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
+    with theme.text_color(color or theme.TEXT):
+        imgui.text_unformatted(text)
+
+
+def elided(text: str, width: float) -> str:
+    """``text``, in the user's language, cut with an ellipsis so that it fits ``width`` pixels."""
+    text = words.tr(text)
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if imgui.calc_text_size(text[:middle] + "…").x <= width:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low] + "…"
+
+
+def line(text: str, color: ImVec4 | None = None) -> None:
+    """One line of text that is cut at the edge of the panel and whole in its tooltip."""
+    shown = elided(text, imgui.get_content_region_avail().x)
+    with theme.text_color(color or theme.TEXT):
+        imgui.text_unformatted(shown)
+    if shown != words.tr(text):
+        tooltip(text)
+
+
+def rgba(color: Sequence[float], alpha: float = 1.0) -> ImVec4:
+    """A color (3,), 0..1, for the toolkit."""
+    return ImVec4(float(color[0]), float(color[1]), float(color[2]), alpha)
+
+
+def escape_closes() -> None:
+    """Inside a popup: Escape closes it (without keyboard navigation nobody else sees to that)."""
+    if imgui.is_key_pressed(imgui.Key.escape, False):
+        imgui.close_current_popup()
+
+
+def empty_state(icon: str, title: str, detail: str) -> None:
+    """What a panel shows while it has nothing: a sign, what is missing, what to do."""
+    room = imgui.get_content_region_avail()
+    roomy = room.y > em(8)
+    if roomy:
+        imgui.dummy(ImVec2(0, min(room.y * 0.16, em(2.2))))
+        with theme.face(scale=1.7), theme.text_color(theme.FAINT):
+            _centred(icon)
+    with theme.face(strong=True):
+        wrapped(title, theme.TEXT)
+    if detail:
+        wrapped(detail, theme.DIM)
+
+
+def wrapped(text: str, color: ImVec4) -> None:
+    """Text in centred lines that fit the panel."""
+    text = words.tr(text)
+    width = imgui.get_content_region_avail().x - em(0.5)
+    with theme.text_color(color):
+        for part in _lines(text, width):
+            _centred(part)
+
+
+def _lines(text: str, width: float) -> list[str]:
+    lines: list[str] = []
+    for word in text.split():
+        joined = f"{lines[-1]} {word}" if lines else word
+        if lines and imgui.calc_text_size(joined).x <= width:
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    return lines
+
+
+def _centred(text: str) -> None:
+    room = imgui.get_content_region_avail().x
+    offset = (room - imgui.calc_text_size(text).x) / 2
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(offset, 0.0))
+    imgui.text_unformatted(text)

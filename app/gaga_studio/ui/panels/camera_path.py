@@ -1,0 +1,121 @@
+"""The camera's path: play and scrub it, its keyframes and their times, and its film."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.scene.camera_path import CameraPath
+from gaga_studio.actions import camera_path
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.theme import em
+
+
+def draw(session: Session) -> None:
+    """The whole panel."""
+    if session.document is None:
+        widgets.empty_state(icons.FILM, "No camera path", "")
+        return
+    path = camera_path.path_of(session)
+    _buttons(session, path)
+    if not path.keyframes:
+        widgets.dim(
+            "Look at the scene as the film shall begin and add a keyframe; go on and add the next. "
+            "Turntable makes a circle around what is in the middle of the picture.",
+            wrap=True,
+        )
+        return
+    _scrub(session, path)
+    if imgui.begin_child("Keyframes", ImVec2(0, 0)):
+        _table(session, path)
+    imgui.end_child()
+
+
+def _buttons(session: Session, path: CameraPath) -> None:
+    command_buttons.command_button(session, "camera.add_keyframe", "Add keyframe")
+    widgets.beside(f"{icons.TURNTABLE}  Turntable")
+    command_buttons.command_button(session, "camera.turntable", "Turntable")
+    if not path.keyframes:
+        return
+    widgets.beside("Closed", em(1))
+    hint = "After the last keyframe the camera goes on to the first"
+    if widgets.toggle("Closed", path.is_closed, hint=hint):
+        camera_path.set_closed(session, not path.is_closed)
+    widgets.beside("Even speed")
+    hint = "The same speed all the way: the times between the keyframes follow their distances"
+    if widgets.toggle("Even speed", path.even_speed, hint=hint):
+        camera_path.set_even_speed(session, not path.even_speed)
+    widgets.beside(f"{icons.FILM}  Save film…", em(1))
+    command_buttons.command_button(session, "camera.film", "Save film…")
+
+
+def _scrub(session: Session, path: CameraPath) -> None:
+    playback = session.view.playback
+    icon = icons.PAUSE if playback.is_playing else icons.PLAY
+    why_not = "" if len(path.keyframes) > 1 else "Add another keyframe."
+    if widgets.icon_button("Play", icon, hint="Play or stop", why_not=why_not, shortcut="Shift+K"):
+        camera_path.toggle_playing(session)
+    imgui.same_line()
+    width = em(5.5)
+    imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
+    changed, at = imgui.slider_float("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
+    if changed:
+        playback.is_playing = False
+        camera_path.scrub(session, at)
+    _marks(path)
+    imgui.same_line()
+    imgui.set_next_item_width(width)
+    changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
+    widgets.tooltip("Time of the whole path; all times are stretched alike")
+    if changed:
+        camera_path.set_total(session, total)
+
+
+def _marks(path: CameraPath) -> None:
+    """Ticks at the keyframes under the slider."""
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    pad = imgui.get_style().frame_padding.x + imgui.get_style().grab_min_size / 2
+    room = high.x - low.x - 2 * pad
+    for t in path.times():
+        x = low.x + pad + room * t / max(path.seconds, 1e-6)
+        a, b = ImVec2(x, high.y - em(0.25)), ImVec2(x, high.y)
+        imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
+
+
+def _table(session: Session, path: CameraPath) -> None:
+    chosen = session.view.playback.chosen
+    times = path.times()
+    for index, key in enumerate(path.keyframes):
+        imgui.push_id(index)
+        width = em(6.4)
+        text = f"{index + 1}   at {times[index]:.1f} s"
+        if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
+            camera_path.choose(session, index)
+        widgets.tooltip("Click to go there")
+        imgui.same_line(width + em(0.4))
+        if index or path.is_closed:
+            imgui.set_next_item_width(em(6.4))
+            form = "%.2f s before" if index else "%.2f s back"
+            imgui.begin_disabled(path.even_speed)
+            imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
+            changed, seconds = imgui.drag_float("##S", key.seconds, 0.02, 0.05, 600, form)
+            imgui.pop_style_var()
+            imgui.end_disabled()
+            if changed:
+                camera_path.set_seconds(session, index, seconds)
+        imgui.same_line(width + em(7.2))
+        _row_buttons(session, index)
+        imgui.pop_id()
+
+
+def _row_buttons(session: Session, index: int) -> None:
+    if widgets.small_icon("Update", icons.UPDATE, hint="Show the present view here instead"):
+        camera_path.update_keyframe(session, index)
+    imgui.same_line(0, 0)
+    if widgets.small_icon("Earlier", icons.EARLIER, hint="Earlier"):
+        camera_path.move_keyframe(session, index, -1)
+    imgui.same_line(0, 0)
+    if widgets.small_icon("Later", icons.LATER, hint="Later"):
+        camera_path.move_keyframe(session, index, 1)
+    imgui.same_line(0, 0)
+    if widgets.small_icon("Remove", icons.CLOSE, hint="Remove this keyframe"):
+        camera_path.remove_keyframe(session, index)

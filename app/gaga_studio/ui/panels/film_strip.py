@@ -1,0 +1,133 @@
+"""The film strip: photos of the scene with their masks; a click flies to where one was taken."""
+
+from bisect import bisect_left, bisect_right
+from itertools import accumulate
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.camera import Camera
+from gaga_studio.actions import navigation
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole panel."""
+    document = session.document
+    if document is None or not session.cameras:
+        what = "This file comes without photos." if document is not None else ""
+        widgets.empty_state(icons.IMAGES, "No photos", what)
+        return
+    height = imgui.get_content_region_avail().y
+    imgui.begin_group()
+    _head(session, ui)
+    imgui.end_group()
+    imgui.same_line(0, em(0.8))
+    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    if imgui.begin_child("Strip", ImVec2(0, height), imgui.ChildFlags_.none, flags):
+        _strip(session, document, ui)
+    imgui.end_child()
+
+
+def _head(session: Session, ui: UiState) -> None:
+    """Left of the photos: how many there are, and whether masks lie over them."""
+    folder = session.project.folder if session.project is not None else None
+    n_test = len(folder.test) if folder is not None else 0
+    imgui.text_unformatted(f"{len(session.cameras)} photos")
+    widgets.dim(f"{n_test} for testing" if n_test else "all for training")
+    why_not = "" if len(session.masks) else "There are no masks here."
+    hint = "Show the masks over the photos"
+    label = f"{icons.MASK}  Masks###Masks"
+    if widgets.toggle(label, ui.show_masks, hint=hint, why_not=why_not):
+        ui.show_masks = not ui.show_masks
+
+
+def _strip(session: Session, document: Document, ui: UiState) -> None:
+    """Only what is in sight is drawn and loaded."""
+    _wheel()
+    scroll, room = imgui.get_scroll_x(), imgui.get_content_region_avail()
+    bar = imgui.get_style().scrollbar_size
+    gap = em(0.5)
+    height = max(imgui.get_window_height() - em(1.3) - bar, em(2))
+    widest = max(camera.width / camera.height for camera in session.cameras)
+    height = min(height, max((room.x - 2 * gap) / 2 / widest, em(3)))  # two fit side by side
+    widths = [height * camera.width / camera.height for camera in session.cameras]
+    ends = list(accumulate(width + gap for width in widths))
+    first = max(bisect_left(ends, scroll) - 1, 0)
+    last = min(bisect_right(ends, scroll + room.x + gap) + 1, len(widths))
+    start = imgui.get_cursor_pos()
+    _follow(session, ui, widths, ends)
+    for index in range(first, last):
+        imgui.set_cursor_pos(ImVec2(start.x + ends[index] - widths[index] - gap, start.y))
+        _thumbnail(session, document, ui, index, ImVec2(widths[index], height))
+    imgui.set_cursor_pos(ImVec2(start.x + ends[-1] - gap, start.y + height))
+    imgui.dummy(ImVec2(1, 1))
+
+
+def _wheel() -> None:
+    io = imgui.get_io()
+    if io.mouse_wheel and imgui.is_window_hovered():
+        imgui.set_scroll_x(imgui.get_scroll_x() - io.mouse_wheel * em(7))
+
+
+def _follow(session: Session, ui: UiState, widths: list[float], ends: list[float]) -> None:
+    """Bring the photo into sight that the camera went to."""
+    active = session.active_view
+    if active == ui.strip_seen or active is None or active >= len(widths):
+        return
+    ui.strip_seen = active
+    middle = ends[active] - widths[active] / 2
+    imgui.set_scroll_x(max(middle - imgui.get_window_width() / 2, 0.0))
+
+
+def _thumbnail(session: Session, document: Document, ui: UiState, index: int, size: ImVec2) -> None:
+    camera = session.cameras[index]
+    corner = imgui.get_cursor_screen_pos()
+    high = ImVec2(corner.x + size.x, corner.y + size.y)
+    if imgui.invisible_button(f"View {camera.name}", size):
+        navigation.go_to_view(session, index)
+    is_hot = imgui.is_item_hovered()
+    widgets.tooltip(f"{camera.name}: click to stand where it was taken")
+    drawing = imgui.get_window_draw_list()
+    texture = _texture(session, document, ui, camera)
+    if texture is None:
+        drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED), em(0.2))
+    else:
+        picture = imgui.ImTextureRef(texture[0])
+        drawing.add_image_rounded(
+            picture, corner, high, ImVec2(0, 0), ImVec2(1, 1), 0xFFFFFFFF, em(0.2)
+        )
+    is_active = index == session.active_view
+    if is_active or is_hot:
+        color = theme.ACCENT if is_active else theme.LINE_STRONG
+        drawing.add_rect(corner, high, theme.u32(color), em(0.2), theme.scaled(2))
+    _caption(session, camera, corner, size, is_active)
+
+
+def _texture(
+    session: Session, document: Document, ui: UiState, camera: Camera
+) -> photo_textures.Texture:
+    if ui.show_masks:
+        bank = document.scene.bank if session.live is None else session.live.bank
+        return photo_textures.photo_with_masks(session, camera.name, bank)
+    return photo_textures.photo(session, camera.name)
+
+
+def _caption(
+    session: Session, camera: Camera, corner: ImVec2, size: ImVec2, is_active: bool
+) -> None:
+    folder = session.project.folder if session.project is not None else None
+    is_test = folder is not None and camera.name in folder.test
+    mark = imgui.calc_text_size("test").x + em(0.4) if is_test else 0.0
+    at = ImVec2(corner.x, corner.y + size.y + em(0.1))
+    drawing = imgui.get_window_draw_list()
+    with theme.face(scale=0.87):
+        shown = widgets.elided(camera.name, size.x - mark)
+        color = theme.TEXT if is_active else theme.DIM
+        drawing.add_text(at, theme.u32(color), shown)
+        if is_test:
+            edge = ImVec2(corner.x + size.x - imgui.calc_text_size("test").x, at.y)
+            drawing.add_text(edge, theme.u32(theme.ACCENT), "test")

@@ -1,0 +1,198 @@
+"""The selected objects: names and counts, color, placement by numbers, and what can be done."""
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.scene.objects import ObjectTable
+from gaga_studio.session import motion
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.panels import cleaning, grade, quality
+
+_COLOR_FLAGS = (
+    imgui.ColorEditFlags_.no_inputs
+    | imgui.ColorEditFlags_.no_label
+    | imgui.ColorEditFlags_.no_alpha
+    | imgui.ColorEditFlags_.no_drag_drop
+    | imgui.ColorEditFlags_.no_tooltip
+)
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole panel."""
+    document = session.document
+    n_splats = len(session.selected_indices()) if document is not None else 0
+    if document is None or n_splats == 0:
+        hint = "Click an object in the view or in the list." if document is not None else ""
+        widgets.empty_state(icons.BOX, "Nothing selected", hint)
+        return
+    _title(session, document, n_splats)
+    if cleaning.draw(session):
+        quality.draw_confidence(session, document)
+        return
+    _buttons(session)
+    _properties(session, document, ui)
+    quality.draw(session, document)
+    grade.draw(session, ui)
+
+
+def _title(session: Session, document: Document, n_splats: int) -> None:
+    groups = session.selected_groups()
+    if len(groups) == 1:
+        name = document.name_of(groups[0])
+    elif groups:
+        name = f"{len(groups)} objects"
+    else:
+        name = "Loose splats"
+    with theme.face(strong=True, scale=1.15):
+        widgets.line(name)
+    facts = [f"{n_splats:,} splats"]
+    if len(groups) == 1:
+        facts += _facts(session.objects(), groups[0], n_splats)
+    widgets.dim("  ·  ".join(facts), wrap=True)
+
+
+def _facts(table: ObjectTable, group: int, n_splats: int) -> list[str]:
+    row = table.row(group)
+    if row is None:
+        return []
+    facts = []
+    if n_splats < table.counts[row]:
+        facts.append(f"of {int(table.counts[row]):,}")
+    if table.n_views[row]:
+        facts.append(f"seen in {int(table.n_views[row])} views")
+    return facts
+
+
+def _buttons(session: Session) -> None:
+    """What can be done with the selection, in equal columns."""
+    room = imgui.get_content_region_avail().x
+    columns = 3 if room > em(15.5) else 2
+    gap = theme.scaled(5)
+    width = (room - gap * (columns - 1)) / columns
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(gap, gap))
+    for position, (command, label) in enumerate(command_buttons.SELECTION_BUTTONS):
+        if position % columns:
+            imgui.same_line()
+        icon = command_buttons.ICONS[command] if width > em(7.2) else ""
+        command_buttons.command_button(session, command, label, Face(icon=icon, width=width))
+    cleaning.draw_choice(session, len(command_buttons.SELECTION_BUTTONS) % columns > 0)
+    imgui.pop_style_var()
+
+
+def _color(session: Session, document: Document, ui: UiState) -> None:
+    _row("Color", "Recolor the selection; shading and reflections stay")
+    imgui.table_next_column()
+    color = list(ui.color or (float(c) for c in document.read.selected_color()))
+    side = imgui.get_frame_height()
+    if imgui.color_button(
+        "Color",
+        widgets.rgba(color),
+        _COLOR_FLAGS,
+        ImVec2(imgui.get_content_region_avail().x, side),
+    ):
+        imgui.open_popup("Color picker")
+    widgets.tooltip("Recolor: shading and reflections stay")
+    imgui.table_next_column()
+    imgui.align_text_to_frame_padding()
+    red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
+    widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
+    if imgui.begin_popup("Color picker"):
+        _picker(session, ui, color)
+        widgets.escape_closes()
+        imgui.end_popup()
+    elif ui.color is not None:
+        session.commit_preview()  # the popup was closed with the mouse still down
+        ui.color = None
+
+
+def _picker(session: Session, ui: UiState, color: list[float]) -> None:
+    """Live preview while the mouse is down; one entry of the history when it is released."""
+    flags = imgui.ColorEditFlags_.no_alpha | imgui.ColorEditFlags_.no_side_preview
+    flags |= imgui.ColorEditFlags_.display_rgb | imgui.ColorEditFlags_.display_hex
+    imgui.set_next_item_width(em(14))
+    changed, picked = imgui.color_picker3("##Picker", color, flags)
+    if changed:
+        ui.color = (picked[0], picked[1], picked[2])
+        session.preview_recolor(ui.color)
+    if ui.color is not None and not imgui.is_any_item_active():
+        session.commit_preview()
+        ui.color = None
+
+
+def _properties(session: Session, document: Document, ui: UiState) -> None:
+    """Color and position; turn and scale count from how the selection is now."""
+    imgui.dummy(ImVec2(0, theme.scaled(2)))
+    box = document.selected_box()
+    if box is None or not imgui.begin_table("Properties", 4, imgui.TableFlags_.no_saved_settings):
+        return
+    imgui.table_setup_column("what", imgui.TableColumnFlags_.width_fixed, em(4.0))
+    for letter in "xyz":
+        imgui.table_setup_column(letter, imgui.TableColumnFlags_.width_stretch)
+    _color(session, document, ui)
+    centre = (box[0] + box[1]) / 2
+    extent = max(float(np.linalg.norm(box[1] - box[0])), 1e-6)
+    _row("Position", "Centre of the selection, in scene units")
+    for axis, letter in enumerate("XYZ"):
+        value = float(centre[axis]) + ui.move[axis]
+        changed, value = _number(f"Position {letter}", value, extent * 0.005, "%.3f")
+        if changed:
+            ui.move[axis] = value - float(centre[axis])
+        _after(session, document, ui, changed)
+    _row("Turn by", "Degrees around each axis, through the centre")
+    for axis, letter in enumerate("XYZ"):
+        changed, ui.turn[axis] = _number(f"Turn {letter}", ui.turn[axis], 0.5, "%.1f°")
+        _after(session, document, ui, changed)
+    _row("Scale by", "Larger or smaller, about the centre")
+    changed, ui.scale = _number("Scale", ui.scale, 0.005, "%.2f×", (0.01, 100.0))
+    _after(session, document, ui, changed)
+    imgui.end_table()
+
+
+def _row(name: str, hint: str) -> None:
+    imgui.table_next_row()
+    imgui.table_next_column()
+    imgui.align_text_to_frame_padding()
+    widgets.dim(name)
+    widgets.tooltip(hint)
+
+
+def _number(
+    name: str, value: float, speed: float, form: str, limits: tuple[float, float] = (0.0, 0.0)
+) -> tuple[bool, float]:
+    imgui.table_next_column()
+    imgui.set_next_item_width(-1)
+    flags = imgui.SliderFlags_.always_clamp if limits[1] > 0 else imgui.SliderFlags_.none
+    result = imgui.drag_float(f"##{name}", value, speed, *limits, form, flags)
+    widgets.tooltip(f"{name}: drag, or click to type")
+    return result
+
+
+def _after(session: Session, document: Document, ui: UiState, changed: bool) -> None:
+    """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
+    ended = imgui.is_item_deactivated_after_edit()
+    if changed or ended:
+        session.preview_move(_motion(document, ui), _verb(ui))
+    if ended:
+        session.commit_preview()
+        ui.clear_placement()
+
+
+def _verb(ui: UiState) -> str:
+    if any(ui.turn):
+        return "Turn"
+    return "Scale" if ui.scale != 1.0 else "Move"
+
+
+def _motion(document: Document, ui: UiState) -> DoubleArray:
+    box = document.selected_box()
+    pivot = (box[0] + box[1]) / 2 if box is not None else np.zeros(3)
+    return motion.motion(
+        pivot, (ui.move[0], ui.move[1], ui.move[2]), (ui.turn[0], ui.turn[1], ui.turn[2]), ui.scale
+    )

@@ -1,0 +1,174 @@
+"""The memory bank of one object: which mask of which view joined it, and with what overlap.
+
+While the association runs it shows the view of the moment and what becomes of its masks.
+"""
+
+from collections.abc import Sequence
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.memory_bank import Decision
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.panels import mask_menu
+from gaga_studio.ui.viewport import mask_evidence
+
+_TABLE_FLAGS = (
+    imgui.TableFlags_.scroll_y
+    | imgui.TableFlags_.row_bg
+    | imgui.TableFlags_.no_saved_settings
+    | imgui.TableFlags_.no_pad_outer_x
+    | imgui.TableFlags_.sizing_fixed_fit
+)
+_OVERLAPS = {  # what the shares are of
+    False: "share of the splats behind the mask that the object held when the mask was decided",
+    True: "share of the points on the surface that the mask shows, which belong to the object",
+}
+_ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
+
+
+def draw(session: Session, ui: UiState) -> None:
+    """The whole panel."""
+    document = session.document
+    if document is None:
+        widgets.empty_state(icons.MEMORY, "No scene is open", "")
+        return
+    if session.live is not None:
+        _growing(session, document, ui, session.live)
+        return
+    ui.decision = document.read.decision_now(ui.decision)
+    if document.scene.bank is None:
+        hint = "Association fills it: which mask of which photo belongs to which object."
+        widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
+        return
+    decisions = session.decisions(session.focus) if session.focus else ()
+    if not decisions:
+        hint = "Select an object to see the masks that made it."
+        widgets.empty_state(icons.MEMORY, "No object chosen", hint)
+        return
+    _head(document, session.focus, decisions)
+    _table(session, document, ui, decisions, by_view=True)
+
+
+def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None:
+    with theme.face(strong=True):
+        widgets.line(document.name_of(group))
+    n_views = len({decision.view for decision in decisions})
+    masks = "1 mask" if len(decisions) == 1 else f"{len(decisions)} masks"
+    n_by_hand = sum(decision.by_hand for decision in decisions)
+    by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
+    widgets.dim(f"{masks} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}")
+    widgets.tooltip(
+        f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
+        "belongs elsewhere, or drag it onto its object in the list."
+    )
+
+
+def _growing(session: Session, document: Document, ui: UiState, live: BankSnapshot) -> None:
+    """The bank after the newest view."""
+    decisions = [d for d in live.bank.log if d.view == live.view]
+    n_new = sum(decision.is_new for decision in decisions)
+    with theme.face(strong=True):
+        widgets.line(f"{live.n_groups} groups")
+    joined = f"{len(decisions) - n_new} masks joined, {n_new} opened a group"
+    widgets.dim(widgets.elided(f"{live.view}: {joined}", imgui.get_content_region_avail().x))
+    _table(session, document, ui, decisions, by_view=False)
+
+
+def _table(
+    session: Session,
+    document: Document,
+    ui: UiState,
+    decisions: Sequence[Decision],
+    *,
+    by_view: bool,
+) -> None:
+    is_narrow = imgui.get_content_region_avail().x < em(17)
+    if not imgui.begin_table("Decisions", 3 if is_narrow else 4, _TABLE_FLAGS, ImVec2(0, 0)):
+        return
+    stretch, fixed = imgui.TableColumnFlags_.width_stretch, imgui.TableColumnFlags_.width_fixed
+    imgui.table_setup_scroll_freeze(0, 1)
+    imgui.table_setup_column("View" if by_view else "Group", stretch, 1.2)
+    imgui.table_setup_column("Mask", fixed, em(2.6))
+    imgui.table_setup_column("Overlap", stretch, 1.0)
+    if not is_narrow:
+        imgui.table_setup_column("Next best", stretch, 1.0)
+    with theme.text_color(theme.DIM):
+        imgui.table_headers_row()
+    clipper = imgui.ListClipper()
+    clipper.begin(len(decisions))
+    while clipper.step():
+        for at in range(clipper.display_start, clipper.display_end):
+            _row(session, document, ui, decisions[at], by_view, is_narrow)
+    clipper.end()
+    imgui.end_table()
+
+
+def _row(
+    session: Session,
+    document: Document,
+    ui: UiState,
+    decision: Decision,
+    by_view: bool,
+    is_narrow: bool,
+) -> None:
+    imgui.table_next_row()
+    imgui.push_id(f"{decision.view} {decision.mask}")
+    imgui.table_set_column_index(0)
+    clicked, _ = imgui.selectable("##decision", ui.decision == decision, _ROW_FLAGS)
+    widgets.tooltip(mask_evidence.explanation(document, decision))
+    if clicked:
+        ui.decision = None if ui.decision == decision else decision
+        if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+            ui.decision = decision
+            command_buttons.fly_to(session, decision.view)
+    if by_view:
+        mask_menu.drag_source(ui, document, decision)
+        mask_menu.popup(session, document, ui, decision)
+    imgui.same_line(0, 0)
+    if by_view:
+        widgets.line(decision.view)
+    else:
+        widgets.line(f"group {decision.group}" if decision.group else "none")
+    imgui.table_set_column_index(1)
+    widgets.number(f"{decision.mask}", theme.DIM)
+    imgui.table_set_column_index(2)
+    if decision.by_hand:
+        with theme.text_color(theme.ACCENT):
+            imgui.text_unformatted(f"{icons.RENAME} by hand")
+    elif decision.is_new:
+        with theme.text_color(theme.GOOD):
+            imgui.text_unformatted(f"{icons.NEW} new")
+    else:
+        _bar(decision.overlap, theme.ACCENT_STRONG)
+    if not is_narrow:
+        imgui.table_set_column_index(3)
+        if decision.runner_up:
+            _bar(decision.runner_up_overlap, theme.FAINT)
+            widgets.tooltip(document.name_of(decision.runner_up))
+        else:
+            widgets.dim("–")
+    imgui.pop_id()
+
+
+def _bar(share: float, color: imgui.ImVec4) -> None:
+    """A share 0..1 as a bar with its number."""
+    width = imgui.get_content_region_avail().x - em(0.2)
+    corner = imgui.get_cursor_screen_pos()
+    height = imgui.get_text_line_height()
+    drawing = imgui.get_window_draw_list()
+    low, round_by = ImVec2(corner.x, corner.y + theme.scaled(1)), em(0.15)
+    whole = ImVec2(corner.x + width, corner.y + height)
+    drawing.add_rect_filled(low, whole, theme.u32(theme.RAISED), round_by)
+    part = ImVec2(corner.x + width * min(max(share, 0.0), 1.0), whole.y)
+    drawing.add_rect_filled(low, part, theme.u32(color, 0.75), round_by)
+    with theme.face(scale=0.87):
+        label = f"{100 * share:.0f} %"
+        at = ImVec2(whole.x - imgui.calc_text_size(label).x - em(0.3), corner.y + theme.scaled(1))
+        drawing.add_text(at, theme.u32(theme.TEXT), label)
+    imgui.dummy(ImVec2(width, height))

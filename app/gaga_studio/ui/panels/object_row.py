@@ -1,0 +1,327 @@
+"""One line of the object list: color, picture, name, numbers, switches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.scene.objects import UNASSIGNED, ObjectTable
+from gaga_studio.actions import association_repair, objects, thumbnails
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, object_menu, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+
+MASK_DRAG, OBJECT_DRAG = "gaga mask", "gaga object"  # what can be dropped on a row
+_ROW_FLAGS = (
+    imgui.SelectableFlags_.span_all_columns
+    | imgui.SelectableFlags_.allow_overlap
+    | imgui.SelectableFlags_.allow_double_click
+)
+_GOOD, _FAIR = 0.75, 0.5  # agreements
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where the columns are that not every width has; -1 = not there."""
+
+    views: int
+    quality: int
+    shown: int
+    is_roomy: bool  # whole numbers, and a third switch
+
+
+def height() -> float:
+    """Of a line, in pixels of this screen."""
+    return em(1.7)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What all lines of the list share."""
+
+    session: Session
+    document: Document
+    ui: UiState
+    table: ObjectTable
+    quality: DoubleArray  # (G,) -1 = not measured
+    shown: Sequence[int]  # groups in the order of the list
+    columns: Columns
+
+    def draw(self, row: int) -> None:
+        """The cells of a row of the table."""
+        _Row(self, row).draw()
+
+
+class _Row:
+    def __init__(self, rows: Rows, row: int) -> None:
+        table = rows.table
+        self.rows, self.row = rows, row
+        self.session, self.document, self.ui = rows.session, rows.document, rows.ui
+        self.group = int(table.ids[row])
+        self.name = table.names[row]
+        self.color = tuple(float(c) for c in table.colors[row])
+        self.is_selected = bool(table.n_selected[row] > 0)
+        self.is_hidden = bool(table.n_hidden[row] == table.counts[row])
+        self.is_locked = bool(table.n_locked[row] == table.counts[row])
+
+    def draw(self) -> None:
+        """The cells."""
+        table, columns = self.rows.table, self.rows.columns
+        imgui.table_next_row(0, height())
+        imgui.push_id(f"object {self.group}")
+        imgui.table_set_column_index(0)
+        self._select_area()
+        imgui.same_line(0, 0)
+        self._swatch()
+        imgui.same_line(0, em(0.15))
+        self._picture()
+        imgui.table_set_column_index(1)
+        self._name()
+        color = theme.FAINT if self.is_hidden else theme.DIM
+        imgui.table_set_column_index(2)
+        _lower()
+        count = int(table.counts[self.row])
+        widgets.number(f"{count:,}" if columns.is_roomy else compact(count), color)
+        if columns.views >= 0:
+            imgui.table_set_column_index(columns.views)
+            _lower()
+            n_views = int(table.n_views[self.row])
+            widgets.number(f"{n_views}" if n_views else "–", color)
+        if columns.quality >= 0:
+            imgui.table_set_column_index(columns.quality)
+            _lower()
+            self._quality()
+        imgui.table_set_column_index(columns.shown)
+        self._switches()
+        imgui.pop_id()
+
+    # --- selecting, dragging, the menu
+
+    def _select_area(self) -> None:
+        size = ImVec2(0, height())
+        clicked, _ = imgui.selectable("##row", self.is_selected, _ROW_FLAGS, size)
+        if imgui.is_item_hovered() and self.group:
+            self.ui.hovered_row = self.group
+        if clicked and self.ui.renaming != self.group:
+            if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
+                start_renaming(self.ui, self.group, self.name)
+            else:
+                self._select()
+        self._dragging()
+        if imgui.begin_popup_context_item("Object menu"):
+            self._menu()
+            widgets.escape_closes()
+            imgui.end_popup()
+
+    def _select(self) -> None:
+        io = imgui.get_io()
+        anchor, shown = self.ui.anchor, self.rows.shown
+        if io.key_shift and anchor in shown:
+            a, b = sorted((shown.index(anchor), shown.index(self.group)))
+            self.document.select_groups(shown[a : b + 1], "set")
+            return
+        how = ("remove" if self.is_selected else "add") if io.key_ctrl else "set"
+        self.document.select_groups((self.group,), how)  # type: ignore[arg-type]  # a How
+        self.ui.anchor = self.group
+
+    def _dragging(self) -> None:
+        """Rows and masks are dragged onto a row: they become a part of its object."""
+        if self.group and imgui.begin_drag_drop_source():
+            imgui.set_drag_drop_payload_py_id(OBJECT_DRAG, self.group)
+            n = len(self.session.selected_groups()) if self.is_selected else 1
+            widgets.dim(f"{self.name if n <= 1 else f'{n} objects'}: drop it on its object")
+            imgui.end_drag_drop_source()
+        if not imgui.begin_drag_drop_target():
+            return
+        dropped = imgui.accept_drag_drop_payload_py_id(OBJECT_DRAG)
+        if dropped is not None and dropped.data_id != self.group:
+            if dropped.data_id not in self.session.selected_groups():
+                self.document.select_groups((dropped.data_id,), "set")
+            objects.assign(self.session, self.group)
+        if imgui.accept_drag_drop_payload_py_id(MASK_DRAG) is not None:
+            mask, self.ui.repairs.dragged = self.ui.repairs.dragged, None
+            if mask is not None:
+                association_repair.move_mask(
+                    self.session, mask, self.group or association_repair.NONE
+                )
+        imgui.end_drag_drop_target()
+
+    def _menu(self) -> None:
+        repairs = self.ui.repairs
+        if imgui.is_window_appearing():
+            repairs.splats = None
+            if not self.is_selected:
+                repairs.splats = self.session.selected_indices()
+                self.document.select_groups((self.group,), "set")
+        if repairs.splats is not None and len(repairs.splats):
+            text = f"{icons.JOINED}  Assign the selection to {self.name}###Assign here"
+            if imgui.menu_item_simple(text):
+                objects.assign(self.session, self.group, repairs.splats)
+            widgets.tooltip(f"The {len(repairs.splats):,} splats that were selected before")
+            imgui.separator()
+        if imgui.begin_menu(f"{icons.JOINED}  Assign to###Assign to"):
+            to = object_menu.objects(self.ui, self.rows.table, without=(self.group,))
+            if to is not None:
+                objects.assign(self.session, to)
+            imgui.end_menu()
+        if self.group in self.document.scene.colors and imgui.menu_item_simple(
+            f"{icons.RESET}  Color of its own number###Reset color"
+        ):
+            self.document.set_color(self.group, None)
+        imgui.separator()
+        command_buttons.object_menu(self.session)
+
+    # --- what is shown
+
+    def _swatch(self) -> None:
+        """A dot in the color of the object; a click changes it."""
+        side, corner = em(1.0), imgui.get_cursor_screen_pos()
+        centre = ImVec2(corner.x + side * 0.5, corner.y + height() * 0.5)
+        color = widgets.rgba(self.color, 0.35 if self.is_hidden else 1.0)
+        drawing = imgui.get_window_draw_list()
+        if not self.group:
+            drawing.add_circle_filled(centre, side * 0.33, imgui.get_color_u32(color), 20)
+            imgui.dummy(ImVec2(side, height()))
+            return
+        if imgui.invisible_button("Color", ImVec2(side, height())):
+            imgui.open_popup("List color")
+        is_over = imgui.is_item_hovered()
+        drawing.add_circle_filled(
+            centre, side * (0.42 if is_over else 0.33), imgui.get_color_u32(color), 20
+        )
+        widgets.tooltip("Color in this list and in Groups: click to change it")
+        if imgui.begin_popup("List color"):
+            self._picker()
+            widgets.escape_closes()
+            imgui.end_popup()
+
+    def _picker(self) -> None:
+        """Shown while the mouse is down, one entry of the history when it is released."""
+        repairs = self.ui.repairs
+        flags = imgui.ColorEditFlags_.no_alpha | imgui.ColorEditFlags_.no_side_preview
+        imgui.set_next_item_width(em(13))
+        own = self.document.scene.colors.get(self.group, self.color)
+        changed, picked = imgui.color_picker3("##Picker", list(own), flags)
+        if changed:
+            self.document.preview_color(self.group, picked)
+            repairs.is_coloring = True
+        if repairs.is_coloring and not imgui.is_any_item_active():
+            self.session.commit_preview()
+            repairs.is_coloring = False
+
+    def _picture(self) -> None:
+        side, corner = height(), imgui.get_cursor_screen_pos()
+        found = thumbnails.request(self.session, self.rows.table, self.row)
+        images = self.session.images
+        texture = images.texture(*found) if found is not None and images is not None else None
+        imgui.dummy(ImVec2(side, side))
+        gap = theme.scaled(1)
+        low = ImVec2(corner.x + gap, corner.y + gap)
+        high = ImVec2(corner.x + side - gap, corner.y + side - gap)
+        drawing = imgui.get_window_draw_list()
+        alpha = 0.4 if self.is_hidden else 1.0
+        if texture is None:
+            drawing.add_rect_filled(low, high, theme.u32(theme.RAISED, alpha), em(0.2))
+            return
+        tint = imgui.get_color_u32(imgui.ImVec4(1, 1, 1, alpha))
+        reference = imgui.ImTextureRef(texture[0])
+        drawing.add_image_rounded(reference, low, high, ImVec2(0, 0), ImVec2(1, 1), tint, em(0.2))
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and imgui.begin_tooltip():
+            imgui.image(reference, ImVec2(em(8), em(8)))
+            widgets.dim(self.name)
+            imgui.end_tooltip()
+
+    def _name(self) -> None:
+        if self.ui.renaming == self.group:
+            self._name_field()
+            return
+        _lower()
+        is_plain = self.name == UNASSIGNED or self.is_hidden
+        widgets.line(self.name, theme.FAINT if is_plain else theme.TEXT)
+
+    def _name_field(self) -> None:
+        ui = self.ui
+        if not ui.rename_started:
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (height() - em(1)) / 2))
+        flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+        entered, ui.rename_text = imgui.input_text("##Name", ui.rename_text, flags)
+        imgui.pop_style_var()
+        if entered or (ui.rename_started and imgui.is_item_deactivated_after_edit()):
+            self.session.rename(self.group, ui.rename_text.strip())
+            ui.renaming = None
+        elif ui.rename_started and imgui.is_item_deactivated():
+            ui.renaming = None
+        ui.rename_started = True
+
+    def _quality(self) -> None:
+        value = float(self.rows.quality[self.row])
+        color = theme.GOOD if value >= _GOOD else theme.WARN if value >= _FAIR else theme.BAD
+        sign = " %" if self.rows.columns.is_roomy else ""
+        if value < 0:
+            widgets.number("–", theme.FAINT)
+            return
+        widgets.number(f"{100 * value:.0f}{sign}", color)
+        widgets.tooltip(f"{100 * value:.0f} % agreement of its picture with its masks")
+
+    # --- switches
+
+    def _switches(self) -> None:
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (height() - em(1.25)) / 2)
+        self._eye()
+        imgui.same_line(0, 0)
+        self._lock()
+        if self.rows.columns.is_roomy:
+            imgui.same_line(0, 0)
+            self._solo()
+
+    def _eye(self) -> None:
+        icon = icons.EYE_OFF if self.is_hidden else icons.EYE
+        hint = "Show this object" if self.is_hidden else "Hide this object (Alt: show only this)"
+        color = theme.TEXT if self.is_hidden else theme.FAINT
+        if widgets.small_icon("Shown", icon, hint=hint, color=color):
+            if imgui.get_io().key_alt:
+                self.document.isolate_group(self.group)
+            else:
+                self.document.set_hidden(self.group, not self.is_hidden)
+
+    def _lock(self) -> None:
+        icon = icons.LOCK if self.is_locked else icons.UNLOCK
+        hint = "Unlock: it can be selected again" if self.is_locked else "Lock: clicks pass it by"
+        color = theme.TEXT if self.is_locked else theme.FAINT
+        if widgets.small_icon("Locked", icon, hint=hint, color=color):
+            self.document.set_locked(self.group, not self.is_locked)
+
+    def _solo(self) -> None:
+        table = self.rows.table
+        shown = table.n_hidden < table.counts
+        is_alone = bool(shown[self.row] and np.count_nonzero(shown) == 1)
+        hint = "Show everything again" if is_alone else "Show only this object"
+        color = theme.TEXT if is_alone else theme.FAINT
+        if widgets.small_icon("Alone", icons.ISOLATE, hint=hint, color=color):
+            self.document.isolate_group(self.group)
+
+
+def compact(n: int) -> str:
+    """A number in at most four letters: "604", "4.5k", "12k", "3.1M"."""
+    for unit, sign in ((1_000_000, "M"), (1_000, "k")):
+        if n >= unit:
+            return f"{n / unit:.1f}{sign}" if n < 10 * unit else f"{n // unit}{sign}"
+    return f"{n}"
+
+
+def start_renaming(ui: UiState, group: int, name: str) -> None:
+    """Turn a name into a text field."""
+    ui.renaming, ui.rename_text, ui.rename_started = group, name, False
+
+
+def _lower() -> None:
+    """Text in the middle of the line."""
+    y = imgui.get_cursor_pos_y() + (height() - imgui.get_text_line_height()) / 2
+    imgui.set_cursor_pos_y(y)

@@ -1,0 +1,243 @@
+"""The search box of the object list: what was understood, and the objects meant, the best first."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.scene.objects import ObjectTable
+from gaga_studio import commands
+from gaga_studio.actions import search as search_actions
+from gaga_studio.actions import thumbnails
+from gaga_studio.session.document import Document
+from gaga_studio.session.search_state import Hit, Search
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+_HINT = "Find an object"
+_MENU = "More ways to find"
+_ASKING = ("object.find_in_view", "object.index", "object.name_all")
+_KEYS = "Up and Down choose, Enter selects, Shift+Enter selects all that fit, Escape clears"
+
+
+def focus(ui: UiState) -> None:
+    """Ctrl+F: the keyboard goes into the box at the next frame."""
+    ui.find_now = True
+    imgui.set_window_focus("Objects")
+
+
+def draw(session: Session, ui: UiState, document: Document, table: ObjectTable) -> bool:
+    """The box, and under it the answer; False while nothing is looked for."""
+    search = document.search
+    _box(session, ui, search)
+    search_actions.tick(session)
+    if not search.text.strip():
+        return False
+    _understood(session, search)
+    _hits(session, ui, table, search)
+    return True
+
+
+def picture_size(ui: UiState) -> tuple[int, int]:
+    """Width and height of the picture that a person sees, in pixels."""
+    return max(round(ui.picture[2]), 1), max(round(ui.picture[3]), 1)
+
+
+# --- the box
+
+
+def _box(session: Session, ui: UiState, search: Search) -> None:
+    side = imgui.get_frame_height() * 1.12 + em(0.2)
+    room = side * (2 if search.text else 1)
+    if ui.find_now:
+        imgui.set_keyboard_focus_here()
+        ui.find_now = False
+    imgui.set_next_item_width(-room)
+    hint = f"{icons.SEARCH}  {_HINT}"
+    flags = imgui.InputTextFlags_.escape_clears_all | imgui.InputTextFlags_.auto_select_all
+    changed, text = imgui.input_text_with_hint("##Find", hint, search.text, flags)
+    is_active, has_ended = imgui.is_item_active(), imgui.is_item_deactivated()
+    if not is_active:
+        widgets.tooltip(
+            f"By name, color, size or place: {search_actions.EXAMPLES}. {_KEYS}", "Ctrl+F"
+        )
+    if changed:
+        search_actions.type_text(session, text, picture_size(ui))
+    if is_active or has_ended:
+        _keys(session, search, has_ended)
+    if search.text:
+        imgui.same_line(0, em(0.2))
+        if widgets.icon_button("Clear search", icons.CLOSE):
+            search.clear()
+    imgui.same_line(0, em(0.2))
+    if widgets.icon_button(_MENU, icons.MORE, hint="An index of pictures, a detector, names"):
+        imgui.open_popup(_MENU)
+    _menu(session)
+
+
+def _keys(session: Session, search: Search, has_ended: bool) -> None:
+    """Keys while the text is typed; Enter and Escape end the typing."""
+    step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+    if step:
+        search.move(step)
+    if not has_ended:
+        return
+    if imgui.is_key_pressed(imgui.Key.escape, False):
+        search.clear()
+    elif _enter():
+        if imgui.get_io().key_shift:
+            search_actions.take_all(session)
+        else:
+            search_actions.take_hit(session)
+
+
+def _enter() -> bool:
+    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
+    return any(imgui.is_key_pressed(key, False) for key in keys)
+
+
+def _menu(session: Session) -> None:
+    if not imgui.begin_popup(_MENU):
+        return
+    imgui.push_text_wrap_pos(em(22))
+    widgets.dim(search_actions.index_state(session), wrap=True)
+    imgui.pop_text_wrap_pos()
+    imgui.separator()
+    for command_id in _ASKING:
+        command_buttons.command_item(session, command_id)
+    widgets.escape_closes()
+    imgui.end_popup()
+
+
+# --- the answer
+
+
+def _understood(session: Session, search: Search) -> None:
+    """What was understood, what is still looked up, and what can be done with it."""
+    if search.measured is None:
+        widgets.dim("Looking at the objects…")
+        return
+    if search.sentence:
+        imgui.push_text_wrap_pos(0.0)
+        widgets.dim(search.sentence, wrap=True)
+        imgui.pop_text_wrap_pos()
+    if search.problem:
+        with theme.text_color(theme.WARN):
+            imgui.text_wrapped(search.problem)
+    elif search.is_looking_up:
+        widgets.dim("Looking the words up in the index…")
+    n = len(search.meant)
+    wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
+    if n > 1 and wanted < imgui.get_content_region_avail().x:  # a low panel has few lines
+        imgui.same_line()
+    if n > 1 and widgets.button(
+        "Select all that fit", Face(f"Select all {n:,}"), hint="Add them", shortcut="Shift+Enter"
+    ):
+        search_actions.take_all(session)
+    if not search.hits and not search.in_view and not search.is_looking_up:
+        _ways_out(session)
+
+
+def _ways_out(session: Session) -> None:
+    """Nothing was found: what else understands more."""
+    for command_id in _ASKING[:2]:
+        command = commands.command(command_id)
+        why_not = command.enabled(session)
+        if widgets.button(command.title, Face(width=-1), why_not=why_not):
+            commands.run(command_id, session)
+
+
+def _hits(session: Session, ui: UiState, table: ObjectTable, search: Search) -> None:
+    size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
+    if imgui.begin_child("Answer", size):
+        _lines(session, ui, table, search)
+    imgui.end_child()
+
+
+def _lines(session: Session, ui: UiState, table: ObjectTable, search: Search) -> None:
+    high = em(2.5)
+    step = high + imgui.get_style().item_spacing.y
+    if ui.find_at != search.at:
+        ui.find_at = search.at
+        top = search.at * step
+        first = imgui.get_scroll_y()
+        if not first <= top <= first + imgui.get_window_height() - step:
+            imgui.set_scroll_y(max(top - imgui.get_window_height() / 2, 0.0))
+    clipper = imgui.ListClipper()
+    clipper.begin(len(search.hits), step)
+    while clipper.step():
+        for at in range(clipper.display_start, min(clipper.display_end, len(search.hits))):
+            _line(session, ui, table, at, high)
+    clipper.end()
+
+
+def _line(session: Session, ui: UiState, table: ObjectTable, at: int, high: float) -> None:
+    search = session.need().search
+    hit = search.hits[at]
+    row = table.row(hit.group)
+    if row is None:
+        imgui.dummy(ImVec2(1, high))
+        return
+    imgui.push_id(f"object {hit.group}")
+    corner, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    flags = imgui.SelectableFlags_.allow_double_click
+    clicked, _ = imgui.selectable("##row", at == search.at, flags, ImVec2(0, high))
+    if imgui.is_item_hovered() and hit.group:
+        ui.hovered_row = hit.group
+    if clicked:
+        _clicked(session, at)
+    _picture(session, table, row, corner, high)
+    left = corner.x + high + em(0.5)
+    name = table.names[row]
+    _words(hit, name, ImVec2(left, corner.y), corner.x + room - left, table.n_selected[row] > 0)
+    imgui.pop_id()
+
+
+def _clicked(session: Session, at: int) -> None:
+    io, search = imgui.get_io(), session.need().search
+    if io.key_ctrl or io.key_shift:
+        session.select_group(search.hits[at].group, "add")
+        search.at = at
+        return
+    search_actions.take_hit(
+        session, at, flies=imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
+    )
+
+
+def _picture(session: Session, table: ObjectTable, row: int, corner: ImVec2, side: float) -> None:
+    """The object cut out of its best photo, with its color at the edge."""
+    drawing = imgui.get_window_draw_list()
+    high = ImVec2(corner.x + side, corner.y + side)
+    texture = None
+    wanted = thumbnails.request(session, table, row)
+    if wanted is not None and session.images is not None:
+        texture = session.images.texture(*wanted)
+    if texture is None:
+        drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED), em(0.2))
+    else:
+        ends = (ImVec2(0, 0), ImVec2(1, 1))
+        picture = imgui.ImTextureRef(texture[0])
+        drawing.add_image_rounded(picture, corner, high, *ends, 0xFFFFFFFF, em(0.2))
+    color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
+    edge = ImVec2(corner.x + em(0.22), high.y)
+    drawing.add_rect_filled(corner, edge, color, em(0.1))
+
+
+def _words(hit: Hit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:
+    """The name, how well it fits in words, and a bar of the score."""
+    drawing = imgui.get_window_draw_list()
+    percent = f"{round(100 * hit.score)} %"
+    width = imgui.calc_text_size(percent).x + em(0.5)
+    color = theme.CHOSEN if is_selected else theme.TEXT if hit.fits else theme.DIM
+    drawing.add_text(
+        ImVec2(at.x, at.y + em(0.15)), theme.u32(color), widgets.elided(name, room - width)
+    )
+    drawing.add_text(ImVec2(at.x + room - width, at.y + em(0.15)), theme.u32(theme.DIM), percent)
+    top = at.y + em(1.75)
+    bar = max(room - em(0.5), em(1))
+    ends = ImVec2(at.x + bar, top + em(0.22))
+    drawing.add_rect_filled(ImVec2(at.x, top), ends, theme.u32(theme.RAISED), em(0.11))
+    full = ImVec2(at.x + bar * min(max(hit.score, 0.0), 1.0), ends.y)
+    fill = theme.ACCENT if hit.fits else theme.LINE_STRONG
+    drawing.add_rect_filled(ImVec2(at.x, top), full, theme.u32(fill), em(0.11))

@@ -1,0 +1,61 @@
+"""The one stage that the open scene lacks next, as one button on the picture."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+
+def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
+    """A card at the foot of the picture; nothing when nothing is missing or it was closed."""
+    offer = session.stage_offer()
+    ui.offer_top = float("inf")
+    if offer is None or session.document is None or ui.closed_offer == id(session.document):
+        return
+    width = min(em(34), size.x - em(2))
+    if width < em(12):
+        return
+    at = ImVec2(corner.x + (size.x - width) / 2, corner.y + size.y - em(1))
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
+    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
+    flags |= imgui.ChildFlags_.always_use_window_padding
+    if imgui.begin_child("Offer", ImVec2(width, 0), flags):
+        _content(session, ui, width)
+    ui.offer_top = imgui.get_window_pos().y
+    imgui.end_child()
+    imgui.pop_style_color(2)
+
+
+def _content(session: Session, ui: UiState, width: float) -> None:
+    offer = session.stage_offer()
+    if offer is None:
+        return
+    text, (more, more_id) = offer.label, offer.more
+    padding = 2 * imgui.get_style().frame_padding.x
+    first = imgui.calc_text_size(f"{icons.RUN}  {text}").x + padding
+    second = imgui.calc_text_size(more).x + padding + em(0.4) if more else 0.0
+    room = width - em(3.5)  # left of the cross
+    is_wide = room - first - second > em(9) or not offer.command
+    reason = room - (first + second + em(0.8) if is_wide and offer.command else 0)
+    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(offer.reason)
+    imgui.pop_text_wrap_pos()
+    imgui.same_line(width - em(2.3))
+    if widgets.icon_button("Not now", icons.CLOSE):
+        ui.closed_offer = id(session.document)
+    if not offer.command:
+        return
+    if is_wide:
+        imgui.same_line(width - em(2.6) - first - second)
+    face = Face(text, icons.RUN, primary=True)
+    command_buttons.command_button(session, offer.command, offer.action, face)
+    if more:
+        imgui.same_line(0, em(0.4))
+        command_buttons.command_button(session, more_id, more.rstrip("…"), Face(more))

@@ -1,0 +1,48 @@
+"""What a tool draws over the picture: rectangles, outlines, the brush."""
+
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from gaga_core.scene.edits import How
+from gaga_studio.tools.base import PathShape, RectShape
+from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.theme import em
+
+_FILLED = 0.12
+_LINE = 0.9
+
+
+def rectangle(shape: RectShape, corner: ImVec2, density: ImVec2) -> None:
+    """A rectangle, filled faintly."""
+    a, b = _at(shape.u0, shape.v0, corner, density), _at(shape.u1, shape.v1, corner, density)
+    low, high = ImVec2(min(a.x, b.x), min(a.y, b.y)), ImVec2(max(a.x, b.x), max(a.y, b.y))
+    drawing, color = imgui.get_window_draw_list(), _color(shape.how)
+    drawing.add_rect_filled(low, high, theme.u32(color, _FILLED))
+    drawing.add_rect(low, high, theme.u32(color, _LINE))
+
+
+def path(shape: PathShape, corner: ImVec2, density: ImVec2) -> None:
+    """An outline with its corners, or the circle of the brush."""
+    points: list[ImVec2 | tuple[float, float] | list[float]] = [
+        _at(u, v, corner, density) for u, v in shape.points
+    ]
+    drawing, color = imgui.get_window_draw_list(), _color(shape.how)
+    if shape.radius and points:
+        # Two lines, so that the brush is seen on dark and on bright.
+        radius = shape.radius / density.x
+        drawing.add_circle(points[-1], radius + 1, theme.u32(theme.BACK, _LINE))
+        drawing.add_circle(points[-1], radius, theme.u32(color, 1.0))
+        return
+    if shape.is_closed and len(points) > 2:
+        drawing.add_concave_poly_filled(points, theme.u32(color, _FILLED))
+    flags = imgui.ImDrawFlags_.closed if shape.is_closed else imgui.ImDrawFlags_.none
+    drawing.add_polyline(points, theme.u32(color, _LINE), 1.5, flags)
+    for point in points if shape.has_corners else ():
+        drawing.add_circle_filled(point, em(0.18), theme.u32(color, 1.0))
+
+
+def _at(u: float, v: float, corner: ImVec2, density: ImVec2) -> ImVec2:
+    return ImVec2(corner.x + u / density.x, corner.y + v / density.y)
+
+
+def _color(how: How) -> ImVec4:
+    return theme.BAD if how == "remove" else theme.ACCENT

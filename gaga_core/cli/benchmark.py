@@ -1,0 +1,104 @@
+"""The command that runs a published benchmark over a data set."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from tyro.conf import Positional
+
+from gaga_core.cli import output as out
+from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from gaga_core.evaluate.benchmark.prompts import FindConfig
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Run the method over every scene of a data set and print the paper's table with ours."""
+
+    dataset: Positional[Literal["replica", "scannet", "lerf-mask", "3d-ovs", "mipnerf360"]]
+    """Which data set (mipnerf360: any scenes with a COLMAP model and true maps in gt/instance)."""
+    folder: Positional[Path]
+    """Its folder, with one folder a scene."""
+    scenes: tuple[str, ...] = ()
+    """Names of scenes; default: all."""
+    preset: Literal["robust", "paper"] = "robust"
+    """robust: groups by the consensus of all views. paper: the published method to the letter."""
+    masks: str | None = None
+    """Name of the mask folder in every scene (masks/NAME, raw_sam_mask, ...); default: the only
+    one, or the weights-free regions where there is none."""
+    models: Path | None = None
+    """Folder of the trained models, as <scene>/point_cloud/...; default: in the scenes."""
+    detector: str | None = None
+    """For text prompts: folder or name of a Grounding DINO or OWLv2 model (see gaga query)."""
+    index_with: str | None = None
+    """For text prompts, without a detector: folder or name of a CLIP or SigLIP model; without
+    either, words for colors, sizes and places alone are understood."""
+    pred: Path | None = None
+    """Score the predictions of this folder (<scene>/<view>.png, or <scene>/<view>/<prompt>.png)
+    and run nothing."""
+    sparse: str = ""
+    """Percentages of the train views to run as well, such as 30,20,10,5."""
+    seed: int = 0
+    """Of the choice of those views."""
+    out: Path | None = None
+    """Folder of the results, one JSON a scene; default: gaga-benchmark in the data set's folder."""
+    redo: bool = False
+    """Run again what is finished."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
+    json: bool = False
+    """Print the report as JSON."""
+
+    def run(self) -> int:
+        """Print the tables; exit status 1 when a scene has no result."""
+        from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
+        from gaga_core.io.datasets.catalog import open_dataset
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.raster import choose
+
+        if self.pred is not None and not self.pred.is_dir():
+            raise GagaError(f"{self.pred} is not a folder. Choose a folder of predictions.")
+        config = BenchmarkConfig(
+            preset=self.preset,
+            masks=self.masks,
+            shares=_shares(self.sparse),
+            seed=self.seed,
+            find=self._find(),
+            pred=self.pred,
+            redo=self.redo,
+        )
+        dataset = open_dataset(self.dataset, self.folder, self.scenes, models=self.models)
+        target = self.out or self.folder / "gaga-benchmark"
+        engine = None if self.pred is not None else choose(self.backend)
+        stage = run_benchmark(dataset, target, config, rasterizer=engine)
+        report = out.follow(stage if self.pred is not None else after_warm_up(stage))
+        for sentence in report.sentences():
+            out.say(sentence)
+        if self.json:
+            out.result(report.to_json(), as_json=True)
+        else:
+            for table in report.tables():
+                out.scores(table, as_json=False)
+        return 1 if report.failed else 0
+
+    def _find(self) -> "FindConfig":
+        from gaga_core.evaluate.benchmark.prompts import FindConfig
+        from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, folder_of
+
+        detector, index = self.detector, self.index_with
+        return FindConfig(
+            detector=None if detector is None else folder_of(detector, KNOWN_DETECTORS),
+            embedder=None if index is None else folder_of(index, KNOWN_EMBEDDERS),
+        )
+
+
+def _shares(text: str) -> tuple[float, ...]:
+    """Shares of a list of percentages."""
+    try:
+        return tuple(float(word) / 100 for word in text.split(",") if word.strip())
+    except ValueError as error:
+        raise GagaError(
+            f"--sparse takes percentages such as 30,20,10,5; it got {text!r}."
+        ) from error

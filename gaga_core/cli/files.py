@@ -1,0 +1,209 @@
+"""Commands over single files: edit, export, info, doctor, demo."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from tyro.conf import Positional
+
+from gaga_core.cli import output as out
+from gaga_core.errors import GagaError
+from gaga_core.scene.project import Project
+
+
+@dataclass(frozen=True)
+class Edit:
+    """Apply recorded edits to a model and write the edited one."""
+
+    input: Positional[Path]
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
+    output: Positional[Path]
+    """The .ply, .compressed.ply, .splat or .spz to write."""
+    script: Path
+    """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
+    groups: bool = False
+    """Add a column with the group id of each Gaussian."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write what is visible after the edits."""
+        from gaga_core.io.splat_files import form_of
+        from gaga_core.scene.edits.script import parse_script, run_script
+        from gaga_core.scene.export import export_losses, export_scene_stage
+        from gaga_core.scene.project import open_path_stage
+
+        form_of(self.output)  # a mistake is told before a large model is read
+        script = _read_json(self.script)
+        parse_script(script)
+        scene = out.follow(open_path_stage(self.input)).scene
+        titles = run_script(scene, script)
+        _say(export_losses(scene, form_of(self.output), groups=self.groups))
+        written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
+        values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
+        out.result(values, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Export:
+    """Export a scene with its edits: the whole, or one file per object, or the group maps."""
+
+    scene: Positional[Path]
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
+    out: Path
+    """A .ply, .compressed.ply, .splat or .spz for --what scene, a folder otherwise."""
+    what: Literal["scene", "objects", "masks"] = "scene"
+    """scene: one file of all that is visible. objects: one file per group and groups.json.
+    masks: a 16-bit map of group ids for every view."""
+    format: Literal["png", "coco", "dataset"] = "png"
+    """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
+    maps, colored previews, COCO instances and panoptic, and a list of the groups."""
+    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4"] | None = None
+    """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3."""
+    only: tuple[int, ...] = ()
+    """Group ids (objects); default: all."""
+    groups: bool = False
+    """Add a column with the group id of each Gaussian (scene)."""
+    identity: bool = False
+    """Add the identity encodings of gaga lift as obj_dc_0..15, Gaussian Grouping's columns."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write plain 3DGS files that other tools open."""
+        from gaga_core.io.splat_files import Form, form_of
+        from gaga_core.scene.export import (
+            export_losses,
+            export_objects_stage,
+            export_scene_stage,
+            listed_files,
+            objects_losses,
+        )
+        from gaga_core.scene.project import open_path_stage
+
+        form = Form(self.form) if self.form else Form.PLY
+        if self.what == "scene" and not self.form:
+            form = form_of(self.out)  # a mistake is told before a large model is read
+        project = out.follow(open_path_stage(self.scene))
+        scene = project.scene
+        if self.identity:
+            _add_identity(project)
+        if self.what == "masks":
+            return self._masks(project)
+        if self.what == "scene":
+            _say(export_losses(scene, form, groups=self.groups))
+            stage = export_scene_stage(scene, self.out, groups=self.groups, form=form)
+            written = out.follow(stage)
+            out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
+            return 0
+        _say(objects_losses(scene, form, self.only or None))
+        objects = export_objects_stage(
+            scene, self.out, self.only or None, source=str(self.scene), form=form
+        )
+        manifest = out.follow(objects)
+        files = len(listed_files(manifest))
+        out.result({"manifest": str(manifest), "files": files}, as_json=self.json)
+        return 0
+
+    def _masks(self, project: Project) -> int:
+        if self.format == "png":
+            from gaga_core.pipeline.associate import export_masks
+
+            maps = out.follow(export_masks(project, self.out))
+            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
+            return 0
+        from gaga_core.pipeline.mask_dataset import export_mask_dataset
+
+        made = out.follow(export_mask_dataset(project, self.out, self.format))
+        if made.without_photo:
+            out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
+        out.result(made.to_json(), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what a file of splats, scene folder or project holds."""
+
+    file: Positional[Path]
+    """What to look at."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Print counts, columns, views and groups."""
+        from gaga_core.cli.info import describe
+
+        out.result(out.follow(describe(self.file)), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Check what this machine can do, and what is missing."""
+
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Print one line a finding; exit status 1 when something needed is missing."""
+        from gaga_core.cli.doctor import examine
+
+        findings = examine()
+        values = {f.name: f.text if f.ok else f"PROBLEM: {f.text}" for f in findings}
+        out.result(values, as_json=self.json)
+        return 0 if all(f.ok for f in findings) else 1
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Make the demo scene: a furnished room with photos, masks and true instance maps."""
+
+    folder: Positional[Path]
+    """Where to make it."""
+    seed: int = 0
+    """Another seed, another arrangement."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write a whole scene folder."""
+        from gaga_core.demo import make_demo_stage
+
+        made = out.follow(make_demo_stage(self.folder, seed=self.seed))
+        out.result({"scene": str(made)}, as_json=self.json)
+        return 0
+
+
+def _say(losses: Iterable[str]) -> None:
+    """Say what the form does not keep, before anything is written."""
+    for sentence in losses:
+        out.say(sentence)
+
+
+def _add_identity(project: Project) -> None:
+    """Give the splats of ``project`` their encodings as extra columns."""
+    from gaga_core.identity.classifier_io import with_encodings
+    from gaga_core.pipeline.lift import read_identity
+
+    if project.folder is None:
+        raise GagaError("Identity encodings belong to a scene folder. Name that instead.")
+    encodings = read_identity(project.folder, project.scene.n_opened).field.encodings
+    none = np.zeros((1, encodings.shape[1]), encodings.dtype)  # of splats of added files
+    rows = np.minimum(project.scene.source, len(encodings))
+    encodings = np.concatenate([encodings, none])[rows]
+    project.scene.gaussians = with_encodings(project.scene.gaussians, encodings)
+
+
+def _read_json(path: Path) -> object:
+    try:
+        content: object = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GagaError(f"{path} cannot be read: {error.strerror}. Check the path.") from error
+    except ValueError as error:
+        raise GagaError(f"{path} is no JSON ({error}). Mend it and run again.") from error
+    return content

@@ -1,0 +1,42 @@
+"""``gaga info``: what a file or folder holds, in plain values."""
+
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.progress import Stage
+from gaga_core.scene.objects import object_table
+from gaga_core.scene.project import Project, open_path_stage
+
+
+def describe(path: Path) -> Stage[dict[str, object]]:
+    """Open ``path`` (scene folder, file of splats or project) and describe it."""
+    project = yield from open_path_stage(path)
+    values = _splats(project)
+    folder = project.folder
+    if folder is not None:
+        values["views"] = len(folder.cameras)
+        values["photos_on_disk"] = len(folder.image_paths)
+        values["train_views"] = len(folder.train)
+        values["test_views"] = len(folder.test)
+        values["masks"] = list(folder.mask_folders)
+    if project.scene.added:
+        values["added_files"] = [item.path for item in project.scene.added]
+    values["groups"] = int((object_table(project.scene).ids > 0).sum())
+    values["saved_project"] = str(project.path) if project.path else "none"
+    return values
+
+
+def _splats(project: Project) -> dict[str, object]:
+    gaussians = project.scene.gaussians
+    # Outliers far away are common; percentiles say how large the scene is to a person.
+    low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    return {
+        "model": str(project.model_path),
+        "gaussians": len(gaussians),
+        "visible": int(project.scene.visible.sum()),
+        "sh_degree": gaussians.sh_degree,
+        "look": "antialiased" if gaussians.is_antialiased else "classic",
+        "size": " x ".join(f"{v:.3g}" for v in high - low) + " scene units",
+        "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
+    }

@@ -1,0 +1,124 @@
+"""The command that goes the whole way: from photos to objects."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from tyro.conf import Positional
+
+from gaga_core.cli import output as out
+from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.run import RunConfig
+
+
+@dataclass(frozen=True)
+class Run:
+    """From photos to objects: splats, masks, groups, encodings, pictures; whatever is missing."""
+
+    scene: Positional[Path]
+    """Scene folder, folder of photos or video; with --executor a folder of many scenes."""
+    to: Path | None = None
+    """Scene folder to make of photos or a video; default: beside them, as NAME-scene."""
+    masks: Path | None = None
+    """Folder of label maps that are there; default: the only one in SCENE/masks."""
+    masks_from: str = ""
+    """Who makes the masks (gaga masks --list); default: regions, where there are none yet."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
+    preset: Literal["robust", "paper"] = "robust"
+    """Preset of the association."""
+    quality: Literal["draft", "standard", "full"] = "draft"
+    """Of splats that are still to be trained."""
+    iterations: int | None = None
+    """Training steps; default: as the quality says."""
+    max_side: int | None = None
+    """Longest side of the training pictures in pixels; default: as the quality says."""
+    focal: float | None = None
+    """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
+    accept_wrong: bool = False
+    """Keep a placement of the photos that the checks refuse."""
+    executor: Literal["none", "local", "dask", "ray"] = "none"
+    """Who runs a folder of many scenes: processes here, or workers of dask or ray."""
+    workers: int = 2
+    """Scenes at once, where the workers are started here."""
+    address: str = ""
+    """Of a dask scheduler or a ray cluster that is running; default: start one here."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Bring the folder to the state that the window needs."""
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.photo_source import source_of
+        from gaga_core.pipeline.reconstruct import read_entry
+        from gaga_core.pipeline.run import run_folder
+
+        config = self._config()
+        if self.executor != "none":
+            return self._run_many(config, self.executor)
+        photos, scene = source_of(self.scene)
+        if self.to is not None:
+            photos, scene = self.scene, self.to
+        if scene != self.scene:
+            out.say(f"The scene folder is {scene}.")
+        before = read_entry(scene)
+        stage = run_folder(scene, config, photos=photos, model=self.model)
+        done = out.follow(after_warm_up(stage))
+        for note in _new_notes(before, read_entry(scene)):
+            out.say(note)
+        values = {"scene": str(scene), "stages_run": list(done), "groups": _n_groups(scene)}
+        out.result(values, as_json=self.json)
+        return 0
+
+    def _config(self) -> "RunConfig":
+        from gaga_core.grouping.associate import AssociateConfig
+        from gaga_core.pipeline.reconstruct import ReconstructConfig
+        from gaga_core.pipeline.run import RunConfig
+
+        if self.masks is not None and self.masks_from:
+            raise GagaError("--masks and --masks-from exclude each other. Leave one out.")
+        reconstruct = ReconstructConfig(
+            quality=self.quality,
+            iterations=self.iterations,
+            max_side=self.max_side,
+            focal=self.focal,
+            accept_wrong=self.accept_wrong,
+        )
+        return RunConfig(
+            reconstruct=reconstruct,
+            masks=self.masks,
+            masks_from=self.masks_from,
+            associate=AssociateConfig.of(self.preset),
+        )
+
+    def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.executors import EngineConfig, list_scenes, run_scenes
+
+        if self.model is not None or self.to is not None:
+            raise GagaError("--model and --to are for one scene. Leave them out with --executor.")
+        workers = EngineConfig(engine, self.workers, address=self.address)
+        list_scenes(self.scene)  # before kernels are compiled for nothing
+        report = out.follow(after_warm_up(run_scenes(self.scene, config, workers)))
+        out.scores(report, as_json=self.json)
+        return 1 if report.failed else 0
+
+
+def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]:
+    """What this run has to say of the photos: what was left out, what the checks warn of."""
+    sfm = after.get("sfm")
+    if sfm == before.get("sfm") or not isinstance(sfm, dict):
+        return []
+    return [*sfm.get("notes", []), *(check["text"] for check in sfm.get("checks", []))]
+
+
+def _n_groups(scene: Path) -> int | None:
+    """Objects that the last association found; None without one."""
+    try:
+        report = json.loads((scene / "gaga" / "report.json").read_text(encoding="utf-8"))
+        return int(report["associate"]["groups_with_gaussians"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

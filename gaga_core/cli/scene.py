@@ -1,0 +1,226 @@
+"""Commands over a scene folder: the stages of the method, and their scores."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from gaga_core.cli import output as out
+from gaga_core.errors import GagaError
+
+
+@dataclass(frozen=True)
+class Associate:
+    """Associate the 2D masks of all views: every Gaussian and pixel gets a group id."""
+
+    scene: Positional[Path]
+    """Scene folder (images/, sparse/0/, masks/, point_cloud.ply)."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
+    preset: Literal["robust", "paper"] = "robust"
+    """robust: groups by the consensus of all views. paper: the published method to the letter."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write SCENE/gaga/: bank, labels per Gaussian, group maps of the masks, report."""
+        from gaga_core.grouping.associate import AssociateConfig
+        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.pipeline import associate
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.raster import choose
+
+        folder = open_scene_folder(self.scene, model=self.model)
+        config = AssociateConfig.of(self.preset)
+        stage = associate.associate_scene(
+            folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
+        )
+        report = out.follow(after_warm_up(stage))
+        for note in report.notes:
+            out.say(note)
+        if (folder.work / "project.json").is_file():
+            out.say(
+                "The saved project of this scene keeps its own groups until you associate there."
+            )
+        out.result(report.to_json(), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Give every Gaussian a 16-d identity encoding whose classifier names its group."""
+
+    scene: Positional[Path]
+    """Scene folder whose masks are associated."""
+    mode: Literal["vote", "refine", "paper"] = "vote"
+    """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write SCENE/gaga/identity.npz."""
+        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.pipeline.lift import lift_scene
+        from gaga_core.raster import choose
+
+        folder = open_scene_folder(self.scene)
+        stage = lift_scene(folder, mode=self.mode, rasterizer=choose(self.backend))
+        report = out.follow(stage)
+        out.result(report.to_json(), as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render views of a scene, or a film along a camera path: color, groups, depth."""
+
+    scene: Positional[Path]
+    """Scene folder; for a film also a splat file or a saved project, with its edits."""
+    out: Path | None = None
+    """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
+    what: Literal["rgb", "groups", "depth", "identity"] = "rgb"
+    """What a pixel says. identity: group ids decoded from the rendered identity encodings."""
+    views: tuple[str, ...] = ("test",)
+    """train, test, all, or names of views."""
+    model: Path | None = None
+    """The 3D Gaussians; default: the newest model of the scene folder."""
+    video: Path | None = None
+    """Write a film instead of pictures: NAME.mp4 (H.264) or NAME.webm (VP9)."""
+    path: Path | None = None
+    """The film's camera path, as the window saves it; default: the one saved with the project."""
+    size: tuple[int, int] = (1280, 720)
+    """Width and height of the film, pixels."""
+    fps: float = 30.0
+    """Pictures a second of the film."""
+    quality: int = 75
+    """Of the film: 1 (small) to 100."""
+    backend: Literal["auto", "cpu", "cuda"] = "auto"
+    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write one picture a view, or the film."""
+        if self.video is not None:
+            return self._film(self.video)
+        if self.out is None:
+            raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
+        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.pipeline.associate import render_views
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.lift import render_identity
+        from gaga_core.raster import choose
+
+        folder = open_scene_folder(self.scene, model=self.model)
+        engine = choose(self.backend)
+        if self.what == "identity":
+            stage = render_identity(folder, self.out, views=self.views, rasterizer=engine)
+        else:
+            stage = render_views(
+                folder, self.out, what=self.what, views=self.views, rasterizer=engine
+            )
+        written = out.follow(after_warm_up(stage))
+        out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
+        return 0
+
+    def _film(self, target: Path) -> int:
+        from gaga_core.io.video_out import VideoConfig
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.video import FilmConfig, film_stage
+        from gaga_core.raster import choose
+        from gaga_core.scene.camera_json import load_path
+        from gaga_core.scene.project import open_path_stage
+
+        if self.what == "identity" or self.model is not None:
+            raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
+        video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
+        config = FilmConfig(self.what, video=video)
+        path = load_path(self.path) if self.path is not None else None
+        project = out.follow(open_path_stage(self.scene))
+        path = path if path is not None else project.film
+        if len(path.keyframes) < 2:
+            raise GagaError("This project has no camera path. Make one in the window, or --path.")
+        stage = film_stage(project.scene, path, target, config, rasterizer=choose(self.backend))
+        out.follow(after_warm_up(stage))
+        shown = {"file": str(target), "seconds": round(path.seconds, 3), "fps": self.fps}
+        out.result({**shown, "pictures": len(path.frame_times(self.fps))}, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Compare predicted group maps with true instance maps (Algorithm 1 of the paper)."""
+
+    pred: Path
+    """Folder of predicted label maps."""
+    gt: Path
+    """Folder of true label maps; every file counts, a missing prediction as 0."""
+    scene: Path | None = None
+    """Scene folder whose split says which views count (with --views)."""
+    views: Literal["train", "test", "all"] = "all"
+    """Which views of --scene count; without --scene every file of --gt does."""
+    protocol: Literal["instance", "lerf-mask"] = "instance"
+    """instance: class-agnostic IoU, precision and recall. lerf-mask: <view>/<prompt>.png masks."""
+    json: bool = False
+    """Print the report as JSON."""
+
+    def run(self) -> int:
+        """Print IoU, precision and recall, with void as a class and without."""
+        if self.protocol == "lerf-mask":
+            return self._lerf_mask()
+        from gaga_core.evaluate.metrics import evaluate
+        from gaga_core.io.scene_folder import open_scene_folder
+
+        stems = None
+        if self.scene is not None and self.views != "all":
+            folder = open_scene_folder(self.scene)
+            names = folder.test if self.views == "test" else folder.train
+            stems = [Path(name).stem for name in names]
+        report = evaluate(self.pred, self.gt, stems=stems)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
+        out.scores(report, as_json=self.json)
+        return 0
+
+    def _lerf_mask(self) -> int:
+        from gaga_core.evaluate.lerf_mask import evaluate_lerf_mask
+
+        report = evaluate_lerf_mask(self.pred, self.gt)
+        if report.missing:
+            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
+        out.scores(report, as_json=self.json)
+        return 0
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Run all variants of the association on one scene: presets, ablations, bounds, few views."""
+
+    scene: Positional[Path]
+    """Scene folder with masks."""
+    gt: Path
+    """Folder of true label maps."""
+    masks: Path | None = None
+    """Folder of label maps; default: the only one in SCENE/masks."""
+    seeds: tuple[int, ...] = (0,)
+    """Draws of the training views for the sparse rows."""
+    json: bool = False
+    """Print the table as JSON."""
+
+    def run(self) -> int:
+        """Print one table and write SCENE/gaga/variants.json."""
+        from gaga_core.evaluate.compare import CompareConfig, compare_variants
+        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+
+        folder = open_scene_folder(self.scene)
+        stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
+        out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
+        return 0

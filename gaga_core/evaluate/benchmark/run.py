@@ -1,0 +1,322 @@
+"""The published protocols over whole data sets: every stage, every scene, one table.
+
+A scene is associated from the masks of its train views, lifted (vote), rendered in its test views
+and scored as its data set is: Algorithm 1, or masks of text prompts. Results lie in one folder, a
+JSON a scene, written after every run: what is finished is not run again while its settings, masks
+and model are the same.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import CancelledError, GagaError
+from gaga_core.evaluate.benchmark.files import digest_of, read_runs, write_runs
+from gaga_core.evaluate.benchmark.prompts import Find, FindConfig, Question, answer_prompts
+from gaga_core.evaluate.benchmark_tables import (
+    BenchmarkReport,
+    BenchmarkRun,
+    InstanceScores,
+    PromptScores,
+    SceneResult,
+)
+from gaga_core.evaluate.lerf_mask import lerf_mask_stage
+from gaga_core.evaluate.metrics import UNANSWERED, score_stage
+from gaga_core.evaluate.sparse import sparse_views
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.io.datasets.base import Dataset, DatasetScene
+from gaga_core.io.masks import list_label_files, read_labels
+from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.masks import resize_labels
+from gaga_core.pipeline.associate import associate_scene, read_groups, read_model, select_views
+from gaga_core.pipeline.lift import lift_scene, render_identity
+from gaga_core.progress import Stage, part
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.scene import Scene
+
+TITLE = "Benchmark"
+_TRACKED = "object_mask"  # associated by a tracker already: only when asked for
+
+
+@dataclass(frozen=True)
+class BenchmarkConfig:
+    """What is run over every scene."""
+
+    preset: str = "robust"  # of the association
+    masks: str | None = None  # name of the mask folder in every scene; None = the only one
+    shares: tuple[float, ...] = ()  # of the train views, besides all of them
+    seed: int = 0  # of the choice of those views
+    find: FindConfig = field(default_factory=FindConfig)  # who answers text prompts
+    pred: Path | None = None  # predictions <scene>/...: they are scored, nothing is run
+    redo: bool = False  # run again what is finished
+
+    def __post_init__(self) -> None:
+        AssociateConfig.of(self.preset)
+        for share in self.shares:
+            if not 0 < share < 1:
+                raise GagaError(f"{share:.4g} is no share of the views. Choose one in (0, 1).")
+        if self.pred is not None and self.shares:
+            raise GagaError("Given predictions have no train views. Leave the shares of them out.")
+
+    def runs(self) -> tuple[float, ...]:
+        """The share of the train views in every run, all of them first."""
+        return (1.0, *sorted(set(self.shares), reverse=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What all runs over one scene read."""
+
+    scene: DatasetScene
+    config: BenchmarkConfig
+    out: Path  # folder of this scene's results
+    masks: Path | None  # of label maps; None where predictions are given
+    find: Find | None
+    rasterizer: Rasterizer
+
+
+@dataclass(frozen=True)
+class _Scored:
+    scores: InstanceScores | PromptScores
+    missing: tuple[str, ...]  # predictions that were not there
+    notes: tuple[str, ...] = ()
+
+
+def run_benchmark(
+    dataset: Dataset,
+    out: Path,
+    config: BenchmarkConfig | None = None,
+    *,
+    find: Find | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[BenchmarkReport]:
+    """Run and score every scene of ``dataset``; results go to ``out``.
+
+    Written: ``<scene>.json`` after every run over it, and ``<scene>/`` with its group maps. A scene
+    that fails is named with the reason and the others go on. ``find`` answers text prompts with
+    group ids (data sets of prompts only; default: as ``config.find`` says).
+    """
+    config = config or BenchmarkConfig()
+    results, failed = [], dict(dataset.failed)
+    engine = rasterizer or choose("cpu" if config.pred is not None else "auto")
+    for i, scene in enumerate(dataset.scenes):
+        stage = _run_scene(dataset, scene, out, config, find, engine)
+        n_scenes = len(dataset.scenes)
+        try:
+            result = yield from part(stage, i, n_scenes, TITLE, prefix=f"{scene.name}: ")
+        except CancelledError:
+            raise
+        except GagaError as error:
+            failed[scene.name] = str(error)
+        else:
+            results.append(result)
+    return BenchmarkReport(
+        dataset=dataset.name,
+        title=dataset.title,
+        preset="given predictions" if config.pred is not None else config.preset,
+        scenes=tuple(results),
+        failed=failed,
+        out=str(out),
+        protocol=dataset.protocol,
+    )
+
+
+def _run_scene(
+    dataset: Dataset,
+    scene: DatasetScene,
+    out: Path,
+    config: BenchmarkConfig,
+    find: Find | None,
+    rasterizer: Rasterizer,
+) -> Stage[SceneResult]:
+    """All runs over one scene that are not finished yet."""
+    _check(scene, config)
+    masks = None
+    if config.pred is None:
+        masks = yield from _masks_of(scene, config, out / scene.name, rasterizer)
+    task = _Task(scene, config, out / scene.name, masks, find, rasterizer)
+    settings = _settings(dataset, task)
+    file = out / f"{scene.name}.json"
+    known = {} if config.redo else read_runs(file, settings)
+    finished = {share: run for share, run in known.items() if share in config.runs()}
+    n_reused, gaussians = len(finished), None
+    for i, share in enumerate(config.runs()):
+        if share in finished:
+            continue
+        if config.pred is None and gaussians is None:
+            gaussians = yield from read_model(scene.folder)
+        stage = _run(task, share, gaussians)
+        known[share] = yield from part(stage, i, len(config.runs()), TITLE)
+        write_runs(file, settings, known)
+    runs = tuple(known[share] for share in config.runs())
+    return SceneResult(scene.name, _source(masks), runs, n_reused)
+
+
+def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
+    """What the results of a scene depend on."""
+    folder, config = task.scene.folder, task.config
+    values: dict[str, object] = {
+        "dataset": dataset.name,
+        "layout": task.scene.layout,
+        "scene": str(folder.root.resolve()),
+        "test": list(folder.test),
+        "missing": list(task.scene.missing),
+    }
+    if config.pred is not None:
+        predictions = config.pred / task.scene.name
+        files = digest_of(predictions)
+        return values | {"predictions": str(predictions.resolve()), "files": files}
+    return values | {
+        "train": list(folder.train),
+        "preset": asdict(AssociateConfig.of(config.preset)),
+        "find": "given" if task.find is not None else _words_of(config.find),
+        "seed": config.seed,
+        "masks": "" if task.masks is None else str(task.masks.resolve()),
+        "mask_files": digest_of(task.masks),
+        "model": "" if folder.model_path is None else str(folder.model_path.resolve()),
+        "model_file": digest_of(folder.model_path),
+    }
+
+
+def _words_of(find: FindConfig) -> dict[str, str]:
+    return {name: str(folder or "") for name, folder in vars(find).items()}
+
+
+def _check(scene: DatasetScene, config: BenchmarkConfig) -> None:
+    """``GagaError`` when nothing can be scored; what is missing besides becomes a note."""
+    folder = scene.folder
+    scored = any(name in scene.truth for name in folder.test)
+    hopeless = config.pred is None and (folder.model_path is None or not folder.train)
+    if hopeless or not folder.test or (scene.prompts is None and not scored):
+        raise GagaError(" ".join(scene.missing))
+
+
+def _masks_of(
+    scene: DatasetScene, config: BenchmarkConfig, out: Path, rasterizer: Rasterizer
+) -> Stage[Path]:
+    """The label maps to associate: of the scene, or made here by the weights-free provider."""
+    found = scene.folder.mask_folders
+    if config.masks is not None:
+        if config.masks in found:
+            return found[config.masks]
+        known = ", ".join(found) or "none"
+        raise GagaError(f"There is no mask folder {config.masks} in {scene.name}. There: {known}.")
+    names = [name for name in found if name != _TRACKED]
+    if len(names) > 1:
+        raise GagaError(
+            f"{scene.name} has several mask folders: {', '.join(names)}. Choose one by name."
+        )
+    if names:
+        return found[names[0]]
+    return (yield from _make_regions(scene, out, rasterizer))
+
+
+def _make_regions(scene: DatasetScene, out: Path, rasterizer: Rasterizer) -> Stage[Path]:
+    """Label maps by the provider that needs no weights, kept with the results."""
+    from gaga_core.pipeline.segment import segment_scene
+    from gaga_core.segmentation.choose import provider_named
+
+    own = replace(scene.folder, root=out)
+    report = yield from segment_scene(own, provider_named("regions"), rasterizer=rasterizer)
+    return report.folder
+
+
+def _source(masks: Path | None) -> str:
+    return "" if masks is None else masks.name
+
+
+def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[BenchmarkRun]:
+    """One run over one scene: group maps of the test views, and their scores."""
+    config, folder = task.config, task.scene.folder
+    if gaussians is None or task.masks is None:
+        given = (config.pred or task.out) / task.scene.name
+        return _result(task, share, (yield from _score(task, given)))
+    train = folder.train if share == 1.0 else sparse_views(folder.train, share, config.seed)
+    root = task.out / ("views_all" if share == 1.0 else f"views_{100 * share:g}")
+    own, engine = replace(folder, root=root, train=train), task.rasterizer
+    start, n_parts = time.perf_counter(), 4
+    settings = AssociateConfig.of(config.preset)
+    stage = associate_scene(own, task.masks, settings, gaussians=gaussians, rasterizer=engine)
+    yield from part(stage, 0, n_parts, TITLE)
+    lift = lift_scene(own, "vote", gaussians=gaussians, rasterizer=engine)
+    yield from part(lift, 1, n_parts, TITLE)
+    shown = render_identity(own, root / "groups", gaussians=gaussians, rasterizer=engine)
+    maps = yield from part(shown, 2, n_parts, TITLE)
+    seconds = round(time.perf_counter() - start, 3)
+    labels = read_groups(own, len(gaussians))[0]
+    predictions = root / "groups"
+    if task.scene.prompts is not None:
+        question = _question(task, own, gaussians, labels, maps)
+        find = task.find or config.find.find()
+        predictions = yield from answer_prompts(question, task.scene.prompts, root, find)
+    scored = yield from part(_score(task, predictions), 3, n_parts, TITLE)
+    result = _result(task, share, scored)
+    n_groups = len(np.unique(labels[labels > 0]))
+    return replace(result, n_views=len(train), n_groups=n_groups, seconds=seconds)
+
+
+def _result(task: _Task, share: float, scored: _Scored) -> BenchmarkRun:
+    notes = (*task.scene.missing, *scored.notes)
+    return BenchmarkRun(share, scored.scores, 0, 0, 0.0, scored.missing, notes)
+
+
+def _question(
+    task: _Task, folder: SceneFolder, gaussians: Gaussians, labels: IntArray, maps: Sequence[Path]
+) -> Question:
+    """What whoever answers the prompts may look at."""
+    prompts = task.scene.prompts
+    wanted = set() if prompts is None else set(prompts.views.values())
+    views = tuple(c for c in select_views(folder, "test") if c.name in wanted)
+    if not views:
+        raise GagaError(f"No view of {task.scene.name} with true masks has a camera.")
+    by_stem = {path.stem: path for path in maps}
+    return Question(
+        scene=Scene.of(gaussians, labels),
+        train=select_views(folder, "train"),
+        views=views,
+        maps={camera.name: by_stem[Path(camera.name).stem] for camera in views},
+        rasterizer=task.rasterizer,
+    )
+
+
+def _score(task: _Task, predictions: Path) -> Stage[_Scored]:
+    """The scores of the predictions in a folder; those that are missing count as 0."""
+    if task.scene.prompts is None:
+        return (yield from _score_maps(task, predictions))
+    prompts = task.scene.prompts
+    with TemporaryDirectory() as nothing:
+        folder = predictions if predictions.is_dir() else Path(nothing)
+        report = yield from lerf_mask_stage(folder, prompts.folder, views=prompts.views)
+    by_prompt = {p.prompt: (p.iou, p.boundary_iou) for p in report.prompts}
+    scores = PromptScores(report.miou, report.mean_boundary_iou, by_prompt)
+    n, notes = len(report.unused), []
+    if n:
+        notes.append(f"{n} predictions answer no prompt of the data set ({report.unused[0]}, ...).")
+    return _Scored(scores, report.missing, tuple(notes))
+
+
+def _score_maps(task: _Task, predictions: Path) -> Stage[_Scored]:
+    """Algorithm 1 over the group maps ``<stem>.png`` of the test views that have a true map."""
+    truth = task.scene.truth
+    names = [name for name in task.scene.folder.test if name in truth]
+    files: Mapping[str, Path] = {}
+    if predictions.is_dir():
+        files = {path.stem: path for path in list_label_files(predictions)}
+
+    def pair(name: str) -> tuple[IntArray, IntArray]:
+        true = truth.loaders[name]()
+        file = files.get(Path(name).stem)
+        if file is None:
+            return true, np.full_like(true, UNANSWERED)
+        return true, resize_labels(read_labels(file), true.shape[1], true.shape[0])
+
+    with_void, without_void = yield from score_stage((pair(name) for name in names), len(names))
+    missing = tuple(name for name in names if Path(name).stem not in files)
+    return _Scored(InstanceScores(with_void, without_void), missing)

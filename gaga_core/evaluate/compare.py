@@ -1,0 +1,214 @@
+"""All variants of the method on one scene folder, in one table (supplement; ablation)."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.evaluate import baselines
+from gaga_core.evaluate.baselines import Inputs, MaskGroups
+from gaga_core.evaluate.metrics import score_pairs
+from gaga_core.evaluate.sparse import SHARES, sparse_views
+from gaga_core.evaluate.tables import VariantRow, VariantTable
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.io.masks import mask_folder
+from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.staging import publish, staging_folder
+from gaga_core.masks import MaskSet
+from gaga_core.pipeline.associate import mask_path_of, read_model, select_views, splat_groups
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+
+TITLES: Mapping[str, str] = {
+    "robust": "robust",
+    "paper": "paper",
+    "all-gaussians": "memory bank, all Gaussians",
+    "tracker": "overlap tracker",
+    "linear": "linear assignment",
+    "none": "no association",
+    "per-frame": "masks of each test view, matched (upper bound)",
+    "true-masks": "same masks, true association (upper bound)",
+    "true-maps": "true masks (upper bound)",
+}
+_BANKS = ("robust", "paper", "all-gaussians")
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """What is compared."""
+
+    variants: tuple[str, ...] = tuple(TITLES)  # of these, in this order
+    sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
+    shares: tuple[float, ...] = SHARES  # of the train views
+    seeds: tuple[int, ...] = (0,)  # random choices of the train views
+
+    def __post_init__(self) -> None:
+        unknown = [v for v in (*self.variants, *self.sparse) if v not in TITLES]
+        if unknown:
+            known = ", ".join(TITLES)
+            raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
+        if "per-frame" in self.sparse:
+            raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
+
+    def runs(self) -> list[tuple[str, float, int]]:
+        """(variant, share, seed) of every run, in order."""
+        whole = [(variant, 1.0, 0) for variant in self.variants]
+        sparse = [(v, share, s) for v in self.sparse for share in self.shares for s in self.seeds]
+        return whole + sparse
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What every run reads."""
+
+    gaussians: Gaussians
+    train: tuple[Camera, ...]
+    scored: tuple[Camera, ...]  # held-out views that have a true map
+    masks: MaskSet  # of train and scored views
+    truth: MaskSet
+    rasterizer: Rasterizer
+
+
+def compare_variants(
+    folder: SceneFolder,
+    gt: Path,
+    masks: str | Path | None = None,
+    config: CompareConfig | None = None,
+    *,
+    gaussians: Gaussians | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[VariantTable]:
+    """Run every variant on one scene and score its group maps of the held-out views.
+
+    Each variant labels the Gaussians from the masks of the train views; the labels are splatted
+    into the test views (all views when none is set apart) and scored with Algorithm 1 against the
+    true maps in ``gt``. Written: ``folder.work / "variants.json"``. Nothing else of the scene's
+    groups changes. A bound that needs what is not there (masks of test views, true maps of train
+    views) is left out. Raises ``GagaError`` when nothing can be scored.
+    """
+    config = config or CompareConfig()
+    if gaussians is None:
+        gaussians = yield from read_model(folder)
+    task = _task_of(folder, gt, masks, gaussians, rasterizer or choose())
+    runs = [run for run in config.runs() if _can_run(task, run[0])]
+    rows = []
+    for i, (variant, share, seed) in enumerate(runs):
+        title = TITLES[variant] if share == 1.0 else f"{TITLES[variant]}, {share:.0%}"
+        stage = _run(task, variant, share, seed)
+        rows.append((yield from part(stage, i, len(runs), "Compare variants", prefix=f"{title}: ")))
+    table = VariantTable(folder.root.name, tuple(c.name for c in task.scored), tuple(rows))
+    with staging_folder(folder.work) as staging:
+        text = json.dumps(table.to_json(), indent=2) + "\n"
+        (staging / "variants.json").write_text(text, encoding="utf-8")
+        publish(staging, "variants.json", folder.work)
+    return table
+
+
+def _task_of(
+    folder: SceneFolder,
+    gt: Path,
+    masks: str | Path | None,
+    gaussians: Gaussians,
+    rasterizer: Rasterizer,
+) -> _Task:
+    train = select_views(folder, "train" if folder.train else "all")
+    held_out = select_views(folder, "test" if folder.test else "all")
+    names = [camera.name for camera in folder.cameras]
+    truth = mask_folder(gt, names)
+    scored = tuple(camera for camera in held_out if camera.name in truth)
+    if not scored:
+        raise GagaError(f"{gt} has no true map of the {len(held_out)} test views. Choose another.")
+    mask_set = mask_folder(mask_path_of(folder, masks), names)
+    return _Task(gaussians, train, scored, mask_set, truth, rasterizer)
+
+
+def _can_run(task: _Task, variant: str) -> bool:
+    if variant == "per-frame":
+        return all(camera.name in task.masks for camera in task.scored)
+    if variant in ("true-masks", "true-maps"):
+        return any(camera.name in task.truth for camera in task.train)
+    return True
+
+
+def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow]:
+    if variant == "per-frame":
+        return (yield from _per_frame(task))
+    cameras: Sequence[Camera] = task.train
+    if share < 1.0:
+        chosen = set(sparse_views([camera.name for camera in cameras], share, seed))
+        cameras = [camera for camera in cameras if camera.name in chosen]
+    start = time.perf_counter()
+    labels = yield from _labels_of(task, variant, cameras)
+    seconds = time.perf_counter() - start
+    predicted = []
+    for i, camera in enumerate(task.scored):
+        yield Progress("Score", i, len(task.scored), camera.name)
+        predicted.append(splat_groups(task.rasterizer, task.gaussians, camera, labels))
+    with_void, without_void = score_pairs(zip(_true_maps(task), predicted, strict=True))
+    return VariantRow(
+        variant=variant,
+        title=TITLES[variant],
+        with_void=with_void,
+        without_void=without_void,
+        n_groups=len(np.unique(labels[labels > 0])),
+        seconds=seconds,
+        n_views=len(cameras),
+        share=share,
+        seed=seed,
+    )
+
+
+def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[IntArray]:
+    """Labels (N,) of the Gaussians that one variant gives."""
+    if variant in _BANKS:
+        config = AssociateConfig.of("robust" if variant == "robust" else "paper")
+        if variant == "all-gaussians":
+            config = replace(config, depth="none")
+        result = yield from associate_stage(
+            task.gaussians, cameras, task.masks, task.rasterizer, config
+        )
+        return result.labels
+    masks = baselines.true_maps(task.truth) if variant == "true-maps" else task.masks
+    inputs = Inputs.of(task.gaussians, cameras, masks, task.rasterizer)
+    stages: Mapping[str, Callable[[], Stage[MaskGroups]]] = {
+        "none": lambda: baselines.no_association(inputs),
+        "linear": lambda: baselines.linear_assignment(inputs),
+        "tracker": lambda: baselines.overlap_tracker(inputs),
+        "true-masks": lambda: baselines.true_masks(inputs, task.truth),
+        "true-maps": lambda: baselines.true_masks(inputs, task.truth),
+    }
+    groups = yield from stages[variant]()
+    return (yield from baselines.label_gaussians(inputs, groups))
+
+
+def _per_frame(task: _Task) -> Stage[VariantRow]:
+    """The masks of the scored views themselves, each frame matched to its truth."""
+    start = time.perf_counter()
+    predicted = []
+    true = _true_maps(task)
+    for i, camera in enumerate(task.scored):
+        yield Progress("Score", i, len(task.scored), camera.name)
+        labels = task.masks.load(camera.name, camera.width, camera.height)
+        predicted.append(baselines.match_frame(labels, true[i]))
+    with_void, without_void = score_pairs(zip(true, predicted, strict=True))
+    return VariantRow(
+        variant="per-frame",
+        title=TITLES["per-frame"],
+        with_void=with_void,
+        without_void=without_void,
+        n_groups=without_void.n_predicted,
+        seconds=time.perf_counter() - start,
+        n_views=0,
+    )
+
+
+def _true_maps(task: _Task) -> list[IntArray]:
+    return [task.truth.load(c.name, c.width, c.height) for c in task.scored]

@@ -1,0 +1,310 @@
+"""Repair an association by hand: a mask goes to another group, and what follows from it is redone.
+
+The bank before the mask's view stays; from that view on every mask is decided anew in the same
+order, the moved one as told: with "paper" by the splats behind it, with "robust" by points on its
+surface (see `reassociate_points`). Either way decisions made by hand stay, ids of groups stay, and
+only splats of groups whose masks changed get another label. (The authors name "a dynamic
+reassignment mechanism" as future work.)
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks, two_best
+from gaga_core.grouping.repair.reassociate_points import VotingMaps, follow_points
+from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
+from gaga_core.grouping.robust.label_masks import fill_unseen
+from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster.base import Rasterizer
+
+STAGE = "Associate again"
+NEW = -1  # a group of its own
+NONE = 0  # no group
+
+
+@dataclass(frozen=True)
+class Move:
+    """A mask that belongs elsewhere."""
+
+    view: str
+    mask: int  # id in the view's label map
+    group: int  # where it belongs, or `NEW`, or `NONE`
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """What an association becomes by a `Move`."""
+
+    bank: MemoryBank
+    labels: IntArray  # (N,)
+    confidence: FloatArray  # (N,) 0..1
+    group: int  # where the mask is now; 0 = in none
+    n_masks: int  # that changed their group, the moved one among them
+    n_splats: int  # that changed theirs
+
+    def sentence(self) -> str:
+        """What happened."""
+        others = self.n_masks - 1
+        masks = "no other mask" if others < 1 else f"{others} more mask{'s' * (others > 1)}"
+        return f"{masks.capitalize()} followed, {self.n_splats:,} splats changed their object."
+
+
+def reassociate_stage(
+    evidence: Evidence,
+    bank: MemoryBank,
+    labels: IntArray,  # (N,) of the rows of ``evidence.gaussians``
+    confidence: FloatArray | None,  # (N,) 0..1; None = not known
+    move: Move,
+    rasterizer: Rasterizer,
+    *,
+    free: int = 0,  # an id from which on none is used elsewhere
+) -> Stage[Repair]:
+    """The association with ``move`` done, and what follows from it; nothing given is changed.
+
+    Labels of splats change only from or to groups whose masks changed; groups that no mask of the
+    bank made (separated by hand, say) stay as they are. Progress carries a `BankSnapshot` for each
+    view that is redone. Raises ``GagaError`` when the bank knows no such mask.
+    """
+    log = {(d.view, d.mask): d for d in bank.log}
+    if (move.view, move.mask) not in log:
+        raise GagaError(f"The memory bank knows no mask {move.mask} of {move.view}.")
+    used = max(bank.n_groups, int(labels.max(initial=0)), *(d.group for d in bank.log))
+    free = max(free, used + 1)
+    wanted = free if move.group == NEW else move.group
+    forced = {(d.view, d.mask): d.group for d in bank.log if d.by_hand}
+    forced[move.view, move.mask] = wanted
+    free += move.group == NEW
+    is_paper = evidence.config.consensus is None
+    yield from part(gather_stage(evidence, rasterizer), 0, 3, STAGE)
+    if is_paper:
+        redone = yield from part(_refill(evidence, bank, forced, move.view, free), 1, 3, STAGE)
+        votes = yield from part(_vote(evidence, redone, rasterizer), 2, 3, STAGE)
+    else:
+        yield Progress(STAGE, 1, 3, "points", None)
+        redone, tables = follow_points(evidence, bank, forced, move.view)
+        live = replace(redone, group=np.where(labels > 0, labels, np.int32(-1)))
+        yield Progress(
+            STAGE, 1, 3, move.view, BankSnapshot(move.view, live, live.n_groups, keeps_ids=True)
+        )
+        maps = VotingMaps(evidence, redone, tables, forced, labels, rasterizer)
+        votes = yield from part(_robust_vote(evidence, redone, maps, rasterizer), 2, 3, STAGE)
+    touched = changed_groups(bank.log, redone.log)
+    found = yield from _labels(evidence, redone, votes, labels, touched)
+    sure = votes.confidence if confidence is None else confidence
+    return _settled(bank, redone, (found, votes.confidence), (labels, sure), touched, wanted)
+
+
+def changed_groups(before: Iterable[Decision], after: Iterable[Decision]) -> frozenset[int]:
+    """Groups that lost or won a mask; 0 is never among them."""
+    old = {(d.view, d.mask): d.group for d in before}
+    pairs = ((old.get((d.view, d.mask), 0), d.group) for d in after)
+    return frozenset(g for pair in pairs if pair[0] != pair[1] for g in pair) - {0}
+
+
+# --- the bank, view by view
+
+
+def _refill(
+    evidence: Evidence,
+    bank: MemoryBank,
+    forced: Mapping[tuple[str, int], int],
+    first: str,
+    free: int,
+) -> Stage[MemoryBank]:
+    """The bank filled again: as it was before view ``first``, anew from there on."""
+    former = {(d.view, d.mask): d for d in bank.log}
+    order = list(dict.fromkeys(d.view for d in bank.log))
+    start = order.index(first)
+    ids = _Ids(free)
+    group, log = np.full(len(bank.group), -1, np.int32), list[Decision]()
+    for i, view in enumerate(order):
+        masks, mask_of = evidence.gaussians_of(evidence.camera(view))
+        if i < start:
+            decisions = [former[view, int(m)] for m in masks.ids[1:] if (view, int(m)) in former]
+        else:
+            decisions = _decided(evidence, view, (masks, mask_of), group, (former, forced), ids)
+        ids.opened |= {d.group for d in decisions}
+        of_mask = groups_of_masks(MemoryBank(group, 0, tuple(decisions)), [view])[view]
+        dense = np.append(of_mask, np.zeros(int(masks.ids[-1]) + 1, np.int32))[masks.ids]
+        group = group.copy()
+        take_free(mask_of, dense.astype(np.int32), group)
+        log += decisions
+        top = max(bank.n_groups, ids.free - 1)
+        n_groups, live = len(ids.opened - {0}), MemoryBank(group, top, tuple(log))
+        snapshot = BankSnapshot(view, live, n_groups, keeps_ids=True)
+        message = f"{view}: {n_groups} groups"
+        yield Progress(STAGE, i + 1, len(order), message, snapshot if i >= start else None)
+    return MemoryBank(group, max((bank.n_groups, *(d.group for d in log))), tuple(log))
+
+
+class _Ids:
+    """Which groups are open, and which id comes next."""
+
+    def __init__(self, free: int) -> None:
+        self.free = free
+        self.opened: set[int] = set()
+
+    def of_new_group(self, former: Decision | None) -> int:
+        """Id of the group that a mask opens: the one it had when that is not open yet.
+
+        A mask that had opened a group which is open already was merged into it by hand: it stays.
+        """
+        if (
+            former is not None
+            and former.group
+            and (former.is_new or former.group not in self.opened)
+        ):
+            self.opened.add(former.group)
+            return former.group
+        self.free += 1
+        return self.free - 1
+
+
+def _decided(
+    evidence: Evidence,
+    view: str,
+    shown: tuple[ViewMasks, IntArray],
+    group: IntArray,
+    known: tuple[Mapping[tuple[str, int], Decision], Mapping[tuple[str, int], int]],
+    ids: _Ids,
+) -> list[Decision]:
+    """`memory_bank.add_view`, but masks of ``known[1]`` go where they are told."""
+    (masks, mask_of), (former, forced) = shown, known
+    width = max(int(group.max(initial=0)), ids.free) + 1
+    counts = np.zeros((len(masks.ids), width), np.int32)
+    count_overlaps(mask_of, group, counts)
+    sizes = counts.sum(axis=1, dtype=np.int64)
+    best, second = two_best(counts)
+    log, opened = [], set(ids.opened)
+    for m in range(1, len(masks.ids)):
+        key, size = (view, int(masks.ids[m])), max(int(sizes[m]), 1)
+        joins = best[m] > 0 and counts[m, best[m]] / size >= evidence.config.threshold
+        if key in forced:
+            to = forced[key]
+        elif sizes[m] == 0:
+            to = 0
+        else:
+            to = int(best[m]) if joins else ids.of_new_group(former.get(key))
+        is_new = to > 0 and to not in opened
+        opened.add(to)
+        rival = int(second[m] if best[m] == to or (is_new and key not in forced) else best[m])
+        counted = int(best[m]) if is_new and key not in forced else to
+        log.append(
+            Decision(
+                view=view,
+                mask=key[1],
+                group=to,
+                is_new=is_new,
+                overlap=int(counts[m, counted]) / size if counted and counted < width else 0.0,
+                runner_up=rival,
+                runner_up_overlap=int(counts[m, rival]) / size if rival else 0.0,
+                n_gaussians=int(sizes[m]),
+                by_hand=key in forced,
+            )
+        )
+    return log
+
+
+def _vote(evidence: Evidence, bank: MemoryBank, rasterizer: Rasterizer) -> Stage[Votes]:
+    groups = groups_of_masks(bank, [camera.name for camera in evidence.views])
+
+    def label_map(camera: Camera) -> IntArray:
+        masks = evidence.masks_of(camera)
+        return associated_labels(masks.ids[masks.labels], groups[camera.name])
+
+    return vote_labels(
+        evidence.gaussians,
+        evidence.views,
+        label_map,
+        bank.n_groups,
+        rasterizer,
+        histogram_bytes=evidence.config.histogram_bytes,
+    )
+
+
+def _robust_vote(
+    evidence: Evidence, bank: MemoryBank, maps: VotingMaps, rasterizer: Rasterizer
+) -> Stage[Votes]:
+    return vote_labels(
+        evidence.gaussians,
+        evidence.views,
+        maps.of,
+        bank.n_groups,
+        rasterizer,
+        histogram_bytes=evidence.config.histogram_bytes,
+    )
+
+
+# --- labels
+
+
+def _labels(
+    evidence: Evidence,
+    bank: MemoryBank,
+    votes: Votes,
+    before: IntArray,
+    touched: frozenset[int],
+) -> Stage[IntArray]:
+    """Labels (N,) after the vote: who no mask sees takes the bank's group, or his neighbours'."""
+    if not evidence.config.fill_unseen:
+        return np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
+    kept = np.where(_among(before, touched), np.int32(0), before)
+    if evidence.config.surfaces_of_few(len(evidence.views)) is None:
+        known = np.where(votes.labels > 0, votes.labels, kept)
+    else:  # votes alone did not label the groups that nothing touched
+        known = np.where(kept > 0, kept, votes.labels)
+    groups = groups_of_masks(bank, [camera.name for camera in evidence.views])
+    return (
+        yield from fill_unseen(
+            evidence.gaussians,
+            evidence.views,
+            evidence.masks,
+            evidence.bounds,
+            groups,
+            max(bank.n_groups, int(before.max(initial=0))),
+            known,
+        )
+    )
+
+
+def _settled(
+    former: MemoryBank,
+    redone: MemoryBank,
+    found: tuple[IntArray, FloatArray],
+    before: tuple[IntArray, FloatArray],
+    touched: frozenset[int],
+    group: int,
+) -> Repair:
+    """Splats of groups that nothing happened to, or that a person made, stay as they are."""
+    (labels, sure), (old, old_sure) = found, before
+    stays = ~(_among(old, touched) | _among(labels, touched))
+    owners = redone.group
+    if (owners < 0).all():  # by votes: nobody came first
+        owners = np.where(stays, former.group, np.where(labels > 0, labels, np.int32(-1)))
+    in_bank = {d.group for d in former.log}
+    by_hand = [g for g in np.unique(old).tolist() if g > 0 and g not in in_bank]
+    stays |= _among(old, by_hand)
+    after = np.where(stays, old, labels).astype(np.int32)
+    was = {(d.view, d.mask): d.group for d in former.log}
+    return Repair(
+        bank=replace(redone, group=owners.astype(np.int32)),
+        labels=after,
+        confidence=np.where(stays, old_sure, sure).astype(np.float32),
+        group=group,
+        n_masks=sum(was.get((d.view, d.mask), 0) != d.group for d in redone.log),
+        n_splats=int((after != old).sum()),
+    )
+
+
+def _among(labels: IntArray, groups: Iterable[int] | Sequence[int]) -> BoolArray:
+    result: BoolArray = np.isin(labels, np.array(sorted(groups), np.int64))
+    return result

@@ -1,0 +1,195 @@
+"""Beyond the paper: a mask moved by hand among groups that the consensus of the views made.
+
+The views are gone through in the order of the log, on the points of their surfaces: up to the
+mask's view every mask stays as it was decided, from there on a mask takes the group of most of its
+points that earlier views know. This is done twice, with the mask where it was and where it was
+moved: what differs is what follows from the move. Everything else keeps what the consensus gave it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, two_best
+from gaga_core.grouping.repair.view_evidence import Evidence
+from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, point_tables
+from gaga_core.grouping.robust.label_masks import voting_labels
+from gaga_core.raster.base import Rasterizer
+
+_SURE = 1 << 30  # points: the row's own group leads whatever else it shows
+
+Forced = Mapping[tuple[str, int], int]  # (view, mask) -> group
+
+
+def follow_points(
+    evidence: Evidence, bank: MemoryBank, forced: Forced, first: str
+) -> tuple[MemoryBank, list[LongArray]]:
+    """The bank with masks moved as ``forced``, redone from view ``first`` on; it owns no splat yet.
+
+    Also for each view the table (M + 1, G + 1): how many points of each group show in each mask.
+    """
+    shown = evidence.points[0]  # (S, V)
+    masks = [evidence.masks_of(camera).ids for camera in evidence.views]
+    former = _groups(evidence, bank, masks)
+    told = [
+        _told(camera.name, ids, forced) for camera, ids in zip(evidence.views, masks, strict=True)
+    ]
+    was = [np.where(groups >= 0, old, groups) for groups, old in zip(told, former, strict=True)]
+    start = evidence.views.index(evidence.camera(first))
+    width = max((bank.n_groups, *forced.values())) + 1
+    order = _order(evidence, bank)
+    walk = _Walk(shown, order, order.index(start), former, width)
+    expected, moved = walk.groups(was), walk.groups(told)
+    of_mask = [
+        np.where((groups >= 0) | (old != new), np.where(groups >= 0, groups, new), kept)
+        for groups, old, new, kept in zip(told, expected, moved, former, strict=True)
+    ]
+    point = walk.points(of_mask, told)
+    tables = point_tables(shown, point, [len(ids) for ids in masks])
+    tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in tables]
+    log = _logged(evidence, bank, masks, (of_mask, tables), forced)
+    return MemoryBank(np.full_like(bank.group, -1), width - 1, log), tables
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """The views in their order, and the points that they show."""
+
+    shown: IntArray  # (S, V) mask of each point in each view, 0 = none
+    order: Sequence[int]  # views
+    start: int  # place in ``order`` up to which decisions stay
+    former: Sequence[IntArray]  # by view: (M + 1,) groups as they are
+    width: int  # G + 1
+
+    def groups(self, told: Sequence[IntArray]) -> list[IntArray]:
+        """The group (M + 1,) of each view's masks; ``told`` are certain, -1 = not said."""
+        votes, pins = np.zeros((len(self.shown), self.width), np.int32), self._pins(told)
+        result = [groups.copy() for groups in self.former]
+        for place, v in enumerate(self.order):
+            masks, groups = self.shown[:, v], result[v]
+            if place > self.start:
+                table = np.zeros((len(groups), self.width), np.int32)
+                np.add.at(table, (masks, _labels(votes, pins)), 1)
+                table[0], table[:, 0] = 0, 0
+                known = table.any(axis=1)
+                groups[known] = table[known].argmax(axis=1)
+            groups[told[v] >= 0] = told[v][told[v] >= 0]
+            votes[np.arange(len(votes)), groups[masks]] += 1
+        return result
+
+    def points(self, of_mask: Sequence[IntArray], told: Sequence[IntArray]) -> IntArray:
+        """The group (S,) of each point: that of most masks that show it."""
+        votes = np.zeros((len(self.shown), self.width), np.int32)
+        for v, groups in enumerate(of_mask):
+            votes[np.arange(len(votes)), groups[self.shown[:, v]]] += 1
+        return _labels(votes, self._pins(told))
+
+    def _pins(self, told: Sequence[IntArray]) -> IntArray:
+        """What is certain of each point (S,), -1 = nothing."""
+        pins = np.full(len(self.shown), -1, np.int32)
+        for v, groups in enumerate(told):
+            said = groups[self.shown[:, v]]
+            pins = np.where(said >= 0, said, pins)
+        return pins
+
+
+def _labels(votes: IntArray, pins: IntArray) -> IntArray:
+    """The group of most votes of each row, 0 without any; what is pinned is that."""
+    best = votes[:, 1:].argmax(axis=1) + 1
+    best[~votes[:, 1:].any(axis=1)] = 0
+    return np.where(pins >= 0, pins, best).astype(np.int32)
+
+
+def _told(view: str, ids: IntArray, forced: Forced) -> IntArray:
+    """What a person said of the masks (M + 1,) of a view, -1 = nothing."""
+    said = [forced.get((view, int(i)), -1) for i in ids]
+    return np.array([-1, *said[1:]], np.int32)
+
+
+def _order(evidence: Evidence, bank: MemoryBank) -> list[int]:
+    """The views that the log knows, in its order."""
+    at = {camera.name: v for v, camera in enumerate(evidence.views)}
+    return [at[view] for view in dict.fromkeys(d.view for d in bank.log) if view in at]
+
+
+@dataclass(frozen=True, eq=False)
+class VotingMaps:
+    """Which group the pixels of a view vote for."""
+
+    evidence: Evidence
+    bank: MemoryBank
+    tables: Sequence[LongArray]  # of the views: points of each group in each mask
+    forced: Forced
+    labels: IntArray  # (N,) by which masks that hold several groups are told apart
+    rasterizer: Rasterizer
+
+    def of(self, camera: Camera) -> IntArray:
+        """Groups (H, W), 0 = does not vote. A mask moved by hand votes as a whole."""
+        evidence = self.evidence
+        v = evidence.views.index(camera)
+        masks, table = evidence.masks_of(camera), self.tables[v].copy()
+        merged = merged_masks(table, evidence.config.consensus or ConsensusConfig())
+        by_hand = [m for m, i in enumerate(masks.ids) if (camera.name, int(i)) in self.forced]
+        merged = np.setdiff1d(merged, np.array(by_hand, np.int64))
+        groups = _groups(evidence, self.bank, [masks.ids], camera.name)[0]
+        table[groups == 0] = 0
+        table[np.flatnonzero(groups), groups[groups > 0]] += _SURE
+        shown = None
+        if len(merged):
+            shown = self.rasterizer.label_splat(evidence.gaussians, camera, self.labels).labels
+            shown = np.where(shown < table.shape[1], shown, np.int32(0))
+        return voting_labels(masks, table, merged, shown)
+
+
+def _groups(
+    evidence: Evidence, bank: MemoryBank, masks: Sequence[IntArray], only: str = ""
+) -> list[IntArray]:
+    """For each view the group (M + 1,) of each dense mask."""
+    by_view: dict[str, dict[int, int]] = {}
+    for d in bank.log:
+        by_view.setdefault(d.view, {})[d.mask] = d.group
+    names = [only] if only else [camera.name for camera in evidence.views]
+    return [
+        np.array([by_view.get(name, {}).get(int(i), 0) for i in ids], np.int32)
+        for name, ids in zip(names, masks, strict=True)
+    ]
+
+
+def _place(evidence: Evidence, masks: Sequence[IntArray], view: str, mask: int) -> tuple[int, int]:
+    v = evidence.views.index(evidence.camera(view))
+    return v, int(np.searchsorted(masks[v], mask))
+
+
+def _logged(
+    evidence: Evidence,
+    bank: MemoryBank,
+    masks: Sequence[IntArray],
+    found: tuple[Sequence[IntArray], Sequence[LongArray]],
+    forced: Forced,
+) -> tuple[Decision, ...]:
+    """The log with the masks that moved; overlap = share of the points that the mask shows."""
+    of_mask, tables = found
+    best = [two_best(table) for table in tables]
+    known: set[int] = set()
+    log = []
+    for old in bank.log:
+        v, m = _place(evidence, masks, old.view, old.mask)
+        group, by_hand = int(of_mask[v][m]), (old.view, old.mask) in forced
+        decision = replace(old, is_new=group > 0 and group not in known, by_hand=by_hand)
+        if group != old.group:
+            counts = tables[v][m]
+            total = max(int(counts.sum()), 1)
+            rival = int(best[v][1][m] if best[v][0][m] == group else best[v][0][m])
+            decision = replace(
+                decision,
+                group=group,
+                overlap=int(counts[group]) / total if group else 0.0,
+                runner_up=rival,
+                runner_up_overlap=int(counts[rival]) / total if rival else 0.0,
+            )
+        known.add(group)
+        log.append(decision)
+    return tuple(log)

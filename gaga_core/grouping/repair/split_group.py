@@ -1,0 +1,186 @@
+"""Take a group apart by its own masks: the person sees two things where the bank has one.
+
+Masks that show different things of the group cover different splats of it. The first cut is that of
+the graph of masks (weights: shared over all covered splats of both, Jaccard; cut: the sign of its
+second eigenvector, Shi and Malik, 2000). Then masks and splats vote in turn: a splat belongs to the
+side whose masks cover it more often, and a mask that covers both sides is silent, as the mask that
+had merged the two must be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage, with_views
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster.base import Rasterizer
+
+STAGE = "Vote again"
+_SAMPLE = 16384  # splats of the group that the cut is sought on
+_ROUNDS = 20
+_PURE = 0.8  # share of a mask's splats on one side from which it speaks for that side
+_LEAST = 0.02  # share of the group's splats on the smaller side
+_NEIGHBOURS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Halves:
+    """A group in two. The larger side keeps the group's id."""
+
+    rows: IntArray  # (K,) splats of the smaller side
+    masks: frozenset[tuple[str, int]]  # (view, mask) that go with it
+
+
+def halves_stage(
+    evidence: Evidence,
+    log: Sequence[Decision],  # of the group
+    rows: IntArray,  # (K,) its splats
+    rasterizer: Rasterizer,
+    *,
+    name: str = "The object",
+) -> Stage[Halves]:
+    """Cluster the masks of a group into two by the splats that they cover, its splats with them.
+
+    Raises ``GagaError`` when the masks do not tell two things apart.
+    """
+    wanted = {d.view for d in log}
+    views = [camera for camera in evidence.views if camera.name in wanted]
+    if len(log) < 2 or len(rows) == 0:
+        raise GagaError(f"{name} has too few masks to vote. Paint a part of it and use Separate.")
+    own = with_views(evidence, views)
+    yield from part(gather_stage(own, rasterizer, only_bounds=True), 0, 3, STAGE)
+    means = np.ascontiguousarray(evidence.gaussians.means[rows])
+    rng = np.random.default_rng(0)
+    some = np.sort(rng.permutation(len(rows))[:_SAMPLE])
+    covers, sees = yield from part(_covered(own, log, means[some]), 1, 3, STAGE)
+    side = two_sides(covers, sees)
+    if side is None:
+        raise GagaError(
+            f"The masks of {name} show it in one piece. Paint a part of it and use Separate."
+        )
+    score = yield from part(_scores(own, log, means, side), 2, 3, STAGE)
+    second = _filled(means, score) < 0
+    if second.mean() > 0.5:
+        second, side = ~second, -side
+    if second.mean() < _LEAST:
+        raise GagaError(
+            f"The masks of {name} show it in one piece. Paint a part of it and use Separate."
+        )
+    masks = frozenset((d.view, d.mask) for d, s in zip(log, side, strict=True) if s < 0)
+    return Halves(rows[second], masks)
+
+
+def split_bank(bank: MemoryBank, halves: Halves, group: int, into: int) -> MemoryBank:
+    """The bank in which the masks and splats of ``halves`` are group ``into``."""
+    log, opened = [], False
+    for d in bank.log:
+        if d.group == group and (d.view, d.mask) in halves.masks:
+            d = Decision(  # noqa: PLW2901
+                d.view,
+                d.mask,
+                into,
+                not opened,
+                d.overlap,
+                group,
+                d.overlap,
+                d.n_gaussians,
+                by_hand=True,
+            )
+            opened = True
+        log.append(d)
+    owners = bank.group.copy()
+    rows = halves.rows[owners[halves.rows] == group]
+    owners[rows] = into
+    return MemoryBank(owners, max(bank.n_groups, into), tuple(log))
+
+
+def two_sides(
+    covers: BoolArray,  # (D, K) splats that each mask covers
+    sees: BoolArray,  # (D, K) splats that some mask of its view covers
+) -> DoubleArray | None:
+    """Side (D,) of each mask, 1 or -1, 0 = covers both; None when there are no two sides."""
+    shared = covers.astype(np.float32) @ covers.T.astype(np.float32)
+    # Of what a mask covers, only what the other's view sees at all tells them apart.
+    a = covers.astype(np.float32) @ sees.T.astype(np.float32)
+    union = a + a.T - shared
+    weight = np.where(union > 0, shared / np.maximum(union, 1), 0).astype(np.float64)
+    side = np.sign(_fiedler(weight))
+    for _ in range(_ROUNDS):
+        score = side @ covers
+        if not (score > 0).any() or not (score < 0).any():
+            return None
+        spoken = covers[:, score != 0].sum(axis=1)
+        share = (covers[:, score > 0].sum(axis=1) + 0.0) / np.maximum(spoken, 1)
+        after = np.where(share >= _PURE, 1.0, np.where(share <= 1 - _PURE, -1.0, 0.0))
+        after[spoken == 0] = 0
+        if (after == side).all():
+            break
+        side = after
+    score = side @ covers
+    least = max(_LEAST * covers.any(axis=0).sum(), 1)
+    if min((score > 0).sum(), (score < 0).sum()) < least:
+        return None
+    return side if (side > 0).any() and (side < 0).any() else None
+
+
+def _fiedler(weight: DoubleArray) -> DoubleArray:
+    """The second eigenvector (D,) of the normalised graph Laplacian of ``weight`` (D, D)."""
+    degree = np.maximum(weight.sum(axis=1), 1e-12)
+    scaled = weight / np.sqrt(degree[:, None] * degree[None, :])
+    _, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    vector: DoubleArray = vectors[:, -2] / np.sqrt(degree)
+    # Where the graph falls apart the vector is flat on each part: cut between them.
+    centred: DoubleArray = vector - (vector.max() + vector.min()) / 2
+    return centred
+
+
+def _covered(
+    evidence: Evidence, log: Sequence[Decision], means: FloatArray
+) -> Stage[tuple[BoolArray, BoolArray]]:
+    covers = np.zeros((len(log), len(means)), np.bool_)
+    for i, camera in enumerate(evidence.views):
+        yield Progress(STAGE, i, len(evidence.views), camera.name)
+        masks, mask_of = evidence.gaussians_of(camera, means)
+        for row, d in enumerate(log):
+            if d.view == camera.name:
+                covers[row] = masks.ids[mask_of] == d.mask
+    sees = np.zeros_like(covers)
+    for view in {d.view for d in log}:
+        same = np.array([d.view == view for d in log])
+        sees[same] = covers[same].any(axis=0)
+    return covers, sees
+
+
+def _scores(
+    evidence: Evidence, log: Sequence[Decision], means: FloatArray, side: DoubleArray
+) -> Stage[IntArray]:
+    """Masks of the one side less masks of the other that cover each splat, (K,)."""
+    score = np.zeros(len(means), np.int32)
+    for i, camera in enumerate(evidence.views):
+        yield Progress(STAGE, i, len(evidence.views), camera.name)
+        masks, mask_of = evidence.gaussians_of(camera, means)
+        of_mask = np.zeros(len(masks.ids), np.int32)
+        for d, s in zip(log, side, strict=True):
+            if d.view == camera.name:
+                of_mask[masks.ids == d.mask] = int(s)
+        score += of_mask[mask_of]
+    return score
+
+
+def _filled(means: FloatArray, score: IntArray) -> IntArray:
+    """Splats without a vote take the side of most of their nearest neighbours that have one."""
+    from scipy.spatial import cKDTree
+
+    known, open_ = np.flatnonzero(score), np.flatnonzero(score == 0)
+    if len(known) == 0 or len(open_) == 0:
+        return score
+    _, near = cKDTree(means[known]).query(means[open_], k=min(_NEIGHBOURS, len(known)))
+    sides = np.sign(score[known])[near.reshape(len(open_), -1)]
+    result = np.sign(score)
+    total = sides.sum(axis=1)
+    result[open_] = np.where(total != 0, np.sign(total), sides[:, 0])
+    return result.astype(np.int32)

@@ -1,0 +1,1 @@
+"""What the preset ``robust`` adds to the association of the paper."""

@@ -1,0 +1,223 @@
+"""Beyond the paper: where few views are, the shape of the surfaces decides with them.
+
+With a handful of views a fault of one mask is outvoted by none: an object that melts with its
+neighbour wherever it shows has no group, and every mask that bleeds leaves a rim. So a group falls
+apart into the pieces that creases and mask borders cut it into; a piece that runs on evenly into
+another group joins that, a large one becomes a group of its own. Gaussians that no view sees well
+take the label that they reach along the surface, not the nearest one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.robust.surfaces import (
+    Neighbours,
+    along_surfaces,
+    evenness,
+    finite,
+    splat_normals,
+    towards_cameras,
+)
+from gaga_core.grouping.robust.surfaces_kernels import pieces_of
+from gaga_core.grouping.views import load_labels
+from gaga_core.grouping.votes import vote_labels
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster.base import Rasterizer
+
+STAGE = "Follow surfaces"
+_HALF_VOICE = 0.1  # blending weight with which a view has half a voice about a Gaussian
+_ROUNDS = 2
+_STEPS = 4 + _ROUNDS  # of progress: views, neighbours, normals, rounds, hidden Gaussians
+_HIDDEN = 4  # times the least size of a piece: of a surface that no mask shows to be a group
+
+
+@dataclass(frozen=True)
+class SurfaceConfig:
+    """Settings of the pieces; used up to ``max_views`` views, more outvote the shape."""
+
+    max_views: int = 12
+    neighbours: int = 10
+    least_weight: float = 0.6  # summed blending weight of a Gaussian that a view sees well
+    same_mask: float = 1.0  # a view's voice for an edge inside a mask; an even edge has 1 as well
+    other_mask: float = 0.5  # ... against an edge between two masks
+    runs_on: float = 0.25  # mean likeness of the edges over which a piece joins another group ...
+    runs_on_share: float = 0.3  # ... and their least share of all edges that leave the piece
+    crease: float = 2.0  # least summed unlikeness to the rest of its group of a piece that parts,
+    # for each square root of its size: about how wide it is
+    least_share: float = 0.0004  # of the Gaussians seen well: smaller pieces are no groups ...
+    least_size: int = 10  # ... nor those of fewer Gaussians
+
+    def __post_init__(self) -> None:
+        if self.max_views < 0 or self.neighbours < 1 or self.least_size < 1:
+            raise ValueError("max_views, neighbours and least_size: too small")
+        if min(self.least_weight, self.same_mask, self.other_mask) < 0:
+            raise ValueError("least_weight, same_mask and other_mask must not be negative")
+        if self.crease < 0:
+            raise ValueError("crease must not be negative")
+        if not (0 <= self.runs_on_share <= 1 and 0 <= self.least_share <= 1):
+            raise ValueError("runs_on_share and least_share must be between 0 and 1")
+
+    def least(self, n_seen: int) -> int:
+        """Gaussians of the smallest piece that may be a group, of so many seen well."""
+        return max(self.least_size, round(self.least_share * n_seen))
+
+
+def follow_surfaces(
+    gaussians: Gaussians,
+    views: Sequence[Camera],
+    masks: MaskSet,
+    labels: IntArray,  # (N,) by vote, 0 = none
+    rasterizer: Rasterizer,
+    config: SurfaceConfig,
+) -> Stage[IntArray]:
+    """Labels (N,) after the surfaces were asked; new groups have the ids after the largest one."""
+    looking = _looks(gaussians, views, masks, rasterizer)
+    seen = yield from part(looking, 0, _STEPS, STAGE)
+    shown = finite(gaussians) & (seen.weights.max(axis=1) > config.least_weight)
+    rows = np.flatnonzero(shown)
+    if len(rows) < 2:
+        return labels
+    found = yield from _pieced(gaussians.take(rows), views, seen.take(rows), labels[rows], config)
+    result = np.zeros_like(labels)
+    result[rows] = found
+    yield Progress(STAGE, _STEPS - 1, _STEPS, "hidden Gaussians")
+    if not (found > 0).any():
+        return labels
+    least = _HIDDEN * config.least(len(rows))
+    return along_surfaces(gaussians, result, config.neighbours, least)
+
+
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """What each view shows of each Gaussian."""
+
+    masks: IntArray  # (N, V) mask of most of its pixels, 0 = none
+    weights: FloatArray  # (N, V) summed blending weight
+
+    def take(self, rows: LongArray) -> "_Looks":
+        return _Looks(self.masks[rows], self.weights[rows])
+
+
+def _looks(
+    gaussians: Gaussians, views: Sequence[Camera], masks: MaskSet, rasterizer: Rasterizer
+) -> Stage[_Looks]:
+    of = np.zeros((len(gaussians), len(views)), np.int32)
+    weights = np.zeros((len(gaussians), len(views)), np.float32)
+    for v, camera in enumerate(views):
+        labels = load_labels(masks, camera)[0] + np.int32(1)  # pixels of no mask count as well
+        count = int(labels.max(initial=1))
+        stage = vote_labels(gaussians, [camera], partial(_same, labels), count, rasterizer)
+        votes = yield from part(stage, v, len(views), STAGE)
+        of[:, v], weights[:, v] = np.maximum(votes.labels - 1, 0), votes.weight
+    return _Looks(of, weights)
+
+
+def _same(labels: IntArray, _: Camera) -> IntArray:
+    return labels
+
+
+def _pieced(
+    gaussians: Gaussians,
+    views: Sequence[Camera],
+    seen: _Looks,
+    labels: IntArray,
+    config: SurfaceConfig,
+) -> Stage[IntArray]:
+    """Labels (N,) of Gaussians that are seen well."""
+    yield Progress(STAGE, 1, _STEPS, "find neighbours")
+    points = gaussians.means.astype(np.float64)
+    graph = Neighbours.of(points, config.neighbours)
+    yield Progress(STAGE, 2, _STEPS, "find normals")
+    normals = splat_normals(gaussians, graph.nearest)
+    weights = seen.weights.astype(np.float64)
+    normals = towards_cameras(normals, points, views, weights, graph.nearest)
+    likeness = evenness(graph, normals) + _said_by_masks(graph, seen, config)
+    least = config.least(len(points))
+    for turn in range(_ROUNDS):
+        yield Progress(STAGE, 3 + turn, _STEPS, "cut into pieces")
+        pieces = _Pieces.of(graph, likeness, labels)
+        labels = pieces.joined(config)
+    return pieces.parted(labels, config.crease, least)
+
+
+def _said_by_masks(graph: Neighbours, seen: _Looks, config: SurfaceConfig) -> DoubleArray:
+    """What all views say of each edge (E,): > 0 its ends show in one mask, < 0 in two."""
+    result = np.zeros(len(graph.first))
+    for of, weight in zip(seen.masks.T, seen.weights.T.astype(np.float64), strict=True):
+        a, b = of[graph.first], of[graph.second]
+        least = np.minimum(weight[graph.first], weight[graph.second])
+        voice = np.where((a > 0) & (b > 0), least / (least + _HALF_VOICE), 0)
+        result += voice * np.where(a == b, config.same_mask, -config.other_mask)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """What groups fall into, and the borders between two pieces, each in both directions."""
+
+    piece: LongArray  # (N,) 0..P - 1
+    group: LongArray  # (P,) 0 = none
+    size: LongArray  # (P,)
+    is_main: BoolArray  # (P,) the largest of its group
+    first: LongArray  # (B,) piece
+    second: LongArray  # (B,) piece
+    likeness: DoubleArray  # (B,) summed over the edges
+    edges: LongArray  # (B,)
+
+    @staticmethod
+    def of(graph: Neighbours, likeness: DoubleArray, labels: IntArray) -> "_Pieces":
+        """Pieces of the groups of ``labels`` (N,)."""
+        parent = np.arange(len(labels))
+        inside = (labels[graph.first] == labels[graph.second]) & (labels[graph.first] > 0)
+        ends = np.stack([graph.first[inside], graph.second[inside]], axis=1).ravel()
+        pieces_of(ends, likeness[inside].copy(), parent)
+        while (parent[parent] != parent).any():
+            parent = parent[parent]
+        _, piece = np.unique(parent, return_inverse=True)
+        n = int(piece.max()) + 1
+        group = np.zeros(n, np.int64)
+        group[piece] = labels
+        size = np.bincount(piece)
+        order = np.lexsort((-size, group))
+        is_main = np.zeros(n, np.bool_)
+        is_main[order[np.unique(group[order], return_index=True)[1]]] = True
+        a, b = piece[graph.first], piece[graph.second]
+        a, b, value = a[a != b], b[a != b], likeness[a != b]
+        keys, cell = np.unique(np.r_[a * n + b, b * n + a], return_inverse=True)
+        total = np.bincount(cell, np.r_[value, value], minlength=len(keys)).astype(np.float64)
+        edges = np.bincount(cell, minlength=len(keys))
+        return _Pieces(piece, group, size, is_main, keys // n, keys % n, total, edges)
+
+    def joined(self, config: SurfaceConfig) -> IntArray:
+        """Labels (N,) after lesser pieces joined the larger one that they run on into."""
+        a, b = self.first, self.second
+        leaving = np.bincount(a, self.edges, minlength=len(self.group))
+        joins = (self.group[a] > 0) & (self.group[b] > 0) & (self.group[a] != self.group[b])
+        joins &= ~self.is_main[a] & (self.size[b] > self.size[a])
+        joins &= self.likeness > config.runs_on * self.edges
+        joins &= self.edges >= config.runs_on_share * leaving[a]
+        rows = np.flatnonzero(joins)
+        rows = rows[np.lexsort((-self.likeness[rows], a[rows]))]
+        pieces, best = np.unique(a[rows], return_index=True)
+        group = self.group.copy()
+        group[pieces] = self.group[b[rows[best]]]
+        return group[self.piece].astype(np.int32)
+
+    def parted(self, labels: IntArray, crease: float, least: int) -> IntArray:
+        """Labels (N,) in which the pieces that joined no other group and that creases part from
+        the rest of their own are new groups."""
+        after = np.zeros(len(self.group), np.int64)
+        after[self.piece] = labels
+        inside = self.group[self.first] == self.group[self.second]
+        unlike = -np.bincount(self.first[inside], self.likeness[inside], len(self.group))
+        own = (after == self.group) & ~self.is_main & (self.group > 0) & (self.size >= least)
+        own &= (unlike > 0) & (unlike >= crease * np.sqrt(self.size))
+        after[own] = int(labels.max()) + 1 + np.arange(int(own.sum()))
+        return after[self.piece].astype(np.int32)

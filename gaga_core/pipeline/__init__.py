@@ -1,0 +1,1 @@
+"""Stages over a scene folder, from photos to objects."""

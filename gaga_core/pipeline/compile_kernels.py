@@ -1,0 +1,189 @@
+"""Compile the kernels before they are needed, with progress: once on a machine, half a minute.
+
+Whoever starts long work calls `after_warm_up`; the window runs `warm_up_stage` in a job when
+`kernels.is_compiled` says no. Every step calls the real operators on a scene of a few splats, so
+that no list of kernels and of their argument types has to be kept.
+"""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at
+from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
+from gaga_core.io.ply import write_ply
+from gaga_core.kernels import is_compiled, mark_compiled
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage, T, run_stage
+from gaga_core.query.group_facts import group_facts
+from gaga_core.query.group_hashes import group_digests
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.cpu.prepare import prepare
+from gaga_core.scene.objects import object_table
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.picking import pick
+
+STAGE = "Prepare kernels"
+_SIDE = 48  # pixels: several tiles
+_N_VIEWS = 3
+_TRAIN_STEPS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """The smallest scene that goes through all of the code: two balls on a floor."""
+
+    gaussians: Gaussians
+    labels: IntArray  # (N,) 1, 2; 0 = floor
+    cameras: tuple[Camera, ...]
+    rasterizer: Rasterizer
+
+
+def warm_up_stage() -> Stage[None]:
+    """Compile all that associating, rendering, picking and training run, or load it from the disk.
+
+    When it has come to its end, `kernels.is_compiled` says so until the next upgrade. Cancelling
+    it loses nothing: what was compiled stays.
+    """
+    sample = _sample()
+    steps: list[tuple[str, Callable[[_Sample], object]]] = [
+        ("projection", _project),
+        ("pictures", _render),
+        ("label pictures", _label_splat),
+        ("votes", _vote),
+        ("single pixels", _pixels),
+        ("object list", _objects),
+        ("search", _search),
+        *((f"association, {name}", _association(name)) for name in PRESETS),
+        ("training", _train),
+        ("files", _write),
+    ]
+    for i, (name, step) in enumerate(steps):
+        yield Progress(STAGE, i, len(steps), name)
+        step(sample)
+    mark_compiled()
+    yield Progress(STAGE, len(steps), len(steps))
+
+
+def after_warm_up(stage: Stage[T]) -> Stage[T]:
+    """``stage``, behind `warm_up_stage` when the kernels are not compiled yet."""
+    if not is_compiled():
+        yield from warm_up_stage()
+    return (yield from stage)
+
+
+def _sample() -> _Sample:
+    rng = np.random.default_rng(0)
+    out = rng.normal(size=(2, 150, 3))
+    out /= 3 * np.linalg.norm(out, axis=2, keepdims=True)
+    balls = out + np.array([[[-0.5, 0, 0]], [[0.5, 0, 0]]])
+    floor = np.c_[rng.uniform(-1.2, 1.2, (300, 2)), np.full(300, -0.35)]
+    means = np.concatenate([floor, *balls]).astype(np.float32)
+    n = len(means)
+    gaussians = Gaussians(
+        means=means,
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        log_scales=np.full((n, 3), -2.7, np.float32),
+        logit_opacities=np.full(n, 3, np.float32),
+        sh=np.zeros((n, 1, 3), np.float32),
+    )
+    K = np.array([[0.9 * _SIDE, 0, _SIDE / 2], [0, 0.9 * _SIDE, _SIDE / 2], [0, 0, 1]])
+    cameras = []
+    for i in range(_N_VIEWS):
+        pose = look_at(np.array([0.4 * (i - 1), -2.2, 1.4]), np.zeros(3), np.array([0, 0, 1.0]))
+        cameras.append(Camera(K, pose, _SIDE, _SIDE, f"{i}.png"))
+    labels = np.repeat(np.array([0, 1, 2], np.int32), [300, 150, 150])
+    return _Sample(gaussians, labels, tuple(cameras), choose("cpu"))
+
+
+def _project(sample: _Sample) -> object:
+    return prepare(sample.gaussians, sample.cameras[0])
+
+
+def _render(sample: _Sample) -> object:
+    channels = np.zeros((len(sample.gaussians), 16), np.float32)
+    sample.rasterizer.render(sample.gaussians, sample.cameras[0], channels=channels)
+    return sample.rasterizer.render(sample.gaussians, sample.cameras[0])
+
+
+def _label_splat(sample: _Sample) -> object:
+    return sample.rasterizer.label_splat(sample.gaussians, sample.cameras[0], sample.labels)
+
+
+def _vote(sample: _Sample) -> None:
+    histogram = np.zeros((len(sample.gaussians), 1), np.float32)
+    pixels = np.zeros((_SIDE, _SIDE), np.int32)
+    sample.rasterizer.vote(sample.gaussians, sample.cameras[0], pixels, histogram)
+
+
+def _pixels(sample: _Sample) -> object:
+    some = np.arange(0, _SIDE * _SIDE, 7)
+    sample.rasterizer.weights(sample.gaussians, sample.cameras[0], some)
+    scene = Scene.of(sample.gaussians, sample.labels)
+    return pick(scene, sample.cameras[0], _SIDE / 2, _SIDE / 2)
+
+
+def _objects(sample: _Sample) -> object:
+    return object_table(Scene.of(sample.gaussians, sample.labels))
+
+
+def _search(sample: _Sample) -> object:
+    scene = Scene.of(sample.gaussians, sample.labels)
+    return group_facts(scene, sample.cameras), group_digests(scene)
+
+
+def _train(sample: _Sample) -> object:
+    """A training of a few steps: half size and full, every SH degree, density, held-out views."""
+    # Loaded here: whoever associates or renders has no use for it.
+    from gaga_core.reconstruct.initial import first_splats_stage
+    from gaga_core.reconstruct.settings import TrainConfig
+    from gaga_core.reconstruct.train import train
+    from gaga_core.reconstruct.views import TrainView, TrainViews
+
+    pictures = [sample.rasterizer.render(sample.gaussians, c).image for c in sample.cameras]
+    views = [
+        TrainView(camera, (np.clip(picture, 0, 1) * 255).astype(np.uint8))
+        for camera, picture in zip(sample.cameras, pictures, strict=True)
+    ]
+    draft = TrainConfig.of("draft")
+    density = replace(draft.density, every=4, max_splats=800)
+    config = replace(draft, iterations=_TRAIN_STEPS, density=density, longest_side=_SIDE)
+    held_out = TrainViews(tuple(views[1:]), tuple(views[:1]))
+    points = sample.gaussians.means.astype(np.float64)
+    colors = np.full((len(points), 3), 128, np.uint8)
+    initial = run_stage(
+        first_splats_stage(points, colors, held_out.train, config, sample.rasterizer)
+    )
+    return train(initial, held_out, config, sample.rasterizer)
+
+
+def _write(sample: _Sample) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        write_ply(Path(folder) / "sample.ply", sample.gaussians)
+
+
+def _association(preset: str) -> Callable[[_Sample], object]:
+    def run(sample: _Sample) -> object:
+        shown = {
+            c.name: sample.rasterizer.label_splat(sample.gaussians, c, sample.labels).labels + 1
+            for c in sample.cameras
+        }
+        loaders = {name: lambda labels=labels: labels for name, labels in shown.items()}
+        return run_stage(
+            associate_stage(
+                sample.gaussians,
+                sample.cameras,
+                MaskSet(loaders, "sample"),
+                sample.rasterizer,
+                AssociateConfig.of(preset),
+            )
+        )
+
+    return run

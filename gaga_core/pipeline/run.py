@@ -1,0 +1,219 @@
+"""Bring a scene folder to the state that the window needs: run every stage that is missing.
+
+`STAGES` is the whole plan. A stage is missing when its result is not there, is older than what it
+was made from, or when a stage that it needs is about to run. To add one, add its entry in order.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.pipeline import lift
+from gaga_core.pipeline.associate import associate_scene, read_model, render_views
+from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
+from gaga_core.pipeline.segment import RECORD, segment_scene
+from gaga_core.progress import Stage
+from gaga_core.segmentation.choose import provider_named
+from gaga_core.segmentation.regions import NAME as REGIONS
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Settings of the stages of a run."""
+
+    reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
+    masks: str | Path | None = None  # a folder, or a name in SCENE/masks; None = the only one
+    masks_from: str = ""  # who makes missing masks; "" = regions, if there are none
+    associate: AssociateConfig = field(default_factory=AssociateConfig)
+    mode: lift.Mode = "vote"  # of the lift
+
+
+@dataclass(eq=False)
+class Work:
+    """The folder as the stages before have left it; the splats are read once."""
+
+    folder: SceneFolder
+    config: RunConfig
+    model_path: Path | None = None  # given by the user instead of the folder's newest
+    _model: tuple[Path | None, Gaussians] | None = None
+
+    def refresh(self) -> None:
+        """Look at the folder again: the stage that ran may have added a model or masks."""
+        self.folder = open_scene_folder(self.folder.root, model=self.model_path)
+
+    def model(self) -> Stage[Gaussians]:
+        """The scene's splats."""
+        if self._model is None or self._model[0] != self.folder.model_path:
+            gaussians = yield from read_model(self.folder)
+            self._model = (self.folder.model_path, gaussians)
+        return self._model[1]
+
+
+@dataclass(frozen=True)
+class SceneStage:
+    """One row of the plan."""
+
+    name: str
+    needs: tuple[str, ...]  # stages whose results it is made from
+    is_done: Callable[[Work], bool]  # its result is there and not older than its sources
+    run: Callable[[Work], Stage[object]]
+
+
+def run_missing(
+    folder: SceneFolder, config: RunConfig | None = None, *, model: Path | None = None
+) -> Stage[tuple[str, ...]]:
+    """Run every missing stage; returns the names of those run.
+
+    ``model`` overrides the folder's splats, as in `open_scene_folder`. A stage that is cancelled
+    or fails leaves nothing of its own; what the stages before it wrote stays.
+    """
+    work = Work(folder, config or RunConfig(), model)
+    missing = missing_stages(folder, config)
+    for stage in STAGES:
+        if stage.name in missing:
+            yield from stage.run(work)
+            work.refresh()
+    return missing
+
+
+def run_folder(
+    root: Path,
+    config: RunConfig | None = None,
+    *,
+    photos: Path | None = None,
+    model: Path | None = None,
+) -> Stage[tuple[str, ...]]:
+    """`run_missing` for a folder that may hold nothing but input/ or a video yet.
+
+    ``photos`` is a folder of photos or a video that lies elsewhere; ``root`` is made of it.
+    """
+    config, done = config or RunConfig(), tuple[str, ...]()
+    if not is_scene_folder(root) and (photos or find_photos(root)) is not None:
+        yield from reconstruct_scene(photos, root, config.reconstruct)
+        done = ("reconstruct",)
+    rest = yield from run_missing(open_scene_folder(root, model=model), config, model=model)
+    return (*done, *rest)
+
+
+def missing_stages(folder: SceneFolder, config: RunConfig | None = None) -> tuple[str, ...]:
+    """Names of the stages that still have to run, in their order."""
+    work, missing = Work(folder, config or RunConfig()), list[str]()
+    for stage in STAGES:
+        if any(name in missing for name in stage.needs) or not stage.is_done(work):
+            missing.append(stage.name)
+    return tuple(missing)
+
+
+def _labels(folder: SceneFolder) -> Path:
+    return folder.work / "labels.npz"
+
+
+def _is_newer(path: Path, source: Path) -> bool:
+    """Whether ``path`` is there and was made from ``source`` as it is now."""
+    return path.is_file() and path.stat().st_mtime_ns >= source.stat().st_mtime_ns
+
+
+def _is_reconstructed(work: Work) -> bool:
+    return work.folder.model_path is not None
+
+
+def _reconstruct(work: Work) -> Stage[object]:
+    return (yield from reconstruct_scene(None, work.folder.root, work.config.reconstruct))
+
+
+def _has_masks(work: Work) -> bool:
+    """Whether there are masks to associate: the wanted ones, or any; half of them are none.
+
+    A scene that has groups needs no masks any more, unless others are wanted than it has.
+    """
+    config, found = work.config, work.folder.mask_folders
+    if config.masks is not None:
+        return True  # the user's own
+    if config.masks_from:
+        return config.masks_from in found and not _lacks_views(work, found[config.masks_from])
+    if _labels(work.folder).is_file():
+        return True
+    return bool(found) and not (list(found) == [REGIONS] and _lacks_views(work, found[REGIONS]))
+
+
+def _lacks_views(work: Work, masks: Path) -> bool:
+    """Whether masks that were made here end before the last training view: a run was stopped."""
+    if not (masks / RECORD).is_file():
+        return False
+    stems = (Path(name).stem for name in work.folder.train)
+    return any(not (masks / f"{stem}.png").is_file() for stem in stems)
+
+
+def _make_masks(work: Work) -> Stage[object]:
+    if not work.folder.image_paths:
+        raise GagaError(
+            f"{work.folder.root} has no masks and no photos to make them of. Put the photos into "
+            f"{work.folder.root / 'images'}, or label maps into {work.folder.root / 'masks'}."
+        )
+    provider = provider_named(work.config.masks_from or REGIONS)
+    return (yield from segment_scene(work.folder, provider))
+
+
+def _is_associated(work: Work) -> bool:
+    """Whether there are groups, and of the provider that is asked for by name."""
+    if not _labels(work.folder).is_file():
+        return False
+    wanted = work.config.masks_from if work.config.masks is None else ""
+    return not wanted or _associated_masks(work.folder) == wanted
+
+
+def _associated_masks(folder: SceneFolder) -> str:
+    """Name of the mask folder that the groups were made of; "" when it is not known."""
+    try:
+        report = json.loads((folder.work / "report.json").read_text(encoding="utf-8"))
+        return Path(report["associate"]["mask_folder"]).name
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def _associate(work: Work) -> Stage[object]:
+    gaussians = yield from work.model()
+    config = work.config
+    masks = config.masks or config.masks_from or None
+    return (yield from associate_scene(work.folder, masks, config.associate, gaussians=gaussians))
+
+
+def _is_lifted(work: Work) -> bool:
+    labels = _labels(work.folder)
+    return labels.is_file() and _is_newer(work.folder.work / lift.FILE, labels)
+
+
+def _lift(work: Work) -> Stage[object]:
+    gaussians = yield from work.model()
+    return (yield from lift.lift_scene(work.folder, work.config.mode, gaussians=gaussians))
+
+
+def _shown(folder: SceneFolder) -> tuple[str, ...]:
+    """Views whose group pictures are wanted: the test views; all when none is set apart."""
+    return folder.test or tuple(camera.name for camera in folder.cameras)
+
+
+def _is_rendered(work: Work) -> bool:
+    labels, pictures = _labels(work.folder), work.folder.work / "renders" / "groups"
+    names = [f"{Path(name).stem}.png" for name in _shown(work.folder)]
+    # Pictures older than the labels show groups that are gone.
+    return labels.is_file() and all(_is_newer(pictures / name, labels) for name in names)
+
+
+def _render(work: Work) -> Stage[object]:
+    gaussians = yield from work.model()
+    return (yield from render_views(work.folder, views=_shown(work.folder), gaussians=gaussians))
+
+
+STAGES = (
+    SceneStage("reconstruct", (), _is_reconstructed, _reconstruct),
+    SceneStage("masks", (), _has_masks, _make_masks),
+    SceneStage("associate", ("reconstruct", "masks"), _is_associated, _associate),
+    SceneStage("lift", ("associate",), _is_lifted, _lift),
+    SceneStage("render", ("associate",), _is_rendered, _render),
+)

@@ -1,0 +1,283 @@
+"""2D masks of the views of a scene folder, by any provider: SCENE/masks/<provider>/<stem>.png.
+
+Every finished view is written at once and recorded with a key of photo, model and settings, so a
+second run, or one after a cancel, makes only what is missing. Maps of other settings are kept in
+SCENE/gaga/cache/masks under the same keys and come back without work.
+"""
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.images import read_rgb
+from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.masks import resize_labels
+from gaga_core.pipeline.associate import read_model, select_views
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+from gaga_core.segmentation.base import Picture, Provider, fingerprint_of
+
+RECORD = "provider.json"
+STAGE = "Make masks"
+_VERSION = 1
+_BLOCK = 1 << 24  # bytes hashed between two steps
+
+
+@dataclass(frozen=True)
+class SegmentConfig:
+    """How pictures are given to a provider."""
+
+    longest_side: int = 1600
+    """Larger photos are shrunk to this many pixels, and their label maps have that size; 0 = never.
+    Association scales label maps to the views. 0 or 64..8192."""
+    use_depth: bool = True
+    """Give providers that can use it the depth of the splats, where the scene has some."""
+
+
+@dataclass(frozen=True)
+class SegmentReport:
+    """What was done."""
+
+    provider: str
+    folder: Path  # of the label maps
+    made: tuple[str, ...]  # views whose masks were computed
+    kept: tuple[str, ...]  # views that had theirs, or got them back from the cache
+    failed: dict[str, str] = field(default_factory=dict)  # view name -> why it has none
+    n_masks: int = 0  # in all views
+    seconds: float = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user."""
+        return tuple(f"No masks for {name}: {reason}" for name, reason in self.failed.items())
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return {
+            "provider": self.provider,
+            "folder": str(self.folder),
+            "views_made": len(self.made),
+            "views_kept": len(self.kept),
+            "views_failed": dict(self.failed),
+            "masks": self.n_masks,
+            "seconds": round(self.seconds, 2),
+        }
+
+
+@dataclass(eq=False)
+class _Cues:
+    """The scene's splats, read when the first view asks for its depth."""
+
+    folder: SceneFolder
+    rasterizer: Rasterizer | None
+    model_id: str  # hash of the file; "" = no depth
+    gaussians: Gaussians | None = None
+
+    def depth(self, camera: Camera, width: int, height: int) -> Stage[FloatArray | None]:
+        """Median depth (height, width) of the view, camera frame; None without splats."""
+        if not self.model_id:
+            return None
+        if self.gaussians is None:
+            self.gaussians = yield from read_model(self.folder)
+        engine = self.rasterizer = self.rasterizer or choose()
+        return engine.render(self.gaussians, camera.resized(width, height)).median_depth
+
+
+def segment_scene(
+    folder: SceneFolder,
+    provider: Provider,
+    *,
+    views: str | Sequence[str] = "train",
+    name: str = "",
+    redo: bool = False,
+    config: SegmentConfig | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[SegmentReport]:
+    """Write a label map (uint16 PNG) of each of ``views`` (train, test, all, or names).
+
+    ``name`` is the folder in SCENE/masks, the provider's own name by default; ``redo`` makes
+    everything anew. Photos that cannot be read are named in the report, the others are done.
+    A cancel keeps the finished views and never leaves half a file. Raises ``GagaError`` when no
+    view could be done, or when the folder holds label maps that were not made here.
+    """
+    config = config or SegmentConfig()
+    start = time.perf_counter()
+    cameras = select_views(folder, views)
+    target = folder.root / "masks" / (name or provider.name)
+    record = _read_record(target)
+    wants_depth = config.use_depth and "depth" in provider.cues and folder.model_path is not None
+    cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
+    made: list[str] = []
+    kept: list[str] = []
+    failed: dict[str, str] = {}
+    seconds_of_views = 0.0
+    for i, camera in enumerate(cameras):
+        stem = Path(camera.name).stem
+        left = _time_left(seconds_of_views, len(made), len(cameras) - i)
+        yield Progress(STAGE, i, len(cameras), f"{camera.name}{left}")
+        try:
+            key = _key(folder, camera, provider, config, cues)
+            if not redo and _restore(folder, target / f"{stem}.png", key, record.get(stem, "")):
+                kept.append(camera.name)
+            else:
+                began = time.perf_counter()
+                stage = _label_map(folder, camera, provider, config, cues)
+                labels = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
+                write_labels(target / f"{stem}.png", labels)
+                write_labels(_cached(folder, key), labels)
+                seconds_of_views += time.perf_counter() - began
+                made.append(camera.name)
+        except _PhotoError as error:
+            failed[camera.name] = str(error)
+            continue
+        if record.get(stem) != key:
+            record[stem] = key
+            _write_record(target, provider, record)
+    if not made and not kept:
+        raise GagaError(next(iter(failed.values())))
+    yield Progress(STAGE, len(cameras), len(cameras), f"{len(made)} made, {len(kept)} kept")
+    count = _count_masks(target, [*made, *kept])
+    elapsed = time.perf_counter() - start
+    return SegmentReport(provider.name, target, tuple(made), tuple(kept), failed, count, elapsed)
+
+
+class _PhotoError(GagaError):
+    """A photo that is missing or damaged: its view goes without masks."""
+
+
+def _label_map(
+    folder: SceneFolder,
+    camera: Camera,
+    provider: Provider,
+    config: SegmentConfig,
+    cues: _Cues,
+) -> Stage[IntArray]:
+    """Label map at the size of the photo, or at the longest side that is wanted."""
+    try:
+        image = read_rgb(folder.image_paths[camera.name], config.longest_side)
+    except GagaError as error:
+        raise _PhotoError(str(error)) from error
+    height, width = image.shape[:2]
+    if 0 < provider.work_width < width:
+        image = _shrunk(image, provider.work_width)
+    depth = yield from cues.depth(camera, image.shape[1], image.shape[0])
+    labels = yield from provider.label_map(Picture(image, depth))
+    return resize_labels(labels, width, height)
+
+
+def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BOX))
+
+
+def _key(
+    folder: SceneFolder,
+    camera: Camera,
+    provider: Provider,
+    config: SegmentConfig,
+    cues: _Cues,
+) -> str:
+    """Hash of all that a view's label map depends on."""
+    if camera.name not in folder.image_paths:
+        raise _PhotoError(
+            f"The photo {camera.name} is not in {folder.root / 'images'}. Put it back."
+        )
+    path = folder.image_paths[camera.name]
+    try:
+        photo = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise _PhotoError(explain_os_error(error, path)) from error
+    seen: list[object] = []
+    if cues.model_id:
+        pose = [camera.K.tolist(), camera.cam_from_world.tolist(), camera.width, camera.height]
+        seen = [cues.model_id, pose]
+    return fingerprint_of(_VERSION, photo, provider.fingerprint(), config.longest_side, seen)
+
+
+def _model_id(folder: SceneFolder) -> Stage[str]:
+    """Hash of the file of splats."""
+    path = folder.model_path
+    if path is None:
+        return ""
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+                yield Progress(STAGE, 0, 0, f"look at {path.name}")
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    return digest.hexdigest()
+
+
+def _cached(folder: SceneFolder, key: str) -> Path:
+    return folder.work / "cache" / "masks" / f"{key}.png"
+
+
+def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
+    """Whether the map of ``key`` is in its place, put there from the cache if need be."""
+    if recorded == key and path.is_file():
+        return True  # also when it was edited by hand since
+    cached = _cached(folder, key)
+    if not cached.is_file():
+        return False
+    with atomic_write(path) as temporary:
+        shutil.copyfile(cached, temporary)
+    return True
+
+
+def _read_record(target: Path) -> dict[str, str]:
+    """Key of each view's map, by stem. Raises ``GagaError`` for maps that somebody else made."""
+    path = target / RECORD
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        views = content["views"]
+        return {str(stem): str(key) for stem, key in views.items()}
+    except OSError:
+        if any(target.glob("*.png")):
+            raise GagaError(
+                f"{target} holds label maps that were not made here. "
+                "Choose another name for the new ones, or move that folder away."
+            ) from None
+        return {}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}  # damaged: every view is made, or comes from the cache
+
+
+def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> None:
+    content = {
+        "version": _VERSION,
+        "provider": provider.name,
+        **asdict(provider.card),
+        "fingerprint": provider.fingerprint(),
+        "views": dict(sorted(views.items())),
+    }
+    with atomic_write(target / RECORD) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _count_masks(target: Path, names: Sequence[str]) -> int:
+    maps = (read_labels(target / f"{Path(name).stem}.png") for name in names)
+    return sum(len(np.unique(labels[labels > 0])) for labels in maps)
+
+
+def _time_left(seconds: float, n_done: int, n_left: int) -> str:
+    """ " · about 3 min left", once a view has shown how long one takes."""
+    if n_done == 0:
+        return ""
+    left = seconds / n_done * n_left
+    return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"

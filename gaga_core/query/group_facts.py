@@ -1,0 +1,273 @@
+"""What can be said of a group without any model: where it is, how large, of which colors.
+
+Measured in three passes over the splats, robust against strays: boxes hold the middle of each axis
+by opacity, colors are weighted with what is seen of a splat (opacity x its largest face).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.query.colors import LEVELS, NAMES, color_table
+from gaga_core.scene.orientation import estimate_up, upright_basis
+from gaga_core.scene.scene import Scene
+
+_BINS = 64
+_TAIL = 0.02  # share of the opacity outside the box on each side of an axis
+_AREA_MAX = 4.0  # splats larger than this times their group's mean count as this large
+_FLAT = 0.12  # thinnest extent of a flat group, share of its longest
+_VAST = 0.6  # a flat group this long, share of the whole scene's diagonal, is a wall or floor
+_CARRIES = 3  # a flat group under at least this many others, and under a third of all, is a floor
+_THICK, _CARRIES_ALL = 0.3, 0.8  # so is one up to this thin under this share of all: a tabletop
+_THIN_ONES = 64  # of the longest thin groups: smaller ones are no floor
+# Splats that cover their group's largest face less than this (2 pi opacity x area; a closed surface
+# covers it twice and more), in a group this many times as long as the median: scattered crumbs.
+_COVER, _LONG = 1.75, 2.0
+_ENCLOSES = 0.5  # a group around this share of the cameras is the room
+_DENSE = 1 << 22  # up to here group ids are looked up in a table
+
+
+@dataclass(frozen=True, eq=False)
+class GroupFacts:
+    """One row per group that has a live splat, by id; 0 (no group) is among them.
+
+    Lengths are scene units. ``centre``, ``lo`` and ``hi`` are in the upright frame, whose z axis
+    points up: p_upright = frame @ p_world.
+    """
+
+    ids: IntArray  # (G,) ascending
+    counts: LongArray  # (G,) splats
+    frame: DoubleArray  # (3, 3) upright_from_world
+    centre: DoubleArray  # (G, 3) of what lies inside the box
+    lo: DoubleArray  # (G, 3) robust box
+    hi: DoubleArray  # (G, 3)
+    extents: DoubleArray  # (G, 3) along the principal axes, longest first
+    colors: DoubleArray  # (G, 14) share of each of `colors.NAMES`
+    vivid: DoubleArray  # (G, 14) the same, each color counted as far as it is typical
+    rgb: DoubleArray  # (G, 3) mean color
+    background: BoolArray  # (G,) floor, walls, the room, scattered bits, what is in no group
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def size(self) -> DoubleArray:
+        """Edge (G,) of a cube as large as the group."""
+        result: DoubleArray = np.cbrt(self.extents.prod(axis=1))
+        return result
+
+    @property
+    def height(self) -> DoubleArray:
+        """Extent (G,) along up."""
+        result: DoubleArray = self.hi[:, 2] - self.lo[:, 2]
+        return result
+
+    def row(self, group: int) -> int | None:
+        """Row of a group; None when it has no splats."""
+        at = int(np.searchsorted(self.ids, group))
+        return at if at < len(self.ids) and self.ids[at] == group else None
+
+
+def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
+    """Measure every group of ``scene``; splats that are deleted do not count, hidden ones do.
+
+    ``cameras`` say which way is up and what surrounds them. About 100 ms per million splats.
+    """
+    # Imported when first asked for: numba is a good part of the launch time.
+    from gaga_core.query.group_facts_kernels import tally_looks, weigh_splats
+    from gaga_core.raster.cpu.prepare import for_kernel
+
+    frame = upright_basis(estimate_up(cameras))
+    rows, ids = compact_rows(scene.labels)
+    n, n_groups = len(scene), len(ids)
+    g = scene.gaussians
+    points, area, weight = (
+        np.zeros((n, 3), np.float32),
+        np.zeros(n, np.float32),
+        np.zeros_like(g.logit_opacities),
+    )
+    sums = np.zeros((n_groups, 8))
+    matrix = np.ascontiguousarray(frame @ scene.placements.matrix)
+    weigh_splats(
+        rows,
+        for_kernel(scene.state, np.uint8),
+        for_kernel(scene.placement, np.int32),
+        matrix,
+        for_kernel(g.means, np.float32),
+        for_kernel(g.log_scales, np.float32),
+        for_kernel(g.logit_opacities, np.float32),
+        points,
+        area,
+        weight,
+        sums,
+    )
+    lo, hi = _boxes(rows, points, area, weight, sums)
+    table = color_table()
+    looks = np.zeros((n_groups, table.shape[1] + 4))
+    moments = np.zeros((n_groups, 10))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        area_max = np.nan_to_num(_AREA_MAX * sums[:, 2] / sums[:, 1]).astype(np.float32)
+    tally_looks(
+        rows,
+        for_kernel(scene.placement, np.int32),
+        for_kernel(scene.placements.color, np.float64),
+        for_kernel(g.sh[:, 0], np.float32),
+        points,
+        area,
+        weight,
+        lo,
+        hi,
+        area_max,
+        table,
+        LEVELS,
+        looks,
+        moments,
+    )
+    live = np.flatnonzero(sums[:, 0] > 0)
+    n = len(NAMES)
+    seen = np.maximum(looks[live, -1:], 1e-30)
+    looks, low, high = looks[live], lo[live].astype(np.float64), hi[live].astype(np.float64)
+    middle, extents = _shape(moments[live], high - low)
+    return GroupFacts(
+        ids=ids[live],
+        counts=sums[live, 0].astype(np.int64),
+        frame=frame,
+        centre=low + middle,
+        lo=low,
+        hi=high,
+        extents=extents,
+        colors=looks[:, :n] / seen,
+        vivid=looks[:, n : 2 * n] / seen,
+        rgb=looks[:, 2 * n : 2 * n + 3] / seen,
+        background=_background(ids[live], low, high, extents, frame, cameras)
+        | _scattered(extents, sums[live, 2]),
+    )
+
+
+_KEPT: WeakKeyDictionary[Scene, tuple[tuple[object, ...], GroupFacts]] = WeakKeyDictionary()
+
+
+def facts_of(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
+    """`group_facts`, measured again only when splats, groups or placements have changed."""
+    r = scene.revision
+    key = (r.splats, r.labels, r.state, r.placement, r.placements, tuple(map(id, cameras)))
+    kept = _KEPT.get(scene)
+    if kept is not None and kept[0] == key:
+        return kept[1]
+    facts = group_facts(scene, cameras)
+    _KEPT[scene] = (key, facts)
+    return facts
+
+
+def compact_rows(labels: IntArray) -> tuple[IntArray, IntArray]:
+    """Row (N,) of each splat's group among the ids (G,) that occur, ascending."""
+    top = int(labels.max(initial=0))
+    if len(labels) == 0 or top >= _DENSE or int(labels.min()) < 0:
+        ids, rows = np.unique(labels, return_inverse=True)
+        return rows.astype(np.int32), ids.astype(np.int32)
+    ids = np.flatnonzero(np.bincount(labels, minlength=top + 1)).astype(np.int32)
+    lookup = np.zeros(top + 1, np.int32)
+    lookup[ids] = np.arange(len(ids), dtype=np.int32)
+    return lookup[labels], ids
+
+
+def _boxes(
+    rows: IntArray,
+    points: FloatArray,
+    area: FloatArray,
+    weight: FloatArray,
+    sums: DoubleArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Robust boxes lo, hi (G, 3): quantiles of histograms, looked at twice."""
+    from gaga_core.query.group_facts_kernels import tally_axes
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nan_to_num(sums[:, 3:6] / sums[:, 1:2])
+        variance = np.nan_to_num(sums[:, 6] / sums[:, 1]) - (mean**2).sum(axis=1)
+    reach = 4 * np.sqrt(np.maximum(variance, 1e-12))[:, None]
+    lo, hi = (mean - reach).astype(np.float32), (mean + reach).astype(np.float32)
+    bins = np.zeros((len(sums), 3, _BINS), np.float32)
+    for last in (False, True):
+        bins[:] = 0
+        per_unit = (_BINS / np.maximum(hi - lo, 1e-12)).astype(np.float32)
+        tally_axes(rows, points, area, weight, lo, per_unit, bins)
+        # The first look only finds where to look closely, so it is wider.
+        below = _quantile(bins, _TAIL if last else _TAIL / 4)
+        above = _BINS - _quantile(bins[..., ::-1], _TAIL if last else _TAIL / 4)
+        slack = 0.0 if last else 0.6
+        lo, hi = lo + (below - slack) / per_unit, lo + (above + slack) / per_unit
+        lo, hi = lo.astype(np.float32), hi.astype(np.float32)
+    return lo, hi
+
+
+def _quantile(bins: FloatArray, share: float) -> DoubleArray:
+    """Bin position (G, 3) under which ``share`` of a histogram's content lies."""
+    total = np.cumsum(bins, axis=-1, dtype=np.float64)
+    wanted = share * total[..., -1:]
+    at = np.minimum((total < wanted).sum(axis=-1), bins.shape[-1] - 1)
+    inside = np.take_along_axis(bins, at[..., None], axis=-1)[..., 0].astype(np.float64)
+    upto = np.take_along_axis(total, at[..., None], axis=-1)[..., 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = np.nan_to_num((wanted[..., 0] - (upto - inside)) / inside)
+    result: DoubleArray = at + np.clip(part, 0, 1)
+    return result
+
+
+def _shape(moments: DoubleArray, sides: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+    """Mean position over the box's corner (G, 3), and principal extents (G, 3), longest first.
+
+    An extent is that of a uniform bar of the same variance, sqrt(12 times it).
+    """
+    weight = moments[:, :1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(weight > 0, moments[:, 1:4] / weight, sides / 2)
+        second = np.where(weight > 0, moments[:, 4:] / weight, 0)
+    xx, xy, xz, yy, yz, zz = second.T
+    matrix = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    matrix = matrix - mean[:, :, None] * mean[:, None, :]
+    variance = np.maximum(np.linalg.eigvalsh(matrix), 0)[:, ::-1]
+    return mean, np.sqrt(12 * variance)
+
+
+def _scattered(extents: DoubleArray, area: DoubleArray) -> BoolArray:
+    """Groups (G,) that are crumbs of other things over a large place, not one thing."""
+    cover = 2 * np.pi * area / np.maximum(extents[:, 0] * extents[:, 1], 1e-30)
+    long = extents[:, 0] > _LONG * np.median(extents[:, 0]) if len(extents) else extents[:, 0] > 0
+    scattered: BoolArray = (cover < _COVER) & long
+    return scattered
+
+
+def _background(
+    ids: IntArray,
+    lo: DoubleArray,
+    hi: DoubleArray,
+    extents: DoubleArray,
+    frame: DoubleArray,
+    cameras: Sequence[Camera],
+) -> BoolArray:
+    """Groups (G,) that nobody means by "the largest": splats of no group; what surrounds half of
+    the cameras; flat ones as long as most of the scene, or under many of the other groups."""
+    result = ids <= 0
+    if len(ids) == 0:
+        return result
+    if cameras:
+        eyes = np.stack([c.position for c in cameras]) @ frame.T
+        inside = ((eyes >= lo[:, None]) & (eyes <= hi[:, None])).all(axis=2)
+        result |= inside.mean(axis=1) >= _ENCLOSES
+    whole = float(np.linalg.norm(hi.max(axis=0) - lo.min(axis=0)))
+    centre = (lo + hi) / 2
+    n_others = max(int((ids > 0).sum()) - 1, 1)
+    thin = np.flatnonzero(extents[:, 2] < _THICK * extents[:, 0])
+    for k in thin[np.argsort(-extents[thin, 0])][:_THIN_ONES]:
+        over = ((centre[:, :2] >= lo[k, :2]) & (centre[:, :2] <= hi[k, :2])).all(axis=1)
+        smaller = extents[:, 0] < 0.5 * extents[k, 0]
+        carried = int((over & smaller & (centre[:, 2] > centre[k, 2]) & (ids > 0)).sum())
+        flat = extents[k, 2] < _FLAT * extents[k, 0]
+        share = 1 / 3 if flat else _CARRIES_ALL
+        carries = carried >= max(_CARRIES, share * n_others)
+        result[k] |= carries or (flat and extents[k, 0] >= _VAST * whole)
+    return result

@@ -1,0 +1,1 @@
+"""Cleaning of objects: floaters out, hidden left-overs in."""

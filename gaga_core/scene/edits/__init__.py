@@ -1,0 +1,60 @@
+"""Builders of edits: each reads the scene and returns the edit, or None if nothing would change.
+
+Nothing here changes a scene; `gaga_core.scene.edits.history.History.do` does. ``indices`` are rows
+(K,) in any order, or a mask (N,) bool. Modules named after a topic build edits; modules whose name
+ends in ``values`` hold the edits themselves.
+"""
+
+from gaga_core.scene.edits.append import append
+from gaga_core.scene.edits.duplicate import duplicate, free_group
+from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
+from gaga_core.scene.edits.named_selections import forget_set, keep_set, kept_indices
+from gaga_core.scene.edits.placement import recolor, transform
+from gaga_core.scene.edits.split import separate, split, split_off
+from gaga_core.scene.edits.state import (
+    How,
+    delete,
+    hide,
+    isolate,
+    lock,
+    restore,
+    select,
+    set_state,
+    show,
+    show_all,
+    unlock,
+)
+from gaga_core.scene.edits.values import Edit, Edits, together
+
+__all__ = [
+    "Edit",
+    "Edits",
+    "How",
+    "append",
+    "delete",
+    "duplicate",
+    "forget_set",
+    "free_group",
+    "hide",
+    "isolate",
+    "keep_set",
+    "kept_indices",
+    "lock",
+    "merge_groups",
+    "recolor",
+    "rename",
+    "restore",
+    "select",
+    "separate",
+    "set_color",
+    "set_grouping",
+    "set_labels",
+    "set_state",
+    "show",
+    "show_all",
+    "split",
+    "split_off",
+    "together",
+    "transform",
+    "unlock",
+]

@@ -1,0 +1,117 @@
+"""Builder of the edit that adds the splats of another file, and what reads such scenes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import fingerprint
+from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.progress import Stage
+from gaga_core.scene.edits.append_values import AppendSplats, joined
+from gaga_core.scene.edits.duplicate import free_group
+from gaga_core.scene.edits.state import select
+from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.scene import Added, Scene
+from gaga_core.scene.selection.index_set import PackedInts
+
+_GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
+
+
+def read_added_stage(path: Path, digest: str = "") -> Stage[tuple[Gaussians, str]]:
+    """Splats of a file to be added, and its fingerprint; with ``digest``: it must be that one.
+
+    Raises ``GagaError`` with one sentence when the file is gone, changed or damaged.
+    """
+    path = Path(path).absolute()
+    if digest and not path.is_file():
+        raise GagaError(f"The added splats are gone: {path}. Put the file back.")
+    found = fingerprint(path)
+    if digest and digest != found:
+        raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
+    return (yield from read_splats_stage(path)), found
+
+
+def append(
+    scene: Scene, splats: Gaussians, path: Path, digest: str, title: str = ""
+) -> Edit | None:
+    """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
+
+    Groups of the file (a column ``group``) become new groups, named after the file; splats without
+    one become a group of the file's name. They stand on one placement row, so that they move as a
+    whole, and are drawn, sorted, picked and selected together with all others.
+    """
+    path = Path(path).absolute()
+    title = title or f"Add {path.name}"
+    stem = path.name.split(".")[0] or path.stem
+    first = free_group(scene)
+    if scene.bank is not None:  # which may make groups of the next ids
+        first = -(-first // _GAP) * _GAP
+    labels, names = _groups(splats, first, stem)
+    edit = AppendSplats(
+        title=title,
+        n=len(scene),
+        n_rows=len(scene.placements),
+        n_sh=scene.gaussians.sh.shape[1],
+        columns=tuple(scene.gaussians.extra),
+        splats=splats,
+        labels=PackedInts.of(labels),
+        added=Added(str(path), digest, scene.n_rows_of_files, len(splats)),
+    )
+    named = SetNames("Rename", tuple((group, None) for group, _ in names), names)
+    return together(title, (select(scene, np.zeros(0, np.int32)), edit, named))
+
+
+def _groups(
+    splats: Gaussians, first: int, stem: str
+) -> tuple[IntArray, tuple[tuple[int, str | None], ...]]:
+    """New labels (K,) from ``first`` on, and the names of the new groups."""
+    column = splats.extra.get("group")
+    if column is None or column.dtype.kind not in "iu":
+        column = np.zeros(len(splats), np.int32)
+    ids, places = np.unique(np.maximum(column.astype(np.int64), 0), return_inverse=True)
+    names = [stem if group == 0 else f"{stem} {group}" for group in ids.tolist()]
+    labels = (first + places).astype(np.int32)
+    return labels, tuple((first + i, name) for i, name in enumerate(names))
+
+
+def with_added_stage(opened: Gaussians, added: Sequence[Added]) -> Stage[Gaussians]:
+    """Rows of the opened file and of all files that were added to it, read again."""
+    whole = opened
+    for item in added:
+        splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint)
+        if len(splats) != item.n or len(whole) != item.first:
+            raise GagaError(
+                f"{item.path} does not fit the saved project. Put the former file back."
+            )
+        whole = joined(whole, splats)
+    return whole
+
+
+def names_of_added(scene: Scene, labels: IntArray) -> dict[int, str]:
+    """Names of the groups of added splats by their new ids, see `spread`."""
+    if not scene.added:
+        return {}
+    own = scene.source >= scene.n_opened
+    pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
+    return {new: scene.names[old] for old, new in pairs if new and old in scene.names}
+
+
+def spread(scene: Scene, values: IntArray) -> IntArray:
+    """Groups (N,) of all splats from those of the rows of the opened file (M,).
+
+    Copies have the group of their original; added splats keep theirs, moved to ids above the new
+    ones where they would collide.
+    """
+    known = scene.source < len(values)
+    if known.all():
+        return values[scene.source]
+    own = scene.labels[~known]
+    top, least = int(values.max(initial=0)), int(own[own > 0].min(initial=np.iinfo(np.int32).max))
+    labels = np.empty(len(scene), np.int32)
+    labels[known] = values[scene.source[known]]
+    labels[~known] = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
+    return labels

@@ -1,0 +1,92 @@
+"""Builder of the edit that duplicates splats."""
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.scene.edits.placement import composed
+from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement, take_rows
+from gaga_core.scene.edits.state import select
+from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.index_set import IndexSet, PackedInts, sorted_indices
+
+
+def duplicate(
+    scene: Scene,
+    indices: AnyArray,
+    matrix: AnyArray | None = None,
+    new_group: bool = True,
+    title: str = "Duplicate",
+) -> Edit | None:
+    """Append copies of these splats, moved by ``matrix`` (3, 4) world; the copies get selected.
+
+    With ``new_group`` each group that is copied whole becomes a new group, named after the
+    original ("mug copy"); copies of a part of a group stay in it. Deleted splats are not copied.
+    """
+    splats = sorted_indices(indices, len(scene))
+    splats = splats[~scene.has(State.DELETED)[splats]]
+    if len(splats) == 0:
+        return None
+    moved = _copied_rows(scene, splats, matrix)
+    labels, names = scene.labels[splats], None
+    if new_group:
+        labels, names = _copied_groups(scene, splats)
+    rows = scene.placement[splats]
+    if moved is not None:
+        target = np.arange(moved.n_rows, dtype=np.int32)
+        target[moved.rows_from] = moved.rows_to
+        rows = target[rows]
+    copies = AppendCopies(
+        title, IndexSet.of(splats, len(scene)), PackedInts.of(labels), PackedInts.of(rows)
+    )
+    unselect = select(scene, np.zeros(0, np.int32))
+    return together(title, (unselect, moved, copies, names))
+
+
+def _copied_rows(scene: Scene, splats: AnyArray, matrix: AnyArray | None) -> SetPlacement | None:
+    """Rows of their own for moved copies; no splat of the scene moves to them."""
+    if matrix is None:
+        return None
+    n_rows = len(scene.placements)
+    used = np.unique(scene.placement[splats]).astype(np.int32)
+    rows = n_rows + np.arange(len(used), dtype=np.int32)
+    old = take_rows(scene.placements, used)
+    return SetPlacement(
+        title="Duplicate",
+        n_rows=n_rows,
+        rows=rows,
+        before=take_rows(scene.placements, np.zeros(0, np.int32)),
+        after=composed(old, np.asarray(matrix, np.float64)[:3], None, 1.0),
+        moved=IndexSet.of(np.zeros(0, np.int64), len(scene)),
+        rows_from=used,
+        rows_to=rows,
+    )
+
+
+def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, SetNames | None]:
+    """Labels (K,) of the copies, and the names of the new groups."""
+    labels = scene.labels[splats]
+    live = scene.labels[~scene.has(State.DELETED)]
+    n_labels = int(live.max(initial=0)) + 1
+    n_live = np.bincount(live, minlength=n_labels)
+    n_chosen = np.bincount(labels, minlength=n_labels)
+    whole = np.flatnonzero((n_chosen > 0) & (n_chosen == n_live))
+    whole = whole[whole != 0]
+    if len(whole) == 0:
+        return labels, None
+    fresh = free_group(scene) + np.arange(len(whole), dtype=np.int32)
+    target = np.arange(n_labels, dtype=np.int32)
+    target[whole] = fresh
+    after = [
+        (int(new), f"{scene.names.get(int(old), f'group {old}')} copy")
+        for old, new in zip(whole, fresh, strict=True)
+    ]
+    names = SetNames("Rename", tuple((group, None) for group, _ in after), tuple(after))
+    return target[labels], names
+
+
+def free_group(scene: Scene) -> int:
+    """The first id above every group that was ever used."""
+    named = max(scene.names, default=0)
+    in_bank = scene.bank.n_groups if scene.bank is not None else 0
+    return max(int(scene.labels.max(initial=0)), named, in_bank) + 1

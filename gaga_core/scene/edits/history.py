@@ -1,0 +1,233 @@
+"""Undo and redo: a list of edits and a cursor, bounded in bytes, not in number (STYLE 10, 12)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.edits.json import encode_edit
+from gaga_core.scene.edits.placement_values import SetPlacement
+from gaga_core.scene.scene import Scene
+
+DEFAULT_BUDGET = 1 << 30  # bytes
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the history panel."""
+
+    title: str
+    nbytes: int
+    done: bool  # False: undone, waiting for redo
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    edit: Edit
+    serial: int  # names the state after it
+
+
+class History:
+    """The only one who applies edits to ``scene``.
+
+    A preview is an edit that is applied but has no entry: the frames of a drag. An edit built
+    while a preview is on must be built against `base`, the scene without it (`preview_with` does).
+    """
+
+    def __init__(self, scene: Scene, budget_bytes: int = DEFAULT_BUDGET) -> None:
+        self._scene = scene
+        self._budget = budget_bytes
+        self._steps: list[_Step] = []
+        self._cursor = 0
+        self._serial = 0  # of the newest step ever made
+        self._base_serial = 0  # of the state before the oldest step that is kept
+        self._preview: Edit | None = None
+        self._base: Scene | None = None
+        self._dropped: list[dict[str, object]] = []  # recorded form of what undo has forgotten
+
+    # --- reading
+
+    @property
+    def cursor(self) -> int:
+        """Number of entries that are done."""
+        return self._cursor
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an entry to undo."""
+        return self._cursor > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is an entry to redo."""
+        return self._cursor < len(self._steps)
+
+    @property
+    def undo_title(self) -> str:
+        """Title of what `undo` would take back; empty if nothing."""
+        return self._steps[self._cursor - 1].edit.title if self.can_undo else ""
+
+    @property
+    def redo_title(self) -> str:
+        """Title of what `redo` would do again; empty if nothing."""
+        return self._steps[self._cursor].edit.title if self.can_redo else ""
+
+    @property
+    def state_id(self) -> int:
+        """Number of the present state: equal again after undo and redo (0 = as opened).
+
+        "Unsaved" is ``state_id`` differing from its value when the project was saved.
+        """
+        return self._steps[self._cursor - 1].serial if self._cursor else self._base_serial
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all entries."""
+        return sum(step.edit.nbytes for step in self._steps)
+
+    @property
+    def budget(self) -> int:
+        """Bytes that the entries may hold; the oldest are forgotten first."""
+        return self._budget
+
+    def set_budget(self, budget_bytes: int) -> None:
+        """Hold at most so many bytes from now on; undone entries go before done ones."""
+        if budget_bytes <= 0:
+            raise ValueError(f"budget_bytes: expected more than 0, got {budget_bytes}")
+        self._budget = budget_bytes
+        if self.nbytes > budget_bytes:
+            del self._steps[self._cursor :]
+        self._forget_oldest()
+
+    @property
+    def is_previewing(self) -> bool:
+        """Whether a preview is applied."""
+        return self._preview is not None
+
+    @property
+    def preview_edit(self) -> Edit | None:
+        """The edit that is shown as a preview."""
+        return self._preview
+
+    @property
+    def base(self) -> Scene:
+        """The scene without the preview (a snapshot while one is on, else the scene itself)."""
+        return self._scene if self._base is None else self._base
+
+    def entries(self) -> tuple[Entry, ...]:
+        """All entries, oldest first."""
+        return tuple(
+            Entry(step.edit.title, step.edit.nbytes, i < self._cursor)
+            for i, step in enumerate(self._steps)
+        )
+
+    def recorded(self) -> list[dict[str, object]]:
+        """All that is done since the scene was opened, as a script for ``gaga edit``.
+
+        What the byte budget has taken from undo is still here, in its packed form.
+        """
+        kept = [encode_edit(step.edit) for step in self._steps[: self._cursor]]
+        return [*self._dropped, *({"op": "edit", **edit} for edit in kept if edit is not None)]
+
+    # --- changing
+
+    def do(self, edit: Edit | None) -> bool:
+        """Apply ``edit`` and make it an entry; what was undone is forgotten. None does nothing."""
+        self.preview(None)
+        if edit is None:
+            return False
+        edit.apply(self._scene)
+        self._push(edit)
+        return True
+
+    def undo(self) -> str | None:
+        """Take the newest entry back; its title, or None if there is none."""
+        self.preview(None)
+        if not self.can_undo:
+            return None
+        edit = self._steps[self._cursor - 1].edit
+        edit.revert(self._scene)
+        self._cursor -= 1
+        return edit.title
+
+    def redo(self) -> str | None:
+        """Do the next undone entry again; its title, or None if there is none."""
+        self.preview(None)
+        if not self.can_redo:
+            return None
+        edit = self._steps[self._cursor].edit
+        edit.apply(self._scene)
+        self._cursor += 1
+        return edit.title
+
+    def go_to(self, cursor: int) -> None:
+        """Undo or redo until ``cursor`` entries are done (a click in the history panel)."""
+        if not 0 <= cursor <= len(self._steps):
+            raise ValueError(f"cursor: expected 0..{len(self._steps)}, got {cursor}")
+        while self._cursor > cursor:
+            self.undo()
+        while self._cursor < cursor:
+            self.redo()
+
+    def clear(self) -> None:
+        """Forget all entries; the scene stays as it is, and so does the recording."""
+        self.preview(None)
+        self._dropped = self.recorded()
+        self._base_serial = self.state_id
+        self._steps.clear()
+        self._cursor = 0
+
+    # --- preview
+
+    def preview(self, edit: Edit | None) -> None:
+        """Replace the preview by ``edit`` (built against `base`); None drops it."""
+        former = self._preview
+        if (
+            isinstance(former, SetPlacement)
+            and isinstance(edit, SetPlacement)
+            and former.same_rows(edit)
+        ):
+            # A drag: only numbers of a few rows change, so the columns of all splats stay put.
+            edit.rewrite(self._scene)
+            self._preview = edit
+            return
+        if former is not None:
+            former.revert(self._scene)
+            self._preview = self._base = None
+        if edit is not None:
+            base = replace(self._scene)
+            edit.apply(self._scene)
+            self._preview, self._base = edit, base
+
+    def preview_with(self, build: Callable[[Scene], Edit | None]) -> None:
+        """Replace the preview by the edit that ``build`` makes of the scene without it."""
+        self.preview(build(self.base))
+
+    def commit_preview(self) -> bool:
+        """Make the preview an entry (it is applied already); False if there is none."""
+        edit = self._preview
+        if edit is None:
+            return False
+        self._preview = self._base = None
+        self._push(edit)
+        return True
+
+    def _push(self, edit: Edit) -> None:
+        del self._steps[self._cursor :]
+        self._serial += 1
+        self._steps.append(_Step(edit, self._serial))
+        self._forget_oldest()
+        self._cursor = len(self._steps)
+
+    def _forget_oldest(self) -> None:
+        """Keep the byte budget; the newest entry always stays."""
+        total = self.nbytes
+        dropped = 0
+        while total > self._budget and dropped < len(self._steps) - 1:
+            total -= self._steps[dropped].edit.nbytes
+            dropped += 1
+        if dropped:
+            self._base_serial = self._steps[dropped - 1].serial
+            packed = [encode_edit(step.edit) for step in self._steps[:dropped]]
+            self._dropped += [{"op": "edit", **edit} for edit in packed if edit is not None]
+            del self._steps[:dropped]
+            self._cursor = max(self._cursor - dropped, 0)

@@ -1,0 +1,287 @@
+"""Edits as JSON and back, exactly: the operation "edit" of a script, which the window records.
+
+Numbers are written so that they are read back bit for bit, sets of splats as they are stored. The
+memory bank, confidences and named selections are no part of it: a script is replayed to write
+splats.
+"""
+
+import base64
+import binascii
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.progress import run_stage
+from gaga_core.scene.edits.append import read_added_stage
+from gaga_core.scene.edits.append_values import AppendSplats
+from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement
+from gaga_core.scene.edits.values import (
+    Edit,
+    Edits,
+    FlipState,
+    SetBank,
+    SetColor,
+    SetConfidence,
+    SetKept,
+    SetLabels,
+    SetNames,
+)
+from gaga_core.scene.scene import RGB, Added, Placements, State
+from gaga_core.scene.selection.index_set import Form, IndexSet, PackedInts
+
+Json = Mapping[str, object]
+_DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")
+
+
+def encode_edit(edit: Edit) -> dict[str, object] | None:
+    """``edit`` as values that `json.dumps` takes; None when it changes no splat.
+
+    Raises ``TypeError`` for a kind of edit that has no form here.
+    """
+    if isinstance(edit, SetBank | SetConfidence | SetKept):
+        return None
+    if isinstance(edit, Edits):
+        parts = [part for part in map(encode_edit, edit.edits) if part is not None]
+        return {"kind": "together", "title": edit.title, "edits": parts} if parts else None
+    head = {"kind": _kind(edit), "title": edit.title}
+    if isinstance(edit, FlipState):
+        flips = [[bits, _set(splats)] for bits, splats in edit.flips]
+        return {**head, "n": edit.n, "flips": flips}
+    if isinstance(edit, SetLabels):
+        ints = {"before": _ints(edit.before), "after": _ints(edit.after)}
+        return {**head, "splats": _set(edit.splats), **ints}
+    if isinstance(edit, SetNames):
+        return {
+            **head,
+            "before": list(map(list, edit.before)),
+            "after": list(map(list, edit.after)),
+        }
+    if isinstance(edit, SetColor):
+        return {**head, "group": edit.group, "before": edit.before, "after": edit.after}
+    if isinstance(edit, SetPlacement):
+        return {
+            **head,
+            "n_rows": edit.n_rows,
+            "rows": edit.rows.tolist(),
+            "before": _table(edit.before),
+            "after": _table(edit.after),
+            "moved": _set(edit.moved),
+            "rows_from": edit.rows_from.tolist(),
+            "rows_to": edit.rows_to.tolist(),
+        }
+    if isinstance(edit, AppendSplats):
+        return {**head, **_appended(edit)}
+    assert isinstance(edit, AppendCopies)
+    ints = {"labels": _ints(edit.labels), "rows": _ints(edit.rows)}
+    return {**head, "splats": _set(edit.splats), **ints, "state": int(edit.state)}
+
+
+def decode_edit(content: object) -> Edit:
+    """The edit that `encode_edit` wrote; ``GagaError`` when the content is damaged."""
+    try:
+        return _decoded(cast(Json, content))
+    except (KeyError, TypeError, ValueError, AttributeError, zlib.error, binascii.Error) as error:
+        raise GagaError(
+            f"A recorded edit of the script is damaged ({error}). Record it again."
+        ) from error
+
+
+def _decoded(content: Json) -> Edit:
+    kind, title = content["kind"], str(content["title"])
+    if kind == "together":
+        return Edits(
+            title, tuple(_decoded(part) for part in cast(Sequence[Json], content["edits"]))
+        )
+    if kind == "flip":
+        flips = cast(Sequence[Sequence[object]], content["flips"])
+        return FlipState(
+            title,
+            _count(content["n"]),
+            tuple((_count(bits), _set_of(splats)) for bits, splats in flips),
+        )
+    if kind == "names":
+        return SetNames(title, _names(content["before"]), _names(content["after"]))
+    if kind == "color":
+        before, after = _color(content["before"]), _color(content["after"])
+        return SetColor(title, _count(content["group"]), before, after)
+    if kind == "labels":
+        return SetLabels(
+            title,
+            _set_of(content["splats"]),
+            _ints_of(content["before"]),
+            _ints_of(content["after"]),
+        )
+    if kind == "copies":
+        return AppendCopies(
+            title,
+            _set_of(content["splats"]),
+            _ints_of(content["labels"]),
+            _ints_of(content["rows"]),
+            State(_count(content["state"])),
+        )
+    if kind == "append":
+        return _append_of(title, content)
+    if kind == "placement":
+        return SetPlacement(
+            title=title,
+            n_rows=_count(content["n_rows"]),
+            rows=_rows(content["rows"]),
+            before=_table_of(content["before"]),
+            after=_table_of(content["after"]),
+            moved=_set_of(content["moved"]),
+            rows_from=_rows(content["rows_from"]),
+            rows_to=_rows(content["rows_to"]),
+        )
+    raise ValueError(f"kind {kind!r}")
+
+
+_KINDS: Mapping[type, str] = {
+    FlipState: "flip",
+    SetLabels: "labels",
+    SetNames: "names",
+    SetColor: "color",
+    SetPlacement: "placement",
+    AppendCopies: "copies",
+    AppendSplats: "append",
+}
+
+
+def _kind(edit: Edit) -> str:
+    if type(edit) not in _KINDS:
+        raise TypeError(f"edit: {type(edit).__name__} has no recorded form")
+    return _KINDS[type(edit)]
+
+
+def _appended(edit: AppendSplats) -> dict[str, object]:
+    """The splats are named, not written: by their file and its fingerprint."""
+    added = edit.added
+    return {
+        "path": added.path,
+        "fingerprint": added.fingerprint,
+        "first": added.first,
+        "n": edit.n,
+        "n_rows": edit.n_rows,
+        "n_sh": edit.n_sh,
+        "columns": list(edit.columns),
+        "labels": _ints(edit.labels),
+        "state": int(edit.state),
+    }
+
+
+def _append_of(title: str, content: Json) -> AppendSplats:
+    path, digest = Path(str(content["path"])), str(content["fingerprint"])
+    splats, _ = run_stage(read_added_stage(path, digest))
+    labels = _ints_of(content["labels"])
+    if labels.count != len(splats):
+        raise ValueError(f"{labels.count} labels for {len(splats)} splats")
+    return AppendSplats(
+        title=title,
+        n=_count(content["n"]),
+        n_rows=_count(content["n_rows"]),
+        n_sh=_count(content["n_sh"]),
+        columns=tuple(map(str, cast(Sequence[object], content["columns"]))),
+        splats=splats,
+        labels=labels,
+        added=Added(str(path), digest, _count(content["first"]), len(splats)),
+        state=State(_count(content["state"])),
+    )
+
+
+# --- arrays -------------------------------------------------------------------------------------
+
+
+def _packed(array: AnyArray) -> str:
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 1)).decode()
+
+
+def _unpacked(text: object, dtype: str) -> AnyArray:
+    raw = zlib.decompress(base64.b64decode(cast(str, text), validate=True))
+    array: AnyArray = np.frombuffer(raw, dtype).copy()
+    return array
+
+
+def _set(splats: IndexSet) -> dict[str, object]:
+    values: object = splats.data.tolist() if splats.form is Form.RUNS else _packed(splats.data)
+    return {"n": splats.n, "count": splats.count, splats.form.value: values}
+
+
+def _set_of(content: object) -> IndexSet:
+    values = cast(Json, content)
+    n = _count(values["n"])
+    if "runs" in values:
+        runs = np.asarray(values["runs"], np.int64).reshape(-1, 2)
+        pieces = [np.arange(start, stop) for start, stop in runs]
+        rows = np.concatenate([np.zeros(0, np.int64), *pieces])
+    elif "list" in values:
+        rows = _unpacked(values["list"], "int32").astype(np.int64)
+    else:
+        rows = np.flatnonzero(np.unpackbits(_unpacked(values["bits"], "uint8"), count=n))
+    ordered = len(rows) == 0 or (rows[0] >= 0 and rows[-1] < n and bool((np.diff(rows) > 0).all()))
+    if not ordered or len(rows) != _count(values["count"]):
+        raise ValueError(f"a set of {values['count']} splats of {n}")
+    return IndexSet.of(rows, n)
+
+
+def _ints(values: PackedInts) -> dict[str, object]:
+    if values.data.ndim == 0:
+        return {"count": values.count, "all": int(values.data)}
+    return {"count": values.count, "dtype": str(values.data.dtype), "data": _packed(values.data)}
+
+
+def _ints_of(content: object) -> PackedInts:
+    values = cast(Json, content)
+    count = _count(values["count"])
+    if "all" in values:
+        return PackedInts(count, np.array(values["all"], np.int32))
+    if values["dtype"] not in _DTYPES:
+        raise ValueError(f"dtype {values['dtype']!r}")
+    data = _unpacked(values["data"], str(values["dtype"]))
+    if len(data) != count:
+        raise ValueError(f"{len(data)} values for {count}")
+    return PackedInts(count, data)
+
+
+def _table(table: Placements) -> dict[str, object]:
+    return {
+        "matrix": table.matrix.tolist(),
+        "color": table.color.tolist(),
+        "opacity": table.opacity.tolist(),
+    }
+
+
+def _table_of(content: object) -> Placements:
+    values = cast(Json, content)
+    opacity = np.asarray(values["opacity"], np.float64).reshape(-1)
+    shape = (len(opacity), 3, 4)
+    matrix = np.asarray(values["matrix"], np.float64).reshape(shape)
+    return Placements(matrix, np.asarray(values["color"], np.float64).reshape(shape), opacity)
+
+
+def _rows(content: object) -> IntArray:
+    rows = np.asarray(content, np.int64).reshape(-1)
+    if (rows < 0).any():
+        raise ValueError("a negative row")
+    return rows.astype(np.int32)
+
+
+def _color(content: object) -> RGB | None:
+    if content is None:
+        return None
+    red, green, blue = (float(value) for value in cast(Sequence[float], content))
+    return red, green, blue
+
+
+def _names(content: object) -> tuple[tuple[int, str | None], ...]:
+    pairs = cast(Sequence[Sequence[object]], content)
+    return tuple((_count(group), None if name is None else str(name)) for group, name in pairs)
+
+
+def _count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"{value!r} where a whole number belongs")
+    return value

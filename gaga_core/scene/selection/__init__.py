@@ -1,0 +1,1 @@
+"""Which splats: by picture, by value, by volume, by neighbourhood, by click."""

@@ -1,0 +1,125 @@
+"""Which splats: by group, by a region of the picture, and the algebra of selections.
+
+Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
+selection.
+"""
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.scene.edits.state import How
+from gaga_core.scene.objects import group_indices, selected_indices
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.screen_masks import rectangle
+
+__all__ = [
+    "combine",
+    "everything",
+    "group_indices",
+    "groups_inside",
+    "in_mask",
+    "in_rectangle",
+    "inverted",
+    "nothing",
+    "selectable",
+    "selected_indices",
+    "whole",
+    "world_means",
+]
+
+
+def selectable(scene: Scene) -> BoolArray:
+    """Splats (N,) that a gesture may select: drawn and not locked."""
+    return ~scene.has(State.HIDDEN | State.DELETED | State.LOCKED)
+
+
+def everything(scene: Scene) -> IntArray:
+    """All splats that can be selected."""
+    return _rows(selectable(scene))
+
+
+def whole(scene: Scene) -> IntArray:
+    """All splats, hidden, locked and deleted ones too: what moves when the scene moves as one."""
+    return np.arange(len(scene), dtype=np.int32)
+
+
+def nothing() -> IntArray:
+    """No splats."""
+    return np.zeros(0, np.int32)
+
+
+def inverted(scene: Scene) -> IntArray:
+    """Those that can be selected and are not."""
+    return _rows(selectable(scene) & ~scene.has(State.SELECTED))
+
+
+def combine(current: IntArray, chosen: IntArray, how: How) -> IntArray:
+    """``chosen`` (K,) set, added to, removed from, or intersected with ``current`` (L,)."""
+    if how == "set":
+        return np.unique(chosen).astype(np.int32)
+    if how == "add":
+        return np.union1d(current, chosen).astype(np.int32)
+    if how == "remove":
+        return np.setdiff1d(current, chosen).astype(np.int32)
+    return np.intersect1d(current, chosen).astype(np.int32)
+
+
+def in_rectangle(
+    scene: Scene,
+    camera: Camera,
+    corners: tuple[float, float, float, float],
+    surface_depth: FloatArray | None = None,
+) -> IntArray:
+    """Splats whose centre is drawn inside the rectangle (u0, v0, u1, v1), pixels, any corner order.
+
+    With ``surface_depth`` (H, W), a picture's median depth at the camera's size, only the visible
+    surface; without it, through everything.
+    """
+    mask = rectangle(corners, camera.width, camera.height)
+    return in_mask(scene, camera, mask, surface_depth)
+
+
+def in_mask(
+    scene: Scene,
+    camera: Camera,
+    mask: BoolArray,
+    surface_depth: FloatArray | None = None,
+) -> IntArray:
+    """Splats whose centre is drawn on a set pixel of ``mask`` (H, W): any lasso, polygon, brush.
+
+    ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
+    A gesture that asks again and again keeps the `gaga_core.scene.selection.by_screen.Screen`.
+    """
+    # Imported when first asked for: numba is a good part of the launch time.
+    from gaga_core.scene.selection.by_screen import screen
+
+    return screen(scene, camera, surface_depth).inside(mask)
+
+
+def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:
+    """Groups (K,), ascending and without 0, of which at least ``share`` of the splats that can be
+    selected are among ``splats``: what a rectangle around objects means."""
+    n_labels = int(scene.labels.max(initial=0)) + 1
+    total = np.bincount(scene.labels[selectable(scene)], minlength=n_labels)
+    inside = np.bincount(scene.labels[splats], minlength=n_labels)
+    groups = _rows((inside > 0) & (inside >= share * total))
+    return groups[groups > 0]
+
+
+def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
+    """Positions (K, 3) with placements applied, world; of all splats by default."""
+    rows = slice(None) if splats is None else splats
+    means = scene.gaussians.means[rows]
+    index = scene.placement[rows]
+    moved = np.flatnonzero(index)
+    if len(moved) == 0:
+        return means
+    matrix = scene.placements.matrix[index[moved]]
+    result = means.copy()
+    result[moved] = np.einsum("nij,nj->ni", matrix[:, :, :3], means[moved]) + matrix[:, :, 3]
+    return result
+
+
+def _rows(mask: BoolArray) -> IntArray:
+    return np.flatnonzero(mask).astype(np.int32)

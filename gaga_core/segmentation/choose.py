@@ -1,0 +1,225 @@
+"""Providers of masks by name, and which of them can be used on this machine.
+
+torch and transformers are imported when a model's provider is made, not when the list is shown.
+"""
+
+import importlib.util
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from gaga_core.errors import GagaError
+from gaga_core.segmentation.base import ModelCard, Provider
+from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.known import KNOWN, KnownModel
+from gaga_core.segmentation.regions import NAME as REGIONS
+from gaga_core.segmentation.regions import RegionsConfig
+from gaga_core.segmentation.settings import Device, GeneratorConfig, UniversalConfig
+from gaga_core.segmentation.weights import (
+    Weights,
+    find_weights,
+    models_folder,
+    own_models,
+    weights_at,
+    weights_id,
+    where_to_put,
+)
+
+_NO_TRANSFORMERS = (
+    "The package transformers is missing. Install it: pip install 'gaga-studio[models]'."
+)
+
+
+@dataclass(frozen=True)
+class ProviderSettings:
+    """Settings of every kind of provider; each takes what concerns it."""
+
+    regions: RegionsConfig = field(default_factory=RegionsConfig)
+    """Of "regions"."""
+    generator: GeneratorConfig | None = None
+    """Of models prompted with points; None = the defaults of the model and the device."""
+    points_per_side: int = 0
+    """Overrides that of ``generator``; 0 = does not. 1..128."""
+    crop_layers: int = 0
+    """Overrides that of ``generator``; 0 = does not. 0..3."""
+    universal: UniversalConfig = field(default_factory=UniversalConfig)
+    """Of Mask2Former-like models."""
+    flatten: FlattenConfig = field(default_factory=FlattenConfig)
+    """How overlapping masks become one map; all models."""
+    device: Device = "auto"
+    """Where models run: auto takes CUDA where torch has it."""
+
+    def __post_init__(self) -> None:
+        if self.points_per_side < 0 or self.crop_layers < 0:
+            raise ValueError("points_per_side or crop_layers is negative")
+
+    def generator_of(self, model_type: str, *, on_gpu: bool) -> GeneratorConfig:
+        """What a model of ``model_type`` is asked with."""
+        config = self.generator or GeneratorConfig.of(model_type, on_gpu=on_gpu)
+        side, layers = self.points_per_side, self.crop_layers
+        return replace(
+            config,
+            points_per_side=side or config.points_per_side,
+            crop_layers=layers or config.crop_layers,
+        )
+
+
+@dataclass(frozen=True)
+class ProviderEntry:
+    """One line of the list of providers."""
+
+    name: str
+    title: str
+    is_available: bool
+    reason: str  # why it cannot be used, and what to do; "" when it can
+    kind: str  # "regions", "known" or "own"
+    path: Path | None = None  # of the weights
+    megabytes: int = 0  # of the weights, about; 0 = none, or not known
+    licence: str = ""
+    page: str = ""
+    note: str = ""
+
+
+def available_providers() -> tuple[ProviderEntry, ...]:
+    """Every provider that is known or found here; quick, imports neither torch nor transformers."""
+    has_package = importlib.util.find_spec("transformers") is not None
+    entries = [
+        ProviderEntry(
+            REGIONS,
+            "Regions of color and depth",
+            True,
+            "",
+            "regions",
+            note="needs no model; quick, and much rougher than one",
+        )
+    ]
+    entries += [_known_entry(model, has_package) for model in KNOWN]
+    for name, weights in own_models(KNOWN).items():
+        reason = "" if has_package else _NO_TRANSFORMERS
+        size = _megabytes(weights.path)
+        title = f"{weights.model_type} in {weights.path}"
+        entries.append(
+            ProviderEntry(name, title, has_package, reason, "own", weights.path, size, "its own")
+        )
+    return tuple(entries)
+
+
+def provider_named(
+    name: str, *, weights: Path | None = None, settings: ProviderSettings | None = None
+) -> Provider:
+    """The provider called ``name``, ready for pictures; its weights are read at the first one.
+
+    ``weights`` is a model's folder or a sam_vit_*.pth file; any ``name`` will do with it, and is
+    that of the masks' folder. Raises ``GagaError`` that says what to put where.
+    """
+    settings = settings or ProviderSettings()
+    if name == REGIONS:
+        if weights is not None:
+            raise GagaError("The provider regions takes no weights. Choose a model's name.")
+        from gaga_core.segmentation.regions_provider import RegionsProvider
+
+        return RegionsProvider(settings.regions)
+    _check_name(name)
+    model = next((known for known in KNOWN if known.name == name), None)
+    found = _weights_of(name, model, weights)
+    if importlib.util.find_spec("transformers") is None:
+        raise GagaError(_NO_TRANSFORMERS)
+    title = model.title if model else f"{found.model_type} ({found.path.name})"
+    card = ModelCard(
+        model=title,
+        licence=model.licence if model else "",
+        source=str(found.path),
+        page=model.page if model else "",
+    )
+    make = _make_sam if found.family == "sam" else _make_universal
+    return make(name, card, found, settings)
+
+
+def _known_entry(model: KnownModel, has_package: bool) -> ProviderEntry:
+    try:
+        found, reason = find_weights(model), ""
+    except GagaError as error:
+        found, reason = None, str(error)
+    if found is None:
+        reason = reason or where_to_put(model)
+    elif not has_package:
+        reason = _NO_TRANSFORMERS
+    return ProviderEntry(
+        model.name,
+        model.title,
+        not reason,
+        reason,
+        "known",
+        found.path if found else None,
+        model.megabytes,
+        model.licence,
+        model.page,
+        model.note,
+    )
+
+
+def _check_name(name: str) -> None:
+    if not name or name.startswith(".") or set(name) & set('/\\:*?"<>|'):
+        raise GagaError(f"{name!r} cannot be the name of a folder of masks. Choose a plain name.")
+
+
+def _weights_of(name: str, model: KnownModel | None, weights: Path | None) -> Weights:
+    if weights is not None:
+        return weights_at(weights)
+    if model is not None:
+        found = find_weights(model)
+        if found is None:
+            raise GagaError(f"There are no weights of {model.title} here. {where_to_put(model)}")
+        return found
+    own = own_models(KNOWN)
+    if name in own:
+        return own[name]
+    known = ", ".join([REGIONS, *(model.name for model in KNOWN), *own])
+    raise GagaError(
+        f"There is no mask provider {name!r}. Choose one of {known}; or name a model's folder as "
+        f"its weights; or put the folder into {models_folder()}."
+    )
+
+
+def _make_sam(name: str, card: ModelCard, weights: Weights, settings: ProviderSettings) -> Provider:
+    from gaga_core.segmentation.loading import choose_device, load_folder
+    from gaga_core.segmentation.sam import SamProvider, sam_settings
+    from gaga_core.segmentation.sam_checkpoint import load_sam_checkpoint
+
+    device = choose_device(settings.device)
+    generator = settings.generator_of(weights.model_type, on_gpu=device.type != "cpu")
+    is_folder = weights.path.is_dir()
+    load = (
+        partial(load_folder, "mask_generation", weights.path)
+        if is_folder
+        else partial(load_sam_checkpoint, weights.path)
+    )
+    card = replace(card, settings=sam_settings(generator, settings.flatten))
+    return SamProvider(name, card, weights_id(weights), load, generator, settings.flatten, device)
+
+
+def _make_universal(
+    name: str, card: ModelCard, weights: Weights, settings: ProviderSettings
+) -> Provider:
+    from gaga_core.segmentation.loading import choose_device
+    from gaga_core.segmentation.universal import (
+        UniversalProvider,
+        load_universal,
+        universal_settings,
+    )
+
+    card = replace(card, settings=universal_settings(settings.universal, settings.flatten))
+    return UniversalProvider(
+        name,
+        card,
+        weights_id(weights),
+        partial(load_universal, weights.path),
+        settings.universal,
+        settings.flatten,
+        choose_device(settings.device),
+    )
+
+
+def _megabytes(path: Path) -> int:
+    files = path.iterdir() if path.is_dir() else [path]
+    return round(sum(file.stat().st_size for file in files if file.is_file()) / 1e6)

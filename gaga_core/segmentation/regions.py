@@ -1,0 +1,237 @@
+"""Masks without any model: regions merged on color, contour and the splats' depth.
+
+Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is cut
+where a merge looks wrong: unlike parts, or a shape that things do not have. What depth adds is the
+shape of the surface: objects meet what they stand on in a concave crease (Stein 2014, "Convexity
+based object partitioning"), and their own edges are convex. Nothing here knows what an object is:
+a quick start, not a match for Segment Anything.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array, check_shape
+from gaga_core.masks import resize_labels
+
+NAME = "regions"
+_SMOOTH_RADIUS = 3  # pixels
+_SMOOTH_SPACE, _SMOOTH_VALUE = 5.0, 12.0  # sigmas: pixels, Lab units
+_CONTOUR_SCALES = ((1.7, 0.6), (4.6, 0.8))  # sigma in pixels, weight: contour, and not texture
+_ROUNDS = 6  # of SLIC
+_REACH = 3  # pixels to both sides over which a crease is looked for
+_DEPTH_SIGMA = 1.5  # pixels of smoothing
+_LOG_DEPTH = 90.0  # Lab units of superpixels for a step by the factor e
+_NORMAL = 20.0  # Lab units of superpixels for a unit between normals
+_NOISE_SIGMA = 12.0  # pixels around over which roughness is meaned
+_ROUGH_MOST = 4.0  # half strengths: a true step counts no more than this as roughness
+_ROUGH = 0.9  # share of the mean roughness around that is no crease
+
+
+@dataclass(frozen=True)
+class RegionsConfig:
+    """Settings. ``detail`` is the one to play with; finer regions lie within the coarser ones."""
+
+    detail: float = 1.0
+    """2: about twice the regions, 0.5: about half of them. 0.2..5."""
+    width: int = 480
+    """Pixels of the width at which the work is done; larger photos are shrunk. 16 or more."""
+    superpixel: float = 13.0
+    """Side of the pieces that merging starts from, in pixels. 4..40."""
+    compactness: float = 87.0
+    """How square these pieces are, in squared Lab units. Above 0."""
+    mean: float = 0.83
+    """Cost of a Lab unit between the mean colors of two regions. 0 or more."""
+    histogram: float = 16.0
+    """Cost of color histograms that share nothing. 0 or more."""
+    contour: float = 0.44
+    """Cost of a Lab unit of gradient along the common border. 0 or more."""
+    size_power: float = 0.36
+    """How easily small regions are lost: power of their share of the picture. 0..1."""
+    crease: float = 35.0
+    """Cost of a sharp concave crease of the surface or a step in depth. 0 or more."""
+    flat: float = 0.4
+    """Share of the cost of colors that is left where the surface shows no crease. 0..1."""
+    bend: float = 0.013
+    """Second difference of 1 / depth, over its value, at which a crease counts half. Above 0."""
+    fold: float = 0.3
+    """Change of unit normals at which a crease counts half. Above 0."""
+    none_without_depth: bool = False
+    """Give 0 to pixels where the splats show nothing."""
+
+    def __post_init__(self) -> None:
+        for name in ("detail", "superpixel", "compactness", "bend", "fold"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: {getattr(self, name)} is not positive")
+        for name in ("mean", "histogram", "contour", "size_power", "crease"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name}: {getattr(self, name)} is negative")
+        if self.width < 16:
+            raise ValueError(f"width: {self.width} is under 16")
+        if not 0 <= self.flat <= 1:
+            raise ValueError(f"flat: {self.flat} is not in [0, 1]")
+
+
+def regions(
+    image: UInt8Array,
+    depth: FloatArray | None = None,
+    normals: FloatArray | None = None,
+    config: RegionsConfig | None = None,
+) -> IntArray:
+    """Split a photo (H, W, 3) uint8 into regions: label map (H, W) int32, dense ids from 1.
+
+    ``depth`` (H, W) float32 is the camera depth that the splats show at each pixel in any unit (the
+    median depth is the sharper one), 0 or not finite = nothing there. ``normals`` (H, W, 3) float32
+    are unit, in the camera's frame and towards the camera, 0 = nothing there. No pixel is 0 unless
+    ``config.none_without_depth``. Deterministic. Raises ``ValueError`` when shapes or dtypes do not
+    fit.
+    """
+    config = config or RegionsConfig()
+    check_shape("image", image, ("H", "W", 3), np.uint8)
+    height, width = image.shape[:2]
+    if depth is not None:
+        check_shape("depth", depth, (height, width), np.float32)
+    if normals is not None:
+        check_shape("normals", normals, (height, width, 3), np.float32)
+    if image.size == 0:
+        return np.zeros((height, width), np.int32)
+    small = _shrunk(image, config.width)
+    inverse = None if depth is None else _inverse_depth(_sampled(depth, small))
+    facing = None if normals is None else _sampled(normals, small)
+    labels = resize_labels(_small_regions(small, inverse, facing, config) + 1, width, height)
+    if depth is not None and config.none_without_depth:
+        labels = np.where(_seen(depth), labels, np.int32(0))
+    return _dense(labels)
+
+
+def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
+    """The photo at working size, pixels averaged; never enlarged."""
+    height, full = image.shape[:2]
+    if full <= width:
+        return np.ascontiguousarray(image)
+    size = (width, max(1, round(height * width / full)))
+    return np.array(Image.fromarray(image).resize(size, Image.Resampling.BOX))
+
+
+def _seen(depth: FloatArray) -> BoolArray:
+    """Where there is a surface, (H, W)."""
+    result: BoolArray = np.isfinite(depth) & (depth > 0)
+    return result
+
+
+def _sampled(values: FloatArray, like: UInt8Array) -> FloatArray:
+    """A map (H, W) or (H, W, C) at working size: nearest, for means across a step are nowhere."""
+    rows = ((np.arange(like.shape[0]) + 0.5) * values.shape[0] / like.shape[0]).astype(np.int64)
+    columns = ((np.arange(like.shape[1]) + 0.5) * values.shape[1] / like.shape[1]).astype(np.int64)
+    return np.ascontiguousarray(values[rows[:, None], columns[None, :]])
+
+
+def _inverse_depth(depth: FloatArray) -> FloatArray | None:
+    """1 / depth, smoothed, 0 where there is nothing; None if there is nothing at all."""
+    from scipy import ndimage
+
+    seen = _seen(depth)
+    if not seen.any():
+        return None
+    inverse = np.zeros_like(depth)
+    inverse[seen] = 1 / depth[seen]
+    smoothed: FloatArray = ndimage.gaussian_filter(inverse, _DEPTH_SIGMA)
+    return smoothed
+
+
+def _small_regions(
+    image: UInt8Array,
+    inverse: FloatArray | None,  # (H, W)
+    normals: FloatArray | None,  # (H, W, 3)
+    config: RegionsConfig,
+) -> IntArray:
+    """Regions (H, W) at working size: ids >= 0, not dense."""
+    from skimage.color import rgb2lab
+
+    from gaga_core.segmentation import regions_kernels
+    from gaga_core.segmentation.regions_tree import merged
+
+    lab = np.ascontiguousarray(rgb2lab(image), dtype=np.float32)
+    smooth = np.empty_like(lab)
+    space, value = 0.5 / _SMOOTH_SPACE**2, 0.5 / _SMOOTH_VALUE**2
+    regions_kernels.smooth(lab, _SMOOTH_RADIUS, space, value, smooth)
+    features, cues, creases = [smooth], [_contours(smooth)], []
+    if inverse is not None:
+        log_depth = np.float32(_LOG_DEPTH) * np.log(
+            np.maximum(inverse / inverse[inverse > 0].min(), 1)
+        )
+        features.append(log_depth[..., None])
+        bend = np.empty_like(inverse)
+        regions_kernels.creases(inverse, _REACH, bend)
+        creases.append(_above_noise(bend, config.bend))
+    if normals is not None:
+        features.append(np.float32(_NORMAL) * normals)
+        fold = np.empty(normals.shape[:2], np.float32)
+        regions_kernels.folds(normals, _REACH, fold)
+        creases.append(_above_noise(fold, config.fold))
+    if creases:
+        cues.append(np.maximum.reduce(creases))
+    pieces, n = _superpixels(np.concatenate(features, axis=2, dtype=np.float32), config)
+    costs = (config.mean, config.histogram, config.contour, config.size_power)
+    weights = np.array([*costs, config.flat, config.crease])
+    return merged(lab, pieces, n, np.stack(cues), weights, config.detail)
+
+
+def _above_noise(bend: FloatArray, half: float) -> FloatArray:
+    """Strength 0..1 of creases (H, W): what stands out of the roughness around, ``half`` is 0.5.
+
+    Surfaces of splats are rough, the more the less texture held them in training.
+    """
+    from scipy import ndimage
+
+    most = np.float32(_ROUGH_MOST * half)
+    rough = ndimage.gaussian_filter(np.minimum(bend, most), _NOISE_SIGMA)
+    clear = np.maximum(bend - _ROUGH * rough, 0).astype(np.float32)
+    strength: FloatArray = clear / (clear + np.float32(half))
+    return strength
+
+
+def _contours(smooth: FloatArray) -> FloatArray:
+    """Gradient (H, W) in Lab units, of two scales."""
+    from scipy import ndimage
+
+    found = np.zeros(smooth.shape[:2], np.float32)
+    for sigma, weight in _CONTOUR_SCALES:
+        for_channel = [
+            ndimage.gaussian_gradient_magnitude(smooth[..., c], sigma) * sigma for c in range(3)
+        ]
+        squared = for_channel[0] ** 2 + 2.25 * (for_channel[1] ** 2 + for_channel[2] ** 2)
+        found += weight * np.sqrt(squared)
+    return found
+
+
+def _superpixels(features: FloatArray, config: RegionsConfig) -> tuple[IntArray, int]:
+    """Superpixels (H, W) from 0, and their number."""
+    from gaga_core.segmentation import regions_kernels
+
+    height, width, n_features = features.shape
+    rows = max(1, round(height / config.superpixel))
+    columns = max(1, round(width / config.superpixel))
+    y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
+    x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
+    grid_y, grid_x = (axis.ravel() for axis in np.meshgrid(y, x, indexing="ij"))
+    centres = np.column_stack([features[grid_y, grid_x], grid_y, grid_x]).astype(np.float32)
+    nearness = config.compactness / config.superpixel**2
+    sums = np.empty((len(centres), n_features + 3))
+    labels = np.empty((height, width), np.int32)
+    for _ in range(_ROUNDS):
+        regions_kernels.nearest_centres(features, centres, rows, columns, nearness, sums, labels)
+    pieces, queue = np.empty_like(labels), np.empty(labels.size, np.int32)
+    least = int(config.superpixel**2 / 4)
+    return pieces, regions_kernels.connected(labels, features, least, queue, pieces)
+
+
+def _dense(labels: IntArray) -> IntArray:
+    """Ids from 1 in the order of the first pixel of each region; 0 stays."""
+    ids, first, places = np.unique(labels, return_index=True, return_inverse=True)
+    shown = np.flatnonzero(ids > 0)
+    names = np.zeros(len(ids), np.int32)
+    names[shown[np.argsort(first[shown])]] = np.arange(1, len(shown) + 1, dtype=np.int32)
+    result: IntArray = names[places].reshape(labels.shape)
+    return result

@@ -1,0 +1,133 @@
+"""Segment Anything models of transformers: SAM, SAM-HQ, SAM 2 and 2.1, the tracker of SAM 3.
+
+Pictures are prepared here with pillow, since the image processors of transformers need torchvision
+for most of these models.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, cast
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+from torch.nn.functional import interpolate, pad
+
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage
+from gaga_core.segmentation.base import ModelCard, Picture, ScoredMasks, fingerprint_of
+from gaga_core.segmentation.flatten import FlattenConfig, flatten
+from gaga_core.segmentation.generator import Encoded, Encoder, generate
+from gaga_core.segmentation.loading import normalized
+from gaga_core.segmentation.settings import GeneratorConfig
+
+if TYPE_CHECKING:
+    from transformers import PreTrainedModel
+
+_IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
+_HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+_PADDED = ("sam", "sam_hq")  # longest side to the model's, rest filled; the others are stretched
+
+
+@dataclass(frozen=True)
+class SamProvider:
+    """Masks of all from a Segment Anything model. ``load`` is called at the first picture."""
+
+    name: str
+    card: ModelCard
+    weights_id: str  # hash of the weights
+    load: Callable[[], Module]
+    generator: GeneratorConfig
+    flatten: FlattenConfig
+    device: torch.device
+    cues: frozenset[str] = frozenset()
+    work_width: int = 0
+
+    def fingerprint(self) -> str:
+        """Hash of weights and of the settings that change masks."""
+        return fingerprint_of(self.weights_id, self.card.settings)
+
+    def label_map(self, picture: Picture) -> Stage[IntArray]:
+        """Label map of a picture; progress counts points."""
+        return flatten((yield from self.masks(picture)), self.flatten)
+
+    def masks(self, picture: Picture) -> Stage[ScoredMasks]:
+        """The scored masks before they are flattened, the best first."""
+        if "_encoder" not in self.__dict__:
+            yield Progress("Segment", 0, 0, f"load {self.card.model}")
+        return (yield from generate(self._encoder, picture.image, self.generator))
+
+    @cached_property
+    def _encoder(self) -> Encoder:
+        return sam_encoder(self.load().to(self.device))
+
+
+def sam_settings(generator: GeneratorConfig, flatten_config: FlattenConfig) -> dict[str, object]:
+    """The settings of a provider that change its masks, for its card."""
+    values = asdict(generator) | asdict(flatten_config)
+    del values["points_per_batch"]
+    return values
+
+
+def sam_encoder(module: Module) -> Encoder:
+    """How a model of this family looks at a picture. ``GagaError`` for other models."""
+    model = cast("PreTrainedModel", module)
+    kind = str(model.config.model_type)
+    if not kind.startswith("sam"):
+        raise GagaError(f"A model of type {kind} is no Segment Anything model. Choose another one.")
+    side = _side(model.config.prompt_encoder_config.image_size)
+    mean, std = _HALF if kind.startswith("sam3") else _IMAGENET
+    is_padded = kind in _PADDED
+
+    @torch.inference_mode()
+    def encode(image: UInt8Array) -> Encoded:
+        height, width = image.shape[:2]
+        inner_h, inner_w = fitted(height, width, side) if is_padded else (side, side)
+        pixels = normalized(image, inner_w, inner_h, mean, std)
+        pixels = pad(pixels, (0, side - inner_w, 0, side - inner_h))
+        parameter = next(model.parameters())
+        embeddings = _embed(model, pixels.to(parameter.device, parameter.dtype), kind)
+        scale = torch.tensor([inner_w / width, inner_h / height])
+
+        @torch.inference_mode()
+        def decode(points: FloatArray) -> tuple[Tensor, Tensor]:
+            placed = (torch.from_numpy(points) * scale)[None, :, None].to(pixels.dtype)
+            placed = placed.to(parameter.device, parameter.dtype)
+            ones = torch.ones(placed.shape[:3], dtype=torch.long, device=parameter.device)
+            out = model(input_points=placed, input_labels=ones, multimask_output=True, **embeddings)
+            return out.pred_masks[0], out.iou_scores[0]
+
+        def upscale(logits: Tensor) -> Tensor:
+            values = logits[:, None]
+            if is_padded:
+                values = _bilinear(values, side, side)[..., :inner_h, :inner_w]
+            return _bilinear(values, height, width)[:, 0]
+
+        return Encoded(decode, upscale, (inner_h / side, inner_w / side))
+
+    return encode
+
+
+def fitted(height: int, width: int, longest: int) -> tuple[int, int]:
+    """Height and width with ``longest`` as the longer side, as SAM rounds them."""
+    scale = longest / max(height, width)
+    return max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
+
+
+def _embed(model: "PreTrainedModel", pixels: Tensor, kind: str) -> dict[str, Tensor | list[Tensor]]:
+    """What the model's decoder needs of the picture, by argument name."""
+    look = cast("Callable[[Tensor], list[Tensor]]", model.get_image_embeddings)
+    found = look(pixels)
+    if kind == "sam_hq":
+        return {"image_embeddings": found[0], "intermediate_embeddings": found[1]}
+    return {"image_embeddings": found}
+
+
+def _bilinear(values: Tensor, height: int, width: int) -> Tensor:
+    return interpolate(values, (height, width), mode="bilinear", align_corners=False)
+
+
+def _side(size: int | list[int] | tuple[int, int]) -> int:
+    return size if isinstance(size, int) else int(size[0])

@@ -1,0 +1,208 @@
+"""Repairs as a person does them: moved masks, split objects; quality, doubt and thumbnails."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.grouping.memory_bank import Decision
+from gaga_studio.actions import association_repair, objects, quality, thumbnails
+from gaga_studio.commands import run
+from gaga_studio.session.session import Session
+
+
+def _decision(session: Session, group: int, place: int = -1) -> Decision:
+    return session.decisions(group)[place]
+
+
+def _labels(session: Session) -> np.ndarray:
+    assert session.scene is not None
+    return session.scene.labels
+
+
+def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> None:
+    session = associated
+    before, bank = _labels(session).copy(), session.scene.bank  # type: ignore[union-attr]
+    assert session.rename(2, "mug")
+    cursor = session.history.cursor  # type: ignore[union-attr]
+    moved = _decision(session, 3)
+    live = []
+    assert association_repair.move_mask(session, moved, 2)
+    while session.jobs.running is not None:
+        session.jobs.poll()
+        if session.live is not None:
+            live.append(session.live.view)
+    assert live
+    assert live[-1] >= moved.view
+    now = next(d for d in session.decisions(2) if (d.view, d.mask) == (moved.view, moved.mask))
+    assert now.by_hand
+    assert session.live is None
+    assert session.history.cursor == cursor + 1  # type: ignore[union-attr]
+    assert session.history.undo_title == (  # type: ignore[union-attr]
+        f"Move mask {moved.mask} of {moved.view} to mug"
+    )
+    assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
+    assert not np.array_equal(_labels(session), before)
+    session.undo()
+    assert np.array_equal(_labels(session), before)
+    assert session.scene.bank is bank  # type: ignore[union-attr]
+
+
+def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:
+    session = associated
+    before, bank = _labels(session), session.scene.bank  # type: ignore[union-attr]
+    assert association_repair.move_mask(session, _decision(session, 3), association_repair.NEW)
+    session.jobs.cancel()
+    assert session.jobs.wait()
+    assert session.live is None
+    assert _labels(session) is before
+    assert session.scene.bank is bank  # type: ignore[union-attr]
+
+
+def test_objects_that_change_meanwhile_win(associated: Session) -> None:
+    session = associated
+    assert association_repair.move_mask(session, _decision(session, 3), association_repair.NEW)
+    session.select_group(4)
+    assert objects.assign(session, 5)
+    changed = _labels(session)
+    assert session.jobs.wait()
+    assert _labels(session) is changed
+    assert "changed while this ran" in session.notices[-1].text
+
+
+def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:
+    session = associated
+    session.select_group(3)
+    assert session.duplicate_selected()
+    n, copy = len(session.scene), int(_labels(session).max())  # type: ignore[arg-type]
+    assert association_repair.move_mask(session, _decision(session, 3, 0), association_repair.NEW)
+    assert session.jobs.wait()
+    assert len(_labels(session)) == n
+    assert (_labels(session) == copy).sum() == n - session.scene.source.max() - 1  # type: ignore[union-attr]
+    assert (_labels(session)[: n - (_labels(session) == copy).sum()] != copy).all()
+
+
+def test_overlaps_of_a_mask_are_looked_up_beside(associated: Session) -> None:
+    session = associated
+    mask = _decision(session, 3)
+    found = association_repair.overlaps(session, mask)
+    while found is None:
+        session.jobs.poll()
+        found = association_repair.overlaps(session, mask)
+    assert next(iter(found)) == 3
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+    assert 0.5 < found[3] <= 1
+
+
+def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -> None:
+    session = associated
+    truth = _labels(session).copy()
+    session.select_group(2)
+    assert objects.assign(session, 3)  # whole objects: their masks go along
+    assert len(session.decisions(2)) == 0
+    n_masks = len(session.decisions(3))
+    session.select_group(3)
+    assert run("object.split_masks", session)
+    assert session.jobs.wait()
+    assert "is two now" in session.notices[-1].text
+    new = int(_labels(session).max())
+    assert new > truth.max()
+    part = _labels(session) == new
+    wanted = truth == np.bincount(truth[part]).argmax()
+    assert (part == wanted).mean() > 0.97
+    assert len(session.decisions(new)) + len(session.decisions(3)) == n_masks
+    session.undo()
+    assert (_labels(session) != new).all()
+
+
+def test_quality_is_kept_for_each_state_of_the_groups(associated: Session) -> None:
+    session = associated
+    assert quality.shown(session) == (None, False)
+    assert quality.column(session, session.objects()).tolist() == [-1.0] * len(session.objects())
+    assert run("object.quality", session)
+    assert session.jobs.wait()
+    found, is_now = quality.shown(session)
+    assert found is not None
+    assert is_now
+    assert (quality.column(session, session.objects())[1:] > 0.6).all()
+    session.select_group(2)
+    assert run("object.worst_view", session)
+    worst = found.groups[2].views[0].view
+    assert session.cameras[session.active_view or 0].name == worst
+    assert objects.assign(session, 3)
+    assert quality.shown(session) == (found, False)
+    session.undo()
+    assert quality.shown(session) == (found, True)
+
+
+def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
+    session = associated
+    document = session.need()
+    session.select_group(2)
+    document.sure_below = 0.9
+    assert run("object.uncertain", session)
+    column = session.scene.confidence_of()  # type: ignore[union-attr]
+    assert column is not None
+    chosen = session.selected_indices()
+    assert (_labels(session)[chosen] == 2).all()
+    assert (column[chosen] < 0.9 * 255).all()
+    assert len(chosen) == ((_labels(session) == 2) & (column < 0.9 * 255)).sum()
+
+
+def test_a_group_color_is_an_edit(associated: Session) -> None:
+    session = associated
+    document = session.need()
+    first = session.objects().colors[2].copy()
+    group = int(session.objects().ids[2])
+    assert document.set_color(group, (0.2, 0.4, 0.6))
+    np.testing.assert_allclose(session.objects().colors[2], [0.2, 0.4, 0.6])
+    assert session.unsaved
+    session.undo()
+    np.testing.assert_array_equal(session.objects().colors[2], first)
+
+
+@pytest.fixture
+def picture(associated: Session) -> Callable[[int], UInt8Array]:
+    """The thumbnail of an object."""
+
+    def make(group: int) -> UInt8Array:
+        table = associated.objects()
+        row = table.row(group)
+        assert row is not None
+        found = thumbnails.request(associated, table, row)
+        assert found is not None
+        return found[1]()
+
+    return make
+
+
+def test_thumbnails_come_from_photos_or_from_the_splats(
+    associated: Session, picture: Callable[[int], UInt8Array]
+) -> None:
+    session = associated
+    assert session.jobs.wait()
+    while session.jobs.quiet is not None:
+        session.jobs.poll()
+    table = session.objects()
+    keys = [thumbnails.request(session, table, row) for row in range(1, len(table))]
+    assert all(key is not None and key[0].startswith("crop") for key in keys)
+    shape = (thumbnails.SIDE, thumbnails.SIDE, 3)
+    assert picture(2).shape == shape
+    session.select_group(2)
+    rows = session.selected_indices()
+    session.need().select(rows[: len(rows) // 2])
+    assert objects.separate(session)
+    table = session.objects()
+    made = len(table) - 1
+    first = thumbnails.request(session, table, made)
+    assert first is not None
+    assert first[0].startswith("alone")
+    alone = first[1]()
+    assert alone.shape == shape
+    assert (np.abs(alone.astype(int) - 46).max(axis=2) > 8).mean() > 0.05
+    session.select_group(int(table.ids[made]))
+    assert session.recolor_selected((1.0, 0.0, 0.0))
+    again = thumbnails.request(session, session.objects(), made)
+    assert again is not None
+    assert again[0] != first[0]

@@ -1,0 +1,152 @@
+"""Autosave and what comes back after a crash."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_studio.actions import autosave as autosave_actions
+from gaga_studio.actions.autosave import Autosave, left_over, offer
+from gaga_studio.session.session import Session
+from tests.app.looks import finish
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def _edit(session: Session) -> None:
+    group = int(session.objects().ids[1])
+    session.select_group(group)
+    session.delete_selected()
+
+
+def _saved(session: Session) -> Autosave:
+    """Autosave once, as if the time had come."""
+    autosave = Autosave(0.0)
+    autosave.tick(session)
+    autosave.wait()
+    autosave.tick(session)
+    return autosave
+
+
+def _crash() -> None:
+    """The program that wrote is no more: its process number belongs to one that has ended."""
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    for note in autosave_actions.root().glob("*/recovery.json"):
+        content = json.loads(note.read_text())
+        content["pid"] = ended.pid
+        note.write_text(json.dumps(content))
+
+
+def test_without_edits_nothing_is_written(associated: Session) -> None:
+    associated.save()
+    finish(associated)
+    autosave = _saved(associated)
+    associated.need().select_all()
+    autosave.tick(associated)
+    assert not autosave_actions.root().exists()
+
+
+def test_edits_of_a_crashed_program_come_back_unsaved(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    associated.save()
+    finish(associated)
+    place = associated.need().project.path
+    assert place is not None
+    before = {p.name: p.read_bytes() for p in place.glob("*.json")}
+    _edit(associated)
+    state = associated.need().scene.state.copy()
+    _saved(associated)
+    assert left_over() == ()  # its program runs
+    _crash()
+    assert [r.name for r in left_over()] == [associated.need().name]
+    fresh = new_session()
+    assert offer(fresh)
+    assert fresh.pending_question is not None
+    assert "Recover" in fresh.pending_question.choices
+    fresh.answer("Recover")
+    finish(fresh)
+    deleted = np.uint8(8)
+    assert np.array_equal(fresh.need().scene.state & deleted, state & deleted)
+    assert fresh.unsaved
+    assert fresh.need().project.path == place
+    assert {p.name: p.read_bytes() for p in place.glob("*.json")} == before
+    assert left_over() == ()
+    fresh.save()
+    finish(fresh)
+    assert not fresh.unsaved
+
+
+def test_later_keeps_and_discard_removes(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    _edit(associated)
+    _saved(associated)
+    _crash()
+    fresh = new_session()
+    offer(fresh)
+    fresh.answer("Later")
+    assert len(left_over()) == 1
+    offer(fresh)
+    fresh.answer("Discard")
+    assert left_over() == ()
+    assert not offer(fresh)
+
+
+def test_saving_and_ending_in_order_leave_nothing(associated: Session) -> None:
+    _edit(associated)
+    autosave = _saved(associated)
+    assert list(autosave_actions.root().iterdir())
+    associated.save()
+    finish(associated)
+    autosave.tick(associated)
+    autosave.wait()
+    assert list(autosave_actions.root().iterdir()) == []
+    _edit(associated)
+    again = _saved(associated)
+    again.finish()
+    assert list(autosave_actions.root().iterdir()) == []
+
+
+def test_the_same_state_is_written_once_and_a_drag_never(associated: Session) -> None:
+    _edit(associated)
+    autosave = _saved(associated)
+    note = next(autosave_actions.root().glob("*/recovery.json"))
+    first = note.stat().st_mtime_ns
+    autosave.tick(associated)
+    autosave.wait()
+    assert note.stat().st_mtime_ns == first
+    group = int(associated.objects().ids[1])
+    associated.select_group(group)
+    associated.preview_move(np.eye(3, 4) + np.array([[0, 0, 0, 1.0]] * 3))
+    autosave.tick(associated)
+    autosave.wait()
+    assert note.stat().st_mtime_ns == first
+
+
+def test_a_disk_that_says_no_is_a_notice(
+    associated: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.write_text("a file where a folder must be")
+    monkeypatch.setenv("GAGA_HOME", str(blocked))
+    _edit(associated)
+    _saved(associated)
+    assert "could not be kept safe" in associated.notices[-1].text
+
+
+def test_a_damaged_note_is_passed_over() -> None:
+    folder = autosave_actions.root() / "1-x"
+    folder.mkdir(parents=True)
+    (folder / "recovery.json").write_text("{")
+    assert left_over() == ()
+    assert folder.exists()

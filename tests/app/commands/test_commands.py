@@ -1,0 +1,190 @@
+"""The command table: no key twice, no disabled command without a reason, none that fails."""
+
+import re
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+from gaga_studio.actions import files
+from gaga_studio.commands import COMMANDS, GROUPS, Command, command, for_shortcut, run
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode, ToolName
+
+# What can be done with nothing open.
+_ALWAYS = {
+    "file.open_folder",
+    "file.open_file",
+    "file.demo",
+    "file.quit",
+    "edit.preferences",
+    "view.panels",
+    "view.info",
+    "view.background",
+    "view.cube",
+    "camera.faster",
+    "camera.slower",
+    "object.clean_first",
+    "tool.splats",
+    "tool.visible_only",
+    "tool.smaller_brush",
+    "tool.larger_brush",
+    "tool.snap",
+    "tool.local_axes",
+    "tool.reset_pivot",
+    "help.palette",
+    "help.shortcuts",
+    "help.first_steps",
+    "help.about",
+}
+
+
+def test_ids_titles_and_keys_are_unique() -> None:
+    for names in (
+        [c.id for c in COMMANDS],
+        [c.title for c in COMMANDS],
+        [k for c in COMMANDS for k in (c.shortcut, *c.aliases) if k],
+    ):
+        assert [name for name, n in Counter(names).items() if n > 1] == []
+
+
+def test_keys_are_written_in_one_way_and_groups_are_known() -> None:
+    named = r"F\d|Delete|Backspace|Enter|Escape|Tab|Home|Left|Right"
+    pattern = rf"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,.[\]]|{named})"
+    for c in COMMANDS:
+        assert c.group in GROUPS
+        for keys in (c.shortcut, *c.aliases):
+            assert not keys or re.fullmatch(pattern, keys), keys
+
+
+def test_with_nothing_open_every_disabled_command_says_why(
+    new_session: Callable[[], Session],
+) -> None:
+    session = new_session()
+    assert {c.id for c in COMMANDS if not c.enabled(session)} == _ALWAYS
+    for c in COMMANDS:
+        reason = c.enabled(session)
+        assert not reason or re.fullmatch(r"[A-Z].*\.", reason), (c.id, reason)
+
+
+def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Session]) -> None:
+    session = new_session()
+    assert not run("edit.delete", session)
+    assert session.hint == "No scene is open."
+
+
+def test_reasons_follow_the_selection(session: Session) -> None:
+    files.associate(session)
+    assert session.jobs.wait()
+    first, second = session.objects().ids[1:3]
+    assert "Nothing is selected" in command("edit.delete").enabled(session)
+    assert command("object.merge").enabled(session)
+    session.select_group(int(first))
+    assert not command("edit.delete").enabled(session)
+    assert not command("object.rename").enabled(session)
+    assert "two objects" in command("object.merge").enabled(session)
+    session.select_group(int(second), "add")
+    assert "2 objects" in command("object.rename").enabled(session)
+    assert not command("object.merge").enabled(session)
+    assert command("edit.undo").title_now(session).startswith("Undo Select")
+    assert "hidden" in command("object.show_all").enabled(session)
+    session.hide_selected()
+    assert not command("object.show_all").enabled(session)
+
+
+def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
+    files.associate(session)
+    assert "running" in command("file.save").enabled(session)
+    assert not command("job.cancel").enabled(session)
+    session.jobs.cancel()
+    assert session.jobs.wait()
+    assert not command("file.save").enabled(session)
+
+
+_NEEDS_MORE = {
+    *(f"camera.bookmark_{key}" for key in range(1, 10)),
+    "camera.play",
+    "file.make_splats",
+    "file.make_splats_as",
+    "camera.clear_path",
+    "camera.save_path",
+    "camera.film",
+    "job.cancel",
+    "object.show_all",
+    "object.clean_apply",
+    "object.find_in_view",
+    "object.index",
+    "object.name_all",
+    "edit.confirm",
+    "tool.remove_corner",
+    "tool.pivot_here",
+    "object.unlock_all",
+    "object.split",
+    "object.split_masks",
+    "object.worst_view",
+    "select.alike",
+}
+
+
+# Making the demo takes long: tests/core/demo/test_demo.py does it.
+@pytest.mark.parametrize("wanted", [c for c in COMMANDS if c.id != "file.demo"], ids=lambda c: c.id)
+def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Command) -> None:
+    session = associated
+    for group in session.objects().ids[1:3]:
+        session.select_group(int(group), "add")
+    session.hide_selected()
+    session.undo()
+    if wanted.id in {"object.rename", "object.clean"}:
+        session.select_group(int(session.objects().ids[1]))
+    reason = wanted.enabled(session)
+    if reason:
+        assert wanted.id in _NEEDS_MORE
+        return
+    n_notices = len(session.notices)
+    assert run(wanted.id, session)
+    assert session.jobs.wait()
+    assert all(n.level != "error" for n in session.notices[n_notices:])
+
+
+def test_shortcuts_find_their_command(associated: Session) -> None:
+    for c in COMMANDS:
+        for keys in (c.shortcut, *c.aliases):
+            assert not keys or for_shortcut(keys, associated) is c
+    assert for_shortcut("Ctrl+Alt+X", associated) is None
+
+
+def test_while_flying_the_fly_keys_are_not_shortcuts(associated: Session) -> None:
+    assert for_shortcut("Shift+D", associated) is command("edit.duplicate")
+    run("view.fly", associated)
+    assert for_shortcut("Shift+D", associated) is None
+    assert for_shortcut("Ctrl+D", associated) is command("select.none")
+    assert for_shortcut("V", associated) is command("view.fly")
+
+
+def test_escape_ends_the_innermost_thing_first(associated: Session) -> None:
+    session = associated
+    session.select_group(int(session.objects().ids[1]))
+    run("tool.move", session)
+    run("view.fly", session)
+    run("edit.cancel", session)
+    assert not session.rig.is_flying
+    assert [c.id for c in COMMANDS if c.group == "Tools" and c.is_on and c.is_on(session)] == [
+        "tool.move"
+    ]
+    run("edit.cancel", session)
+    assert session.tool == ToolName.PICK
+    assert session.selected_groups()
+    run("edit.cancel", session)
+    assert not session.selected_groups()
+    assert not run("edit.cancel", session)
+
+
+def test_render_modes(associated: Session) -> None:
+    run("view.groups", associated)
+    assert associated.view.mode is Mode.GROUPS
+    assert command("view.groups").is_on is not None
+    seen = set()
+    for _ in Mode:
+        run("view.next_mode", associated)
+        seen.add(associated.view.mode)
+    assert seen == set(Mode)

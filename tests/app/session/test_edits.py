@@ -1,0 +1,188 @@
+"""The session: clicks, edits of the selection, and the whole walk without a window."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray
+from gaga_core.color import rgb_from_dc
+from gaga_core.io.ply import read_ply
+from gaga_core.raster import choose
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.tint import mean_color
+from gaga_studio.actions import files
+from gaga_studio.session.motion import shift
+from gaga_studio.session.session import Session
+from tests.app.looks import finish, objects_of, scene_of, snapshot
+
+_W, _H = 320, 240
+
+
+# --- picking
+
+
+def test_a_click_takes_the_group_of_greatest_weight(associated: Session) -> None:
+    scene, rng = scene_of(associated), np.random.default_rng(1)
+    raster = choose("cpu")
+    camera = associated.rig.camera(_W, _H)
+    for _ in range(40):
+        x, y = int(rng.integers(_W)), int(rng.integers(_H))
+        pixel = np.array([y * _W + x], np.int64)
+        row = raster.weights(scene.gaussians, camera, pixel)
+        votes = np.bincount(scene.labels[row.indices], weights=row.weights, minlength=1)
+        group = associated.click(x + 0.5, y + 0.5, _W, _H)
+        assert group == votes.argmax()
+        assert associated.selected_groups() == ((group,) if group else ())
+
+
+# --- the walk
+
+
+def _colors(gaussians_sh: FloatArray) -> FloatArray:
+    return rgb_from_dc(gaussians_sh[:, 0])
+
+
+def test_the_whole_walk(
+    session: Session, new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
+) -> None:
+    files.associate(session)
+    finish(session)
+    scene = scene_of(session)
+    mug, bowl, doomed = objects_of(session)[:3]
+    session.select_group(mug)
+    session.rename(mug, "red mug")
+    session.isolate_selected()
+    assert set(np.unique(scene.labels[scene.visible])) == {mug}
+    session.show_all()
+    session.select_group(mug)
+    session.preview_recolor((0.2, 0.4, 0.9))
+    session.recolor_selected((0.9, 0.1, 0.1))
+    np.testing.assert_allclose(
+        mean_color(scene, group_indices(scene, mug)), [0.9, 0.1, 0.1], atol=0.02
+    )
+    start = world_means(scene, group_indices(scene, mug))
+    session.move_selected(shift(np.array([0.0, 0.0, 0.5])))
+    moved = world_means(scene, group_indices(scene, mug))
+    np.testing.assert_allclose(moved - start, np.tile([0, 0, 0.5], (len(start), 1)), atol=1e-6)
+    session.duplicate_selected()
+    (copy,) = session.selected_groups()
+    assert session.need().name_of(copy) == "red mug copy"
+    session.select_group(doomed)
+    session.delete_selected()
+    session.select_group(bowl)
+    session.hide_selected()
+
+    final = snapshot(scene)
+    n_edits = len(session.history.entries()) if session.history else 0
+    while session.undo() is not None:
+        pass
+    assert not session.unsaved
+    for _ in range(n_edits):
+        assert session.redo() is not None
+    assert snapshot(scene) == final
+
+    target = tmp_path / "out" / "scene.ply"
+    files.export(session, "scene", target, groups=True)
+    finish(session)
+    written = read_ply(target)
+    assert len(written) == int(scene.visible.sum())
+    groups = written.extra["group"]
+    assert {doomed, bowl}.isdisjoint(groups.tolist())
+    assert {mug, copy} <= set(groups.tolist())
+    reds = _colors(written.sh)[groups == mug]
+    np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
+
+    session.select_group(copy)
+    files.export(session, "selected", tmp_path / "copy.ply")
+    finish(session)
+    assert len(read_ply(tmp_path / "copy.ply")) == len(group_indices(scene, copy))
+    files.export(session, "objects", tmp_path / "objects")
+    finish(session)
+    assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == [
+        "groups.json",
+        "red-mug-copy.ply",
+    ]
+
+    session.save()
+    finish(session)
+    again = new_session()
+    again.open(scene_folder)
+    finish(again)
+    assert snapshot(scene_of(again)) == snapshot(scene)
+    assert again.need().name_of(mug) == "red mug"
+    assert len(again.decisions(mug)) == len(session.decisions(mug)) > 0
+    assert not again.unsaved
+
+
+def test_edits_need_a_selection(associated: Session) -> None:
+    for act in (
+        associated.delete_selected,
+        associated.hide_selected,
+        associated.isolate_selected,
+        associated.duplicate_selected,
+    ):
+        n = len(associated.notices)
+        assert not act()
+        assert "Nothing is selected" in associated.notices[n].text
+    assert associated.history is not None
+    assert not associated.history.can_undo
+
+
+def test_eye_lock_and_solo_of_the_list(associated: Session) -> None:
+    scene, document = scene_of(associated), associated.need()
+    group, other = objects_of(associated)[:2]
+    document.set_hidden(group, True)
+    assert not scene.visible[group_indices(scene, group)].any()
+    document.set_hidden(group, False)
+    document.set_locked(group, True)
+    associated.select_group(group)
+    assert associated.selected_groups() == ()
+    document.set_locked(group, False)
+    document.isolate_group(other)
+    assert set(np.unique(scene.labels[scene.visible])) == {other}
+    document.isolate_group(other)
+    assert scene.visible.all()
+
+
+def test_merge_and_invert(associated: Session) -> None:
+    scene, document = scene_of(associated), associated.need()
+    first, second = objects_of(associated)[:2]
+    n = int(np.isin(scene.labels, [first, second]).sum())
+    document.select_groups((first, second))
+    document.merge_selected()
+    assert int((scene.labels == first).sum()) == n
+    document.select_inverse()
+    assert first not in associated.selected_groups()
+    document.select_all()
+    assert len(associated.selected_indices()) == len(scene)
+
+
+def test_inspector_follows_the_selection_through_undo(associated: Session) -> None:
+    first, second = objects_of(associated)[:2]
+    associated.select_group(first)
+    associated.select_group(second)
+    assert associated.focus == second
+    associated.undo()
+    assert associated.focus == first
+
+
+def test_hovering_names_the_object_under_the_resting_mouse(associated: Session) -> None:
+    group = 0
+    for x in range(10, _W, 20):
+        found = associated.pick(x + 0.5, _H / 2 + 0.5, _W, _H)
+        if found is not None and found.group:
+            group = found.group
+            break
+    assert group
+    end = time.monotonic() + 10
+    while associated.hovered_group == 0 and time.monotonic() < end:
+        associated.hover(x + 0.5, _H / 2 + 0.5, _W, _H)
+        associated.tick(0.01)
+        time.sleep(0.01)
+    assert associated.hovered_group == group
+    associated.rig.go_to(associated.cameras[3])
+    associated.tick(0.01)
+    assert associated.hovered_group == 0

@@ -1,0 +1,213 @@
+"""The job runner: everything arrives on the main thread, a cancel leaves nothing."""
+
+import logging
+import threading
+import time
+
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage
+from gaga_studio.session.jobs import JobRunner
+from gaga_studio.session.notices import Level
+
+Said = list[tuple[Level, str]]
+
+
+def _runner() -> tuple[JobRunner, Said]:
+    said: Said = []
+    return JobRunner(lambda level, text: said.append((level, text))), said
+
+
+def _count(n: int, pause_s: float = 0.0) -> Stage[int]:
+    for i in range(n):
+        time.sleep(pause_s)
+        yield Progress("Count", i + 1, n, f"number {i}", payload=i)
+    return n
+
+
+def test_value_and_newest_payload_arrive_in_the_polling_thread() -> None:
+    runner, said = _runner()
+    threads, payloads, values = set(), [], []
+
+    def progress(payload: object) -> None:
+        threads.add(threading.get_ident())
+        payloads.append(payload)
+
+    def done(value: int) -> None:
+        threads.add(threading.get_ident())
+        values.append(value)
+
+    assert runner.start("Count", _count(50), progress, done)
+    assert runner.wait()
+    assert values == [50]
+    assert payloads
+    assert payloads[-1] == 49
+    assert threads == {threading.get_ident()}
+    assert said == []
+    assert runner.running is None
+
+
+def test_cancel_closes_the_stage_and_delivers_no_value() -> None:
+    runner, said = _runner()
+    closed: list[bool] = []
+    values: list[int] = []
+    ends: list[bool] = []
+
+    def stage() -> Stage[int]:
+        try:
+            yield from _count(10_000, 0.001)
+        finally:
+            closed.append(True)
+        return 1
+
+    work = stage()  # held here, so that only the runner can have closed it
+    runner.start("Count", work, on_done=values.append, on_end=lambda: ends.append(True))
+    time.sleep(0.02)
+    runner.cancel()
+    assert runner.running is not None
+    assert runner.running.is_cancelling
+    assert runner.wait(5)
+    assert closed == [True]
+    assert ends == [True]
+    assert values == []
+    assert said == []
+
+
+def test_error_of_the_user_becomes_its_sentence() -> None:
+    runner, said = _runner()
+    ends = []
+
+    def stage() -> Stage[int]:
+        yield Progress("Look", 0, 1)
+        raise GagaError("There is no such file. Choose another.")
+
+    runner.start("Look", stage(), on_end=lambda: ends.append(True))
+    assert runner.wait()
+    assert said == [(Level.ERROR, "There is no such file. Choose another.")]
+    assert ends == [True]
+
+
+def test_any_other_error_is_kept_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    runner, said = _runner()
+
+    def stage() -> Stage[int]:
+        yield Progress("Divide", 0, 1)
+        return 1 // 0
+
+    with caplog.at_level(logging.ERROR):
+        runner.start("Divide", stage())
+        assert runner.wait()
+    assert said[0][0] is Level.ERROR
+    assert "Divide" in said[0][1]
+    assert "log file" in said[0][1]
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_error_in_taking_the_value_over_is_a_notice_too() -> None:
+    runner, said = _runner()
+
+    def refuse(_: int) -> None:
+        raise GagaError("This result does not fit.")
+
+    runner.start("Count", _count(1), on_done=refuse)
+    assert runner.wait()
+    assert said == [(Level.ERROR, "This result does not fit.")]
+    assert runner.start("Count", _count(1))
+    assert runner.wait()
+
+
+def test_one_job_at_a_time() -> None:
+    runner, said = _runner()
+    values: list[int] = []
+    second = _count(3)
+    runner.start("First", _count(200, 0.001), on_done=values.append)
+    assert not runner.start("Second", second, on_done=values.append)
+    assert said == [(Level.WARNING, "First is still running. Wait for it, or cancel it.")]
+    assert runner.wait()
+    assert values == [200]
+    with pytest.raises(StopIteration):
+        next(second)  # it was closed
+
+
+def test_rate_gives_the_time_that_is_left() -> None:
+    runner, _ = _runner()
+    gate = threading.Event()
+
+    def stage() -> Stage[None]:
+        time.sleep(0.1)
+        yield Progress("Half", 1, 2, "half way")
+        gate.wait(5)
+
+    runner.start("Work", stage())
+    job = runner.running
+    while job is not None and job.stage != "Half":
+        assert job.fraction == -1
+        assert job.eta_s is None
+        time.sleep(0.005)
+        job = runner.running
+    assert job is not None
+    assert (job.title, job.message, job.fraction) == ("Work", "half way", 0.5)
+    assert job.eta_s == pytest.approx(job.elapsed_s)
+    gate.set()
+    assert runner.wait()
+
+
+def test_a_quiet_job_runs_beside_another_and_stops_none() -> None:
+    runner, said = _runner()
+    go = threading.Event()
+    values: list[int] = []
+
+    def waits() -> Stage[None]:
+        yield Progress("Prepare kernels", 1, 4, "votes")
+        go.wait(10)
+
+    assert runner.start_quiet("Prepare kernels", waits())
+    assert not runner.start_quiet("Prepare kernels", waits())  # one is enough
+    assert runner.running is None
+    assert runner.start("Count", _count(5), on_done=values.append)
+    assert runner.wait()
+    assert values == [5]
+    assert runner.quiet is not None
+    assert (runner.quiet.stage, runner.quiet.fraction) == ("Prepare kernels", 0.25)
+    go.set()
+    _until_quiet_ends(runner)
+    assert said == []
+
+
+def test_a_quiet_job_fails_into_the_log_alone(caplog: pytest.LogCaptureFixture) -> None:
+    runner, said = _runner()
+
+    def fails() -> Stage[None]:
+        yield Progress("Prepare kernels", 0, 1)
+        raise OSError("the disk is full")
+
+    with caplog.at_level(logging.ERROR):
+        runner.start_quiet("Prepare kernels", fails())
+        _until_quiet_ends(runner)
+    assert said == []
+    assert "the disk is full" in caplog.text
+
+
+def test_shutting_down_ends_the_quiet_job() -> None:
+    runner, _ = _runner()
+    closed = threading.Event()
+
+    def endless() -> Stage[None]:
+        try:
+            yield from _count(10_000, 0.001)
+        finally:
+            closed.set()
+
+    runner.start_quiet("Prepare kernels", endless())
+    runner.shut_down()
+    assert closed.is_set()
+    assert runner.quiet is None
+
+
+def _until_quiet_ends(runner: JobRunner) -> None:
+    end = time.monotonic() + 10
+    while runner.quiet is not None:
+        assert time.monotonic() < end
+        time.sleep(0.002)
+        runner.poll()

@@ -1,0 +1,243 @@
+"""The session: opening, saving, associating; nothing is lost on the way."""
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_studio.actions import files
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import load_settings
+from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
+
+_W, _H = 320, 240
+
+
+# --- opening
+
+
+def test_open_a_folder(session: Session) -> None:
+    assert session.title == "table"
+    assert len(session.cameras) == 8
+    assert session.provider == "made"
+    assert len(session.masks) == 8
+    offer = session.stage_offer()
+    assert offer is not None
+    assert offer.reason == "8 photos have masks but no objects yet."
+    assert offer.command == "object.associate"
+    assert offer.duration.startswith("about ")
+    assert not session.unsaved
+    np.testing.assert_allclose(session.rig.eye, session.cameras[0].position, atol=1e-9)
+
+
+def test_what_cannot_be_opened_loses_nothing(associated: Session, tmp_path: Path) -> None:
+    associated.select_group(objects_of(associated)[0])
+    document, before = associated.document, snapshot(scene_of(associated))
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n")
+    for path in (broken, tmp_path / "none.ply", tmp_path):
+        n = len(associated.notices)
+        associated.open(path)
+        assert associated.jobs.wait()
+        assert [x.level for x in associated.notices[n:]] == [Level.ERROR]
+        assert associated.document is document
+        assert snapshot(scene_of(associated)) == before
+
+
+def test_another_scene_starts_afresh(associated: Session, scene_folder: Path) -> None:
+    group = objects_of(associated)[0]
+    associated.select_group(group)
+    associated.filter = "mug"
+    associated.open(scene_folder / "point_cloud.ply")
+    finish(associated)
+    assert associated.filter == ""
+    assert associated.focus == 0
+    assert associated.selected_groups() == ()
+    assert associated.active_view is None
+    assert len(associated.masks) == 0
+
+
+def test_recent_files_are_remembered(session: Session, scene_folder: Path) -> None:
+    assert session.settings.recent == (str(scene_folder),)
+    assert load_settings()[0].recent == (str(scene_folder),)
+
+
+def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Path) -> None:
+    session = new_session()
+    session.open(scene_folder / "point_cloud.ply")
+    finish(session)
+    assert session.title == "point_cloud.ply"
+    assert session.cameras == ()
+    offer = session.stage_offer()
+    assert offer is not None
+    assert not offer.action
+    assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
+
+
+def test_a_folder_without_masks_offers_to_make_them(
+    new_session: Callable[[], Session], scene_folder: Path
+) -> None:
+    shutil.rmtree(scene_folder / "masks")
+    session = new_session()
+    session.open(scene_folder)
+    finish(session)
+    offer = session.stage_offer()
+    assert offer is not None
+    assert "no masks" in offer.reason
+    assert offer.command == "object.masks_quick"
+    files.associate(session)
+    assert "no masks" in session.notices[-1].text
+    assert session.jobs.running is None
+
+
+# --- unsaved edits
+
+
+def test_a_selection_is_nothing_to_save(associated: Session) -> None:
+    first, second = objects_of(associated)[:2]
+    associated.select_group(first)
+    assert not associated.unsaved
+    associated.rename(first, "mug")
+    assert associated.unsaved
+    assert associated.title.endswith("*")
+    associated.select_group(second)
+    assert associated.unsaved
+    associated.undo()
+    associated.undo()
+    assert not associated.unsaved
+    associated.redo()
+    assert associated.unsaved
+    associated.undo()
+    associated.select_group(second)
+    assert not associated.unsaved
+
+
+def test_saved_edits_are_saved_until_one_is_undone(associated: Session) -> None:
+    associated.rename(objects_of(associated)[0], "mug")
+    associated.save()
+    finish(associated)
+    assert not associated.unsaved
+    associated.undo()
+    assert associated.unsaved
+    associated.redo()
+    assert not associated.unsaved
+
+
+@pytest.mark.parametrize("choice", ["Save", "Discard", "Cancel"])
+def test_closing_asks_about_unsaved_edits(
+    associated: Session, new_session: Callable[[], Session], choice: str
+) -> None:
+    group = objects_of(associated)[0]
+    folder = associated.need().project.folder
+    assert folder is not None
+    associated.rename(group, "mug")
+    associated.close()
+    question = associated.pending_question
+    assert question is not None
+    assert question.choices == ("Save", "Discard", "Cancel")
+    assert associated.scene is not None
+    associated.answer(choice)
+    finish(associated)
+    assert associated.pending_question is None
+    assert (associated.scene is None) == (choice != "Cancel")
+    again = new_session()
+    again.open(folder.root)
+    finish(again)
+    assert (again.need().name_of(group) == "mug") == (choice == "Save")
+
+
+def test_quitting_and_opening_ask_too(associated: Session, scene_folder: Path) -> None:
+    associated.rename(objects_of(associated)[0], "mug")
+    associated.quit()
+    associated.answer("Cancel")
+    assert not associated.should_quit
+    associated.open(scene_folder)
+    assert associated.jobs.running is None
+    associated.answer("Discard")
+    finish(associated)
+    assert not associated.unsaved
+    associated.quit()
+    assert associated.should_quit
+
+
+def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path: Path) -> None:
+    associated.rename(objects_of(associated)[0], "mug")
+    (tmp_path / "file").write_text("")
+    associated.save(tmp_path / "file" / "project", then=associated.close)
+    assert associated.jobs.wait()
+    assert associated.notices[-1].level is Level.ERROR
+    assert associated.scene is not None
+    assert associated.unsaved
+
+
+# --- association
+
+
+def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
+    before = snapshot(scene_of(session))
+    files.associate(session)
+    assert session.stage_offer() is None
+    seen: list[int] = []
+    end = time.monotonic() + 60
+    while session.jobs.running is not None and time.monotonic() < end:
+        session.tick(1 / 60)
+        if session.live is not None:
+            assert session.live_labels is not None
+            seen.append(int((session.objects().ids > 0).sum()))
+    assert session.live is None
+    assert session.live_labels is None
+    assert seen == sorted(seen)
+    scene, truth = scene_of(session), true_labels()
+    found = set()
+    for ball in range(1, 6):  # splats of the floor that no photo shows may belong to any
+        owners = np.bincount(scene.labels[truth == ball])
+        assert owners.max() > 0.9 * owners.sum()
+        found.add(int(owners.argmax()))
+    assert found <= set(objects_of(session))
+    assert len(found) == 5
+    assert session.history is not None
+    assert [e.title for e in session.history.entries()] == ["Associate masks"]
+    n_objects = len(objects_of(session))
+    assert session.notices[-1].text == f"Found {n_objects} objects."
+    group = objects_of(session)[0]
+    assert {d.group for d in session.decisions(group)} == {group}
+    assert session.objects().n_views[session.objects().row(group)] > 0
+    session.undo()
+    assert snapshot(scene) == before
+    assert session.decisions(group) == ()
+    session.redo()
+    assert len(objects_of(session)) == n_objects
+
+
+def test_cancelled_association_leaves_everything(session: Session) -> None:
+    before = snapshot(scene_of(session))
+    files.associate(session)
+    session.jobs.cancel()
+    finish(session)
+    session.tick(0)
+    assert session.live is None
+    assert snapshot(scene_of(session)) == before
+    assert session.history is not None
+    assert not session.history.can_undo
+    assert session.stage_offer() is not None
+
+
+def test_duplicates_follow_their_originals(associated: Session) -> None:
+    associated.select_group(objects_of(associated)[1])
+    associated.duplicate_selected()
+    scene = scene_of(associated)
+    n_file = int(scene.source.max()) + 1
+    assert len(scene) > n_file
+    files.associate(associated)
+    finish(associated)
+    np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
+
+
+def test_unknown_masks_are_a_sentence(session: Session) -> None:
+    files.associate(session, "none")
+    assert session.notices[-1].level is Level.ERROR
+    assert "made" in session.notices[-1].text

@@ -1,0 +1,100 @@
+"""The card of five steps: each ticks itself, and it stands where it covers nothing."""
+
+from pathlib import Path
+
+import pytest
+
+from gaga_studio.actions import files
+from gaga_studio.commands import run
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings, load_settings
+from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, Progress, place
+from tests.app.looks import finish
+from tests.app.window.driver import Driver, drive
+
+
+def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path) -> None:
+    progress, none = Progress(), Progress()
+    assert none.next == 1
+    seen = []
+
+    def look() -> None:
+        progress.follow(session)
+        seen.append(progress.next)
+
+    look()
+    files.associate(session)
+    finish(session)
+    look()
+    session.select_group(1)
+    look()
+    session.select_group(2)
+    look()  # to select is no change
+    session.hide_selected()
+    look()
+    files.export(session, "scene", tmp_path / "out.ply")
+    finish(session)
+    look()
+    assert seen == [2, 3, 4, 4, 5, 0]
+    session.undo()
+    look()
+    assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
+
+
+def test_objects_that_a_project_brought_are_found_already(associated: Session) -> None:
+    progress = Progress()
+    progress.follow(associated)
+    assert progress.next == 3
+    assert "change" not in progress.done
+
+
+@pytest.mark.parametrize("unit", [10.5, 15.0, 30.0])
+@pytest.mark.parametrize("size", [(300, 200), (500, 400), (700, 485), (1180, 790), (2000, 1300)])
+@pytest.mark.parametrize("offer", [0.0, 3.5, 6.0])
+def test_the_card_covers_neither_the_offer_nor_the_middle(
+    unit: float, size: tuple[int, int], offer: float
+) -> None:
+    left, top, (width, height) = 40.0, 60.0, size
+    foot = top + height - offer * unit if offer else float("inf")
+    where = place((left, top, width, height), foot, unit)
+    if where is None:
+        assert min(size) < 27 * unit, "only a tiny picture has no room"
+        return
+    high = (_HIGH if where.is_whole else 2.2) * unit
+    assert where.bottom <= min(foot, top + height)
+    assert where.bottom - high >= top
+    assert left <= where.left
+    assert where.left + where.width <= left + width
+    right, upper = where.left + where.width, where.bottom - high
+    assert right <= left + width / 3 or upper >= top + height * 2 / 3 - 1
+
+
+def test_help_brings_it_back(associated: Session) -> None:
+    assert not associated.settings.first_steps_done
+    run("help.first_steps", associated)
+    assert load_settings()[0].first_steps_done, "put away for good"
+    run("help.first_steps", associated)
+    assert not load_settings()[0].first_steps_done
+
+
+@pytest.mark.window
+@pytest.mark.parametrize("size", [(800, 500), (1440, 900)], ids=["one line", "five lines"])
+def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[int, int]) -> None:
+    def walk(d: Driver) -> None:
+        d.settle()
+        card = d.engine.get_window_by_ref("//First steps")
+        below = d.session.stage_offer()
+        assert below is not None
+        assert card.pos.y + card.size.y <= d.studio.ui.offer_top
+        d.click("**/###Find objects")
+        d.settle()
+        d.click("First steps/###Put away")
+        d.frames(3)
+        assert d.session.settings.first_steps_done
+        assert not d.engine.get_window_by_ref("//First steps").active
+        d.menu("Help/###First steps")
+        assert not d.session.settings.first_steps_done
+        d.frames(3)
+        assert d.engine.get_window_by_ref("//First steps").active
+
+    drive(walk, path=scene_folder, size=size, settings=Settings(preset="paper"))

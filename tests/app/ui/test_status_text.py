@@ -1,0 +1,71 @@
+"""What the status bar says: who computes and why, and that kernels are compiled in the quiet."""
+
+from pathlib import Path
+
+import pytest
+
+from gaga_core import kernels
+from gaga_core.progress import Progress, run_stage
+from gaga_core.raster import backend_report
+from gaga_studio.session import stages
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.ui.chrome import status_text
+from tests.app.folders import write_scene
+
+
+@pytest.fixture(autouse=True)
+def _look_again() -> None:
+    status_text._look.cache_clear()
+
+
+def test_it_names_the_backend_and_the_reason() -> None:
+    name, reason = backend_report(wait=False)
+    found = status_text.backend()
+    assert (found.name, found.reason) == (name.upper(), reason)
+    assert found.sentence.endswith(f"{reason}.")
+    assert name.upper() in found.sentence
+
+
+def test_a_choice_by_the_user_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GAGA_BACKEND", "cpu")
+    assert status_text.backend() == status_text.Backend("CPU", "GAGA_BACKEND says so")
+
+
+def test_it_is_not_asked_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+
+    def report(*, wait: bool) -> tuple[str, str]:
+        asked.append(wait)
+        return "cuda", "a card"
+
+    monkeypatch.setattr(status_text, "backend_report", report)
+    monkeypatch.setattr(status_text, "_LOOK_EVERY", 1e9)
+    assert {status_text.backend() for _ in range(100)} == {status_text.Backend("CUDA", "a card")}
+    assert asked == [False]  # and no self-test is started
+
+
+def test_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With progress that names its steps; what is compiled in this process costs nothing again."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where the note of the end is kept
+    seen: list[Progress] = []
+    run_stage(stages.kernels_stage(), seen.append)
+    assert {step.stage for step in seen} == {"Prepare kernels"}
+    assert len({step.message for step in seen}) > 5
+    assert kernels.is_compiled()
+    assert list(stages.kernels_stage()) == []
+
+
+def test_opening_a_scene_prepares_the_kernels_beside(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started: list[str] = []
+    write_scene(tmp_path / "scene", n_objects=2)
+    session = Session(Settings())
+    monkeypatch.setattr(session.jobs, "start_quiet", lambda title, stage: started.append(title))
+    session.open(tmp_path / "scene")
+    assert session.jobs.wait()
+    session.tick(0.1)
+    assert session.scene is not None
+    assert started == ["Prepare kernels"]
+    assert session.jobs.running is None

@@ -1,0 +1,39 @@
+"""Colors of both themes: none is left to the toolkit, words stand out from what is behind them."""
+
+from collections.abc import Sequence
+
+import pytest
+from imgui_bundle import ImVec4, imgui
+
+from gaga_studio.ui.kit import theme
+
+
+def luminance(rgb: Sequence[float]) -> float:
+    """Relative luminance of sRGB (WCAG 2.2)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb[:3]]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(a: Sequence[float], b: Sequence[float]) -> float:
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def values(color: ImVec4) -> tuple[theme.Rgba, theme.Rgba]:
+    """Dark and light."""
+    return next((dark, light) for held, dark, light in theme._BOTH if held is color)
+
+
+def test_every_color_of_the_toolkit_is_the_themes() -> None:
+    assert {name for name in imgui.Col_.__members__ if name != "count"} == theme._COLORS.keys()
+
+
+@pytest.mark.parametrize("is_light", [False, True], ids=["dark", "light"])
+def test_words_stand_out(is_light: bool) -> None:
+    """4.5 to 1 for words (WCAG 2.2, AA); 3 to 1 for what is faint on purpose."""
+    for text in ("TEXT", "DIM", "GOOD", "WARN", "BAD", "FAINT"):
+        least = 3.0 if text == "FAINT" else 4.5
+        for ground in ("PANEL", "BACK", "POPUP"):
+            front = values(getattr(theme, text))[is_light]
+            behind = values(getattr(theme, ground))[is_light]
+            assert contrast(front, behind) >= least, f"{text} on {ground}"

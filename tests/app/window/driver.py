@@ -1,0 +1,222 @@
+"""Runs a test against a real ``Studio``: its window, its session, the pixels of its picture."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import glfw
+from imgui_bundle import ImVec2, glfw_utils, imgui
+from imgui_bundle.immapp import testing
+
+from gaga_core.arrays import UInt8Array
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.studio import Studio
+from gaga_studio.system.window import WindowOptions
+
+_PATIENCE_S = 60.0
+
+
+class Driver:
+    """The hands of a person: what tests do with the window."""
+
+    def __init__(self, studio: Studio, engine: Any) -> None:
+        self.studio = studio
+        self.engine = engine  # imgui.test_engine.TestContext
+        self._on_main: Callable[[], Any] | None = None
+        self._answer: Any = None
+
+    @property
+    def session(self) -> Session:
+        return self.studio.session
+
+    # --- waiting
+
+    def frames(self, n: int = 2) -> None:
+        self.engine.yield_(n)
+
+    def until(self, is_done: Callable[[], bool], what: str) -> None:
+        end = time.monotonic() + _PATIENCE_S
+        while not is_done():
+            assert time.monotonic() < end, f"{what}: not after {_PATIENCE_S:.0f} s"
+            self.frames(1)
+
+    def settle(self) -> None:
+        """Until no job runs, no picture loads, the camera rests and the picture is full."""
+        self.frames(3)
+        self.until(lambda: self.studio.is_settled, "the window settles")
+        self.frames(2)
+
+    # --- acting
+
+    def click(self, ref: str) -> None:
+        """Click an item: "Objects/Table" or "**/Delete"; the window comes first."""
+        self.engine.item_click(f"//{ref}")
+        self.check(ref)
+
+    def menu(self, path: str) -> None:
+        self.engine.set_ref("//##MainMenuBar")
+        self.engine.menu_click(path)
+        self.check(path)
+        self.frames()
+
+    def focus(self, panel: str) -> None:
+        """Bring a panel to the front of its tabs."""
+        self.engine.window_focus(f"//{panel}")
+        self.frames()
+
+    def keys(self, *chord: imgui.Key) -> None:
+        # Summed as numbers: "|" of these enum members fails in Python before 3.11.4.
+        self.engine.key_press(sum(int(key) for key in chord))
+        self.frames()
+
+    def type_into(self, ref: str, text: str) -> None:
+        self.engine.item_click(f"//{ref}")
+        self.check(ref)
+        self.engine.key_chars_replace_enter(text)
+        self.frames()
+
+    def answer_path(self, path: Path) -> None:
+        """Type a path into the open file dialog and accept it."""
+        self.frames()
+        self.engine.item_click("//$FOCUSED/##Path")
+        self.check("file dialog")
+        self.engine.key_chars_replace_enter(str(path))
+        self.frames()
+
+    def move_to(self, u: float, v: float) -> None:
+        """Put the mouse on a pixel of the picture."""
+        left, top = self.corner
+        self.engine.mouse_move_to_pos(ImVec2(left + u, top + v))
+
+    def click_picture(self, u: float, v: float, button: int = 0) -> None:
+        self.move_to(u, v)
+        self.engine.mouse_click(button)
+        self.frames()
+
+    def drag_picture(
+        self, start: tuple[float, float], by: tuple[float, float], button: int = 0
+    ) -> None:
+        self.move_to(*start)
+        self.engine.mouse_drag_with_delta(ImVec2(*by), button)
+        self.frames()
+
+    # --- looking
+
+    @property
+    def corner(self) -> tuple[float, float]:
+        rect = self.engine.get_window_by_ref("//Viewport").inner_rect
+        return rect.min.x, rect.min.y
+
+    @property
+    def size(self) -> tuple[int, int]:
+        rect = self.engine.get_window_by_ref("//Viewport").inner_rect
+        return round(rect.max.x - rect.min.x), round(rect.max.y - rect.min.y)
+
+    def tool(self) -> ToolName:
+        return self.session.tool
+
+    def mode(self) -> Mode:
+        return self.session.view.mode
+
+    def exists(self, ref: str) -> bool:
+        return bool(self.engine.item_exists(f"//{ref}"))
+
+    def pixels(self) -> UInt8Array:
+        """The picture (H, W, 3) after everything has settled, nothing under the mouse."""
+        self.engine.mouse_move_to_pos(ImVec2(imgui.get_io().display_size.x - 4, 4))
+        self.settle()
+        viewport = self.studio.viewport
+        assert viewport is not None
+        picture: UInt8Array = self.on_main(viewport.read_pixels)
+        return picture
+
+    def on_main(self, act: Callable[[], Any]) -> Any:
+        """Do something in the thread that owns window and context: a test has one of its own."""
+        self._on_main = act
+        self.until(lambda: self._on_main is None, "the frame ends")
+        return self._answer
+
+    def after_frame(self) -> None:
+        if self._on_main is not None:
+            self._answer, self._on_main = self._on_main(), None
+
+    def resize(self, width: int, height: int) -> None:
+        """Resize the window, as by dragging its corner."""
+        handle = glfw_utils.glfw_window_hello_imgui()
+        self.on_main(lambda: glfw.set_window_size(handle, width, height))
+        self.frames(6)
+
+    def project(self, point: Any) -> tuple[float, float]:
+        """Pixel of a world point (3,) in the picture."""
+        camera = self.session.rig.camera(*self.size)
+        pixels, _ = camera.project(point[None])
+        return float(pixels[0, 0]), float(pixels[0, 1])
+
+    def capture(self, path: Path | str) -> None:
+        self.settle()
+        testing.capture(self.engine, str(path))
+
+    def check(self, what: str) -> None:
+        assert not self.engine.is_error(), f"the test engine could not act on {what}"
+
+
+def drive(
+    test: Callable[[Driver], None],
+    *,
+    path: Path | None = None,
+    demo: bool = False,
+    size: tuple[int, int] = (800, 500),
+    settings: Settings | None = None,
+    may_fail: bool = False,
+) -> Studio:
+    """Open a window, run ``test`` in it, close it; errors of the test are raised here.
+
+    So are errors of panels, which the window itself survives, unless the window ``may_fail``.
+    """
+    session = Session(settings or Settings(first_steps_done=True))
+    options = WindowOptions(size=size)
+    studio = Studio(path, demo=demo, session=session, options=options)
+    studio.ui.native_dialogs = False
+    params = studio.window.params()
+    params.fps_idling.enable_idling = False
+    studio.never_idle = True
+
+    drivers: list[Driver] = []
+
+    def run(engine: Any) -> None:
+        driver = Driver(studio, engine)
+        drivers.append(driver)
+        driver.settle()
+        test(driver)
+
+    def after_frame() -> None:
+        for driver in drivers:
+            driver.after_frame()
+
+    params.callbacks.after_swap = after_frame
+    with _failures() as failures:
+        testing.run(test_function=run, runner_params=params)
+    assert may_fail or not failures, "\n".join(failures)
+    return studio
+
+
+@contextmanager
+def _failures() -> Iterator[list[str]]:
+    """What the log says of panels that failed inside the block, with tracebacks."""
+    found: list[str] = []
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = lambda record: found.append(handler.format(record))  # type: ignore[method-assign]
+    logger = logging.getLogger("gaga_studio.studio")
+    logger.addHandler(handler)
+    try:
+        yield found
+    finally:
+        logger.removeHandler(handler)
+
+
+KEY = imgui.Key

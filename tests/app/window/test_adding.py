@@ -1,0 +1,50 @@
+"""Add splats and an export that loses something, by the menu and the window's own dialogs."""
+
+from pathlib import Path
+
+import pytest
+
+from gaga_core.io.splat_files import Form, write_splats
+from tests.app.window.driver import Driver, drive
+from tests.scenes import objects_scene, random_gaussians
+
+pytestmark = pytest.mark.window
+
+
+def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
+    write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
+    write_splats(tmp_path / "chair.spz", random_gaussians(300, sh_degree=1, extent=0.4), Form.SPZ)
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        n = len(session.need().scene)
+        before = d.pixels()
+        d.menu("File/Add splats…")
+        d.frames(3)
+        dialog = d.studio.ui.dialog
+        assert dialog is not None
+        assert ".spz" in dialog.suffixes
+
+        def choose(path: Path) -> None:
+            shown = d.studio.ui.dialog
+            assert shown is not None
+            shown._text = str(path)
+            d.frames(2)
+
+        choose(tmp_path / "chair.spz")
+        d.click("###File dialog/Add")
+        d.settle()
+        assert len(session.need().scene) == n + 300
+        assert (d.pixels() != before).any()
+
+        d.menu("File/Export scene…")
+        d.frames(3)
+        choose(tmp_path / "small.splat")
+        d.click("###File dialog/Export")
+        d.frames(3)
+        assert not (tmp_path / "small.splat").exists()
+        d.click("Question/###Export")
+        d.settle()
+        assert (tmp_path / "small.splat").stat().st_size == 32 * (n + 300)
+
+    drive(walk, path=tmp_path / "balls.ply")

@@ -1,0 +1,91 @@
+"""What of the window can be tested without one: launching, keys, search, projections."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_studio.__main__ import display_problem, library_problem, parse
+from gaga_studio.commands import COMMANDS
+from gaga_studio.ui.chrome import status_bar
+from gaga_studio.ui.dialogs import shortcuts
+from gaga_studio.ui.dialogs.sheets import matching
+from gaga_studio.ui.viewport.gizmo import projection
+from tests.scenes import orbit_cameras
+
+
+def test_the_command_line() -> None:
+    assert parse([]).path is None
+    assert parse(["scene", "--demo"]).path == Path("scene")
+    assert parse(["--demo"]).demo
+
+
+def test_no_display_is_one_sentence_and_status_1() -> None:
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-X", "importtime", "-m", "gaga_studio"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    said = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
+    if sys.platform.startswith("linux"):
+        assert done.returncode == 1
+        assert len(said) == 1
+        assert "needs a display" in said[0]
+        assert "imgui_bundle" not in done.stderr, "nothing heavy is imported before"
+
+
+def test_a_display_that_cannot_be_reached() -> None:
+    if not sys.platform.startswith("linux"):
+        pytest.skip("DISPLAY is of X11")
+    environment = os.environ | {"DISPLAY": ":4711"}
+    environment.pop("WAYLAND_DISPLAY", None)
+    command = [sys.executable, "-m", "gaga_studio"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "could not reach the display" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_missing_libraries_are_named() -> None:
+    error = ImportError("libX11.so.6: cannot open shared object file")
+    assert "apt-get install" in library_problem(error)
+    assert display_problem("darwin", {}) == ""
+
+
+def test_launching_imports_neither_torch_nor_transformers() -> None:
+    code = (
+        "import sys; import gaga_studio.studio; "
+        "sys.exit(any(m in sys.modules for m in ('torch', 'transformers', 'pycolmap')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_shortcut_is_a_key() -> None:
+    keys = shortcuts.all_keys()
+    assert {"Z", "F1", "Delete", "/", "1"} <= set(keys)
+
+
+def test_the_palette_finds_by_any_word() -> None:
+    assert matching("undo")[0].id == "edit.undo"
+    assert matching("export obj")[0].id == "file.export_objects"
+    assert matching("no such thing") == []
+    assert len(matching("")) == len(COMMANDS)
+
+
+def test_durations_are_for_people() -> None:
+    assert status_bar.duration(0.2) == "1 s"
+    assert status_bar.duration(61) == "61 s"
+    assert status_bar.duration(200) == "3 min 20 s"
+
+
+def test_the_handles_see_the_pixels_of_the_camera() -> None:
+    camera = orbit_cameras(3, width=320, height=200)[1]
+    points = np.random.default_rng(0).normal(0, 0.3, (50, 3))
+    expected, _ = camera.project(points)
+    gl_from_world = np.diag([1, -1, -1, 1]) @ camera.cam_from_world
+    clip = np.c_[points, np.ones(50)] @ (projection(camera, 0.01, 100.0) @ gl_from_world).T
+    ndc = clip[:, :3] / clip[:, 3:]
+    pixels = np.c_[(ndc[:, 0] + 1) / 2 * 320, (1 - ndc[:, 1]) / 2 * 200]
+    np.testing.assert_allclose(pixels, expected, atol=1e-9)
+    assert (np.abs(ndc[:, 2]) < 1).all()

@@ -1,0 +1,318 @@
+"""The window besides the main job: beginnings, bad files, cancelling, sizes, keys, questions."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.scene import Scene
+from gaga_studio.session.notices import Level
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.ui.kit.photo_textures import groups_of_view
+from tests.app.folders import write_scene
+from tests.app.window.driver import KEY, Driver, drive
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture(scope="module")
+def balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scene") / "balls"
+    write_scene(folder, n_objects=4)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _clean(balls: Path) -> Iterator[None]:
+    yield
+    work = balls / "gaga"
+    assert not work.exists(), "these tests save nothing"
+
+
+def test_nothing_open_offers_three_ways(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        for choice in ("Open a scene folder", "Open a splat file", "Try the demo"):
+            assert d.exists(f"Viewport/{choice}"), choice
+        d.click("Viewport/Open a scene folder")
+        d.answer_path(balls)
+        d.settle()
+        assert d.session.title == "balls"
+        assert not d.exists("Viewport/Try the demo")
+        d.keys(KEY.mod_ctrl, KEY.w)
+        assert d.session.document is None
+        assert d.exists("Viewport/Try the demo")
+        d.click("Viewport/###Recent 0")
+        d.settle()
+        assert d.session.title == "balls"
+
+    drive(test)
+
+
+def test_a_bad_file_is_a_notice_and_what_is_open_stays(
+    display: str, balls: Path, tmp_path: Path
+) -> None:
+    bad = tmp_path / "broken.ply"
+    bad.write_bytes((balls / "point_cloud.ply").read_bytes()[:5000])
+
+    def test(d: Driver) -> None:
+        before = d.session.scene
+        d.studio.window.hooks.dropped([bad])  # as when it is dropped into the window
+        d.settle()
+        assert d.session.scene is before
+        assert [notice.level for notice in d.session.notices] == [Level.ERROR]
+        assert "broken.ply" in d.session.notices[0].text
+        d.click("Notice 0/###Close")
+        d.frames()
+        assert not d.exists("Notice 0/###Close")
+
+    drive(test, path=balls)
+
+
+def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
+    ended = []
+
+    def endless() -> Stage[None]:
+        try:
+            for step in range(100_000):
+                time.sleep(0.002)
+                yield Progress("Counting", step, 100_000)
+        finally:
+            ended.append(True)
+
+    def test(d: Driver) -> None:
+        d.session.jobs.start("Count", endless())
+        d.frames(4)
+        d.click("**/###Cancel")
+        d.settle()
+        assert ended == [True]
+        assert d.session.notices == ()
+
+    drive(test, path=balls)
+
+
+@pytest.mark.parametrize("size", [(640, 400), (1920, 1080)])
+def test_small_and_large_windows(display: str, balls: Path, size: tuple[int, int]) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        width, height = d.size
+        assert width > 0.5 * size[0]
+        assert height > 0.6 * size[1]
+        for panel in ("Objects", "Inspector", "Memory bank", "Views", "History"):
+            d.focus(panel)
+        d.focus("Inspector")
+        _click_some_object(d)
+        assert d.exists("Inspector/###Delete")
+        picture = d.pixels()
+        assert picture.shape[:2] == (height, width)
+        d.keys(KEY.tab)
+        d.frames(4)
+        assert d.size[0] == size[0], "Tab leaves the picture alone"
+        d.keys(KEY.tab)
+        d.frames(4)
+        assert d.size == (width, height)
+
+    drive(test, path=balls, size=size)
+
+
+def test_the_panels_fit_a_window_that_is_resized(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        wide = d.size
+        assert wide[0] < 0.62 * 1280, "columns on both sides"
+        d.resize(700, 450)
+        d.settle()
+        assert d.size[0] > 0.5 * 700
+        d.focus("Inspector")
+        d.resize(1280, 720)
+        d.settle()
+        assert d.size == wide
+
+    drive(test, path=balls, size=(1280, 720))
+
+
+def test_typing_a_name_fires_no_shortcut(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        group = _click_some_object(d)
+        n_visible = int(_scene(d).visible.sum())
+        d.keys(KEY.f2)
+        d.frames(3)
+        d.engine.key_chars("hmr /1")
+        d.engine.key_press(KEY.enter)
+        d.frames(3)
+        assert _scene(d).names == {group: "hmr /1"}
+        assert int(_scene(d).visible.sum()) == n_visible
+        assert d.mode() is Mode.COLOR
+        assert d.tool() is ToolName.PICK
+        d.keys(KEY.m)
+        assert d.mode() is Mode.GROUPS
+
+    drive(test, path=balls)
+
+
+def test_the_list_selects_ranges_hides_and_filters(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        table = d.session.objects()
+        groups = [int(group) for group in table.ids if group > 0]
+        d.click(_row(groups[0]))
+        d.engine.key_down(KEY.mod_shift)
+        d.click(_row(groups[2]))
+        d.engine.key_up(KEY.mod_shift)
+        assert d.session.selected_groups() == tuple(groups[:3])
+        d.engine.key_down(KEY.mod_ctrl)
+        d.click(_row(groups[1]))
+        d.engine.key_up(KEY.mod_ctrl)
+        assert d.session.selected_groups() == (groups[0], groups[2])
+        d.click(f"**/object {groups[0]}/###Shown")
+        d.frames()
+        hidden = d.session.objects()
+        assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
+        d.engine.item_click("//Objects/##Find")
+        d.engine.key_chars(f"group {groups[1]}")
+        d.frames()
+        assert d.exists(_row(groups[1]))
+        assert not d.exists(_row(groups[2]))
+
+    drive(test, path=balls)
+
+
+def test_a_rectangle_selects_what_it_holds(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        d.keys(KEY.r)
+        assert d.tool() is ToolName.RECT
+        width, height = d.size
+        d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
+        assert len(d.session.selected_groups()) >= 4
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
+        assert d.session.selected_groups() == ()
+
+    drive(test, path=balls)
+
+
+def test_the_mouse_moves_the_camera_and_a_photo_is_flown_to(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        width, height = d.size
+        start = d.session.rig.eye
+        d.drag_picture((width / 2, height / 2), (60, 10))
+        orbited = d.session.rig.eye
+        assert np.linalg.norm(orbited - start) > 0.1
+        d.move_to(width / 2, height / 2)
+        d.engine.mouse_wheel_y(3)
+        d.frames()
+        assert d.session.rig.pose.distance < np.linalg.norm(orbited - d.session.rig.pivot)
+        d.focus("Views")
+        d.click("**/View 001.png")
+        d.settle()
+        np.testing.assert_allclose(d.session.rig.eye, d.session.cameras[1].position, atol=1e-6)
+        d.engine.key_down(KEY.w)
+        d.frames(8)
+        d.engine.key_up(KEY.w)
+        assert np.linalg.norm(d.session.rig.eye - d.session.cameras[1].position) > 1e-4
+
+    drive(test, path=balls)
+
+
+def test_the_memory_bank_shows_its_masks(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        group = _click_some_object(d)
+        decisions = d.session.decisions(group)
+        assert len({decision.view for decision in decisions}) >= 6
+        d.focus("Memory bank")
+        chosen = decisions[1]
+        d.click(f"**/{chosen.view} {chosen.mask}/##decision")
+        d.settle()
+        assert d.studio.ui.decision == chosen
+        table = groups_of_view(_scene(d).bank, chosen.view)
+        assert table is not None
+        assert table[chosen.mask] == group
+        d.click("**/###Go to view")
+        d.settle()
+        camera = next(c for c in d.session.cameras if c.name == chosen.view)
+        np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
+        d.keys(KEY.escape)
+        assert d.studio.ui.decision is None
+        assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
+
+    drive(test, path=balls)
+
+
+def test_unsaved_edits_are_asked_about(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.click("**/###Find objects")
+        d.settle()
+        assert not d.studio.window.hooks.may_close()
+        d.frames(3)
+        assert d.exists("Question/###Discard")
+        d.click("Question/###Cancel")
+        d.frames()
+        assert d.session.unsaved
+        assert not d.session.should_quit
+        d.keys(KEY.mod_ctrl, KEY.w)
+        d.frames(3)
+        d.click("Question/###Discard")
+        d.frames(3)
+        assert d.session.document is None
+
+    drive(test, path=balls)
+
+
+def test_the_palette_runs_a_command(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.keys(KEY.mod_ctrl, KEY.p)
+        d.frames(3)
+        d.engine.key_chars("depth")
+        d.frames(2)
+        d.engine.key_press(KEY.enter)
+        d.frames(3)
+        assert d.mode() is Mode.DEPTH
+        d.keys(KEY.f1)
+        d.frames(3)
+        assert d.exists("Keys and mouse/###Close")
+        d.keys(KEY.escape)
+        d.frames(2)
+        assert not d.exists("Keys and mouse/###Close")
+
+    drive(test, path=balls)
+
+
+def test_nothing_is_drawn_anew_while_nothing_changes(display: str, balls: Path) -> None:
+    def test(d: Driver) -> None:
+        d.pixels()
+        viewport = d.studio.viewport
+        assert viewport is not None
+        before = viewport.n_draws
+        d.frames(30)
+        assert viewport.n_draws == before
+
+    drive(test, path=balls, settings=Settings(ui_scale=1.5))
+
+
+def _row(group: int) -> str:
+    return f"**/object {group}/##row"
+
+
+def _scene(d: Driver) -> Scene:
+    assert d.session.scene is not None
+    return d.session.scene
+
+
+def _click_some_object(d: Driver) -> int:
+    """Click the ball that is nearest to the eye; its group."""
+    table = d.session.objects()
+    rows = [row for row, count in enumerate(table.counts) if count < 400 and table.ids[row]]
+    eye = d.session.rig.eye
+    row = min(rows, key=lambda row: float(np.linalg.norm(table.centre[row] - eye)))
+    d.click_picture(*d.project(table.centre[row]))
+    assert d.session.focus == int(table.ids[row])
+    return d.session.focus

@@ -1,0 +1,219 @@
+"""The command ``gaga`` as a person or a script uses it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.cli.main import main
+from gaga_core.io.masks import read_labels
+from gaga_core.io.ply import read_ply
+from tests.app.folders import write_scene
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder that was associated by the command."""
+    root = tmp_path_factory.mktemp("cli") / "scene"
+    write_scene(root)
+    assert main(["associate", str(root), "--preset", "paper"]) == 0
+    return root
+
+
+def answer(capsys: Capture, *arguments: str) -> dict[str, object]:
+    """What a command prints with --json; fails unless it succeeds."""
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0
+    values: dict[str, object] = json.loads(capsys.readouterr().out)
+    return values
+
+
+def refusal(capsys: Capture, *arguments: str) -> str:
+    """The one sentence of a command that fails with exit status 1 and prints no result."""
+    capsys.readouterr()
+    assert main(list(arguments)) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    said = captured.err.strip()
+    assert said.startswith("gaga: ")
+    assert "Traceback" not in said
+    return said
+
+
+def test_every_command_explains_itself(capsys: Capture) -> None:
+    for name in (
+        "associate",
+        "lift",
+        "render",
+        "evaluate",
+        "edit",
+        "export",
+        "run",
+        "info",
+        "demo",
+    ):
+        with pytest.raises(SystemExit) as caught:
+            main([name, "--help"])
+        assert caught.value.code == 0
+        assert "--json" in capsys.readouterr().out
+
+
+def test_groups_of_the_test_views_match_the_masks(
+    scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "groups"
+    values = answer(capsys, "render", str(scene), "--what", "groups", "--out", str(out))
+    assert values["pictures"] == len(list(out.glob("*.png"))) == 1
+    scores = answer(
+        capsys, "evaluate", "--pred", str(out), "--gt", str(scene / "masks" / "made"),
+        "--scene", str(scene), "--views", "test",
+    )  # fmt: skip
+    without_void = scores["without_void"]
+    assert isinstance(without_void, dict)
+    assert without_void["iou"] > 0.85
+    assert without_void["recall"] == 1
+
+
+def test_a_missing_prediction_is_named(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "none").mkdir()
+    gt = str(scene / "masks" / "made")
+    assert main(["evaluate", "--pred", str(tmp_path / "none"), "--gt", gt]) == 0
+    captured = capsys.readouterr()
+    assert "8 predictions are missing" in captured.err
+
+
+def test_recorded_edits_give_the_edited_file(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    with np.load(scene / "gaga" / "labels.npz") as stored:
+        labels = stored["labels"]
+    gone, moved = (int(g) for g in np.unique(labels[labels > 0])[:2])
+    script = tmp_path / "edits.json"
+    script.write_text(
+        json.dumps(
+            [
+                {"op": "delete", "groups": [gone]},
+                {"op": "move", "groups": [moved], "by": [0, 0, 2]},
+            ]
+        )
+    )
+    target = tmp_path / "out.ply"
+    values = answer(capsys, "edit", str(scene), str(target), "--script", str(script), "--groups")
+    before, after = read_ply(scene / "point_cloud.ply"), read_ply(target)
+    kept = labels != gone
+    assert values["gaussians"] == len(after) == kept.sum()
+    want = before.means[kept] + np.where(labels[kept] == moved, 2, 0)[:, None] * [0, 0, 1]
+    assert np.allclose(after.means, want, atol=1e-5)
+    assert np.array_equal(after.extra["group"], labels[kept])
+
+
+def test_objects_are_exported_with_a_manifest(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "objects"
+    values = answer(capsys, "export", str(scene), "--what", "objects", "--out", str(out))
+    manifest = json.loads((out / "groups.json").read_text())
+    assert values["files"] == len(manifest["groups"])
+    for entry in manifest["groups"]:
+        assert len(read_ply(out / entry["file"])) == entry["count"]
+
+
+def test_masks_are_exported_as_the_edited_scene_shows_them(
+    scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    values = answer(capsys, "export", str(scene), "--what", "masks", "--out", str(tmp_path / "m"))
+    assert values["files"] == 8
+    rendered = tmp_path / "r"
+    answer(
+        capsys, "render", str(scene), "--what", "groups", "--views", "all", "--out", str(rendered)
+    )
+    for path in rendered.iterdir():
+        assert np.array_equal(read_labels(tmp_path / "m" / path.name), read_labels(path))
+    lone = str(scene / "point_cloud.ply")
+    assert "scene folder" in refusal(
+        capsys, "export", lone, "--what", "masks", "--out", str(tmp_path / "n")
+    )
+
+
+def test_info_counts(scene: Path, capsys: Capture) -> None:
+    values = answer(capsys, "info", str(scene))
+    assert values["gaussians"] == len(read_ply(scene / "point_cloud.ply"))
+    assert values["views"] == 8
+    with np.load(scene / "gaga" / "labels.npz") as stored:
+        assert values["groups"] == len(np.unique(stored["labels"][stored["labels"] > 0]))
+    assert answer(capsys, "info", str(scene / "point_cloud.ply"))["sh_degree"] == 0
+
+
+def test_identities_are_lifted(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    values = answer(capsys, "lift", str(scene), "--mode", "vote")
+    assert values["mode"] == "vote"
+    assert (scene / "gaga" / "identity.npz").is_file()
+    target = tmp_path / "out.ply"
+    answer(capsys, "export", str(scene), "--identity", "--out", str(target))
+    columns = [name for name in read_ply(target).extra if name.startswith("obj_dc_")]
+    assert columns == [f"obj_dc_{i}" for i in range(16)]
+    lone = str(scene / "point_cloud.ply")
+    assert "scene folder" in refusal(capsys, "export", lone, "--identity", "--out", str(target))
+
+
+def test_run_does_what_is_missing_once(scene: Path, capsys: Capture) -> None:
+    assert answer(capsys, "run", str(scene))["stages_run"] != []
+    assert answer(capsys, "run", str(scene))["stages_run"] == []
+
+
+def test_a_photo_folder_without_masks_or_model_is_told(tmp_path: Path, capsys: Capture) -> None:
+    root = tmp_path / "scene"
+    write_scene(root, masks=False)
+    assert "masks" in refusal(capsys, "associate", str(root))
+    assert not (root / "gaga").exists()
+    (root / "point_cloud.ply").unlink()
+    assert "splats" in refusal(capsys, "info", str(root))
+
+
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
+    bad = tmp_path / "bad.ply"
+    bad.write_bytes(b"ply\n")
+    script = tmp_path / "e.json"
+    script.write_text("[")
+    assert "bad.ply" in refusal(capsys, "info", str(bad))
+    assert "does not exist" in refusal(capsys, "info", str(tmp_path / "none"))
+    assert "no JSON" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
+    script.write_text('[{"op": "explode"}]')
+    assert "explode" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
+    assert "empty or a new folder" in refusal(capsys, "demo", str(tmp_path))
+
+
+def test_labels_of_another_model_are_refused(tmp_path: Path, capsys: Capture) -> None:
+    root = tmp_path / "scene"
+    write_scene(root, n_objects=2)
+    (root / "gaga").mkdir()
+    np.savez(root / "gaga" / "labels.npz", labels=np.ones(7, np.int32))
+    assert "another model" in refusal(capsys, "info", str(root))
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
+    target = tmp_path / "demo"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gaga_core.cli.main", "demo", str(target)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Stopped" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_version() -> None:
+    assert main(["--version"]) == 0

@@ -1,0 +1,60 @@
+"""The command that makes scenes of photos, and the one that runs many scenes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from gaga_core.cli.main import main
+from gaga_core.io.scene_folder import open_scene_folder
+from tests.core.cli.test_main import answer, refusal
+from tests.core.conftest import PlacedRoom
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_photos_are_placed_and_counted(
+    placed_room: PlacedRoom, tmp_path: Path, capsys: Capture
+) -> None:
+    photos, scene = placed_room.workspace.parent / "in", tmp_path / "scene"
+    source = tmp_path / "photos"
+    shutil.copytree(photos, source)
+    (source / "broken.jpg").write_text("no picture")
+    assert main(["reconstruct", str(source), str(scene), "--only", "sfm", "--json"]) == 0
+    captured = capsys.readouterr()
+    values = json.loads(captured.out)
+    assert values["stages_run"] == ["sfm"]
+    assert values["sfm"]["registered"] == 8
+    assert "broken.jpg" in captured.err
+    assert len(open_scene_folder(scene).cameras) == 8
+    again = answer(capsys, "reconstruct", str(source), str(scene), "--only", "sfm")
+    assert again["stages_run"] == []
+
+
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
+    scene = str(tmp_path / "scene")
+    assert "Check the path" in refusal(capsys, "reconstruct", str(tmp_path / "none"), scene)
+    (tmp_path / "empty").mkdir()
+    assert "0 usable photos" in refusal(capsys, "reconstruct", str(tmp_path / "empty"), scene)
+    assert "--focal" in refusal(capsys, "reconstruct", str(tmp_path), scene, "--focal", "-3")
+    video = tmp_path / "walk.mp4"
+    video.write_text("no video")
+    assert "cannot be read as a video" in refusal(capsys, "reconstruct", str(video), scene)
+    assert not Path(scene).exists()
+
+
+def test_a_folder_without_scenes_is_told(tmp_path: Path, capsys: Capture) -> None:
+    said = refusal(capsys, "run", str(tmp_path), "--executor", "local")
+    assert "no scene folders" in said
+    assert "--workers" in refusal(
+        capsys, "run", str(tmp_path), "--executor", "local", "--workers", "0"
+    )
+
+
+def test_the_command_explains_itself(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        main(["reconstruct", "--help"])
+    said = capsys.readouterr().out
+    for option in ("--quality", "--focal", "--video-fps", "--only", "--max-side", "--seed"):
+        assert option in said

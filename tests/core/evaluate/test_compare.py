@@ -1,0 +1,202 @@
+"""The ablation: baselines that fail where they must, and one table of all variants."""
+
+import json
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.baselines import (
+    Inputs,
+    label_gaussians,
+    linear_assignment,
+    match_frame,
+    no_association,
+    overlap_tracker,
+    true_maps,
+    true_masks,
+)
+from gaga_core.evaluate.compare import TITLES, CompareConfig, compare_variants
+from gaga_core.evaluate.sparse import iou_drop, sparse_views
+from gaga_core.evaluate.tables import VariantTable
+from gaga_core.io.colmap import write_colmap
+from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.ply import write_ply
+from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.core.grouping.test_associate import permuted, true_map
+from tests.scenes import Synthetic, objects_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> Synthetic:
+    """Balls that hide one another from low cameras all around."""
+    return objects_scene(n_objects=6, per_object=300, n_cameras=16, seed=2)
+
+
+@pytest.fixture(scope="module")
+def truth(scene: Synthetic) -> list[IntArray]:
+    return [true_map(scene, camera) for camera in scene.cameras]
+
+
+@pytest.fixture(scope="module")
+def root(scene: Synthetic, truth: list[IntArray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder with perfect masks under random ids; every fourth view is held out."""
+    root = tmp_path_factory.mktemp("compare")
+    write_ply(root / "point_cloud.ply", scene.gaussians)
+    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    for folder in ("masks/sim", "gt/instance"):
+        (root / folder).mkdir(parents=True)
+    for i, camera in enumerate(scene.cameras):
+        write_labels(root / "masks/sim" / camera.name, permuted(truth[i], i, top=40))
+        write_labels(root / "gt/instance" / camera.name, truth[i])
+    names = [camera.name for camera in scene.cameras]
+    test = names[3::4]
+    split = {"train": [n for n in names if n not in test], "test": test}
+    (root / "split.json").write_text(json.dumps(split))
+    return root
+
+
+@pytest.fixture(scope="module")
+def table(root: Path) -> VariantTable:
+    config = CompareConfig(shares=(0.25,), seeds=(0, 1))
+    stage = compare_variants(open_scene_folder(root), root / "gt/instance", config=config)
+    return run_stage(stage)
+
+
+def mask_set(maps: dict[str, IntArray]) -> MaskSet:
+    return MaskSet({name: partial(maps.__getitem__, name) for name in maps})
+
+
+def inputs_of(scene: Synthetic, maps: list[IntArray]) -> Inputs:
+    named = {c.name: m for c, m in zip(scene.cameras, maps, strict=True)}
+    return Inputs.of(scene.gaussians, scene.cameras, mask_set(named), choose())
+
+
+def test_the_better_method_scores_better(table: VariantTable) -> None:
+    iou = {variant: table.of(variant)[0].without_void.iou for variant in TITLES}
+    assert iou["paper"] > iou["all-gaussians"] + 0.02
+    assert iou["all-gaussians"] > iou["none"]
+    assert iou["paper"] > iou["linear"] - 1e-9
+    assert iou["linear"] > iou["none"]
+    assert iou["true-masks"] >= max(iou["paper"], iou["robust"]) - 0.01
+    assert iou["per-frame"] == pytest.approx(1)  # the masks of this scene are perfect
+    tracked, bank = table.of("tracker")[0], table.of("paper")[0]
+    assert tracked.n_groups > 2 * bank.n_groups  # the ring turns too far from view to view
+    assert tracked.without_void.precision < bank.without_void.precision
+
+
+def test_the_table_and_its_file_tell_the_same(table: VariantTable, root: Path) -> None:
+    saved = json.loads((root / "gaga" / "variants.json").read_text())
+    assert len(saved["rows"]) == len(table.rows) == len(TITLES) + 2 * 2
+    assert saved["images"] == list(open_scene_folder(root).test)
+    headings, *rows = table.table()
+    assert len(rows) == len(TITLES) + 2
+    assert all(len(row) == len(headings) for row in rows)
+    drop = table.drop("paper", 0.25)
+    assert drop is not None
+    assert rows[-1][-1] == f"{100 * drop:.1f} %"
+    assert {row.n_views for row in table.of("paper", 0.25)} == {3}
+    assert table.drop("linear", 0.25) is None
+    assert not (root / "gaga" / "labels.npz").exists()
+
+
+def test_the_same_comparison_gives_the_same_figures(table: VariantTable, root: Path) -> None:
+    config = CompareConfig(variants=("paper", "linear", "tracker"), sparse=())
+    stage = compare_variants(open_scene_folder(root), root / "gt/instance", config=config)
+    again = run_stage(stage)
+    for row in again.rows:
+        before = table.of(row.variant)[0]
+        assert (row.with_void, row.without_void) == (before.with_void, before.without_void)
+        assert row.n_groups == before.n_groups
+
+
+def test_bounds_are_left_out_where_the_truth_or_masks_they_need_are_not(
+    root: Path, tmp_path: Path
+) -> None:
+    folder = open_scene_folder(root)
+    gt, masks = tmp_path / "gt", tmp_path / "masks"
+    gt.mkdir()
+    masks.mkdir()
+    for name in folder.test:
+        write_labels(gt / name, read_labels(root / "gt/instance" / name))
+    for name in folder.train:
+        write_labels(masks / name, read_labels(root / "masks/sim" / name))
+    config = CompareConfig(variants=("none", "per-frame", "true-masks", "true-maps"), sparse=())
+    table = run_stage(compare_variants(folder, gt, masks, config))
+    assert [row.variant for row in table.rows] == ["none"]
+    with pytest.raises(GagaError, match="no true map"):
+        run_stage(compare_variants(folder, root / "masks", masks, config))
+    with pytest.raises(GagaError, match="no variant"):
+        CompareConfig(variants=("magic",))
+
+
+def test_consistent_ids_need_no_association(scene: Synthetic, truth: list[IntArray]) -> None:
+    inputs = inputs_of(scene, truth)
+    labels = run_stage(label_gaussians(inputs, run_stage(no_association(inputs))))
+    seen = labels > 0
+    wanted = np.where(scene.labels > 0, scene.labels, 7)
+    assert (labels == wanted)[seen].mean() > 0.95
+
+
+def test_a_camera_that_stands_still_is_followed_exactly(
+    scene: Synthetic, truth: list[IntArray]
+) -> None:
+    """The same view twelve times under other ids: every follower keeps each object's group."""
+    camera, true = scene.cameras[0], truth[0]
+    cameras = [type(camera)(camera.K, camera.cam_from_world, 160, 120, f"{i}") for i in range(6)]
+    maps = {c.name: permuted(true, i, top=30) for i, c in enumerate(cameras)}
+    inputs = Inputs.of(scene.gaussians, cameras, mask_set(maps), choose())
+    for method in (linear_assignment, overlap_tracker):
+        groups = run_stage(method(inputs))
+        assert groups.n_groups == len(np.unique(true[true > 0]))
+        shown = [groups.groups[name][labels] for name, labels in maps.items()]
+        assert all((s == shown[0]).all() for s in shown)
+
+
+def test_true_masks_survive_any_ids_and_void_stays_void(
+    scene: Synthetic, truth: list[IntArray]
+) -> None:
+    floorless = [np.where(t == 7, 0, t).astype(np.int32) for t in truth]
+    true_set = inputs_of(scene, floorless).masks
+    inputs = inputs_of(scene, [permuted(t, i) for i, t in enumerate(truth)])
+    by_masks = run_stage(label_gaussians(inputs, run_stage(true_masks(inputs, true_set))))
+    floor = scene.labels == 0
+    assert (by_masks[floor] == 0).mean() > 0.95
+    assert (by_masks[~floor] == scene.labels[~floor])[by_masks[~floor] > 0].mean() > 0.97
+    whole = Inputs.of(scene.gaussians, scene.cameras, true_maps(true_set), choose())
+    by_maps = run_stage(label_gaussians(whole, run_stage(true_masks(whole, true_set))))
+    assert (by_maps[floor] == 0).mean() > 0.95
+
+
+def test_a_frame_matched_to_its_truth_by_hand() -> None:
+    true = np.array([[1, 1, 1, 2, 2, 2, 0, 0]], np.int32)
+    masks = np.array([[9, 9, 4, 3, 3, 3, 8, 0]], np.int32)
+    matched = match_frame(masks, true)
+    assert matched[0, :2].tolist() == [1, 1]
+    assert matched[0, 3:6].tolist() == [2, 2, 2]
+    assert matched[0, 2] != matched[0, 6]
+    assert min(matched[0, 2], matched[0, 6]) > 2
+    assert matched[0, 7] == 0
+
+
+def test_sparse_views_are_random_nested_and_repeatable() -> None:
+    names = [f"{i:03d}.png" for i in range(40)]
+    choices = [sparse_views(names, share, seed=3) for share in (0.05, 0.1, 0.2, 0.3)]
+    assert [len(c) for c in choices] == [2, 4, 8, 12]
+    for small, large in pairwise(choices):
+        assert set(small) < set(large)
+    assert all(list(c) == sorted(c) for c in choices)
+    assert choices[3] == sparse_views(names[::-1], 0.3, seed=3)
+    assert choices[3] != sparse_views(names, 0.3, seed=4)
+    assert len(sparse_views(names[:4], 0.05, seed=0)) == 1
+    with pytest.raises(GagaError, match="share"):
+        sparse_views(names, 0, seed=0)
+    assert iou_drop(0.8, 0.6) == pytest.approx(0.25)
+    assert iou_drop(0, 0) == 0

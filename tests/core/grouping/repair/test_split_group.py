@@ -1,0 +1,95 @@
+"""A group that holds two things is taken apart by the masks that joined it."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.grouping.repair.split_group import halves_stage, split_bank, two_sides
+from gaga_core.grouping.repair.view_evidence import Evidence
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.core.grouping.test_associate import true_map
+from tests.scenes import Synthetic, objects_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> Synthetic:
+    return objects_scene(n_objects=5, n_cameras=8, seed=4)
+
+
+def _masks(scene: Synthetic, *, merged: tuple[int, ...]) -> MaskSet:
+    """True masks, balls 1 and 2 being one mask in some views."""
+    maps: dict[str, IntArray] = {}
+    for i, camera in enumerate(scene.cameras):
+        labels = true_map(scene, camera)
+        if i in merged:
+            labels[labels == 2] = 1
+        maps[camera.name] = labels
+    return MaskSet({name: partial(maps.__getitem__, name) for name in maps})
+
+
+@pytest.mark.parametrize("preset", ["paper", "robust"])
+def test_a_group_that_a_merged_mask_opened_falls_into_its_two_things(
+    scene: Synthetic, preset: str
+) -> None:
+    masks, config = _masks(scene, merged=(0, 5)), AssociateConfig.of(preset)
+    found = run_stage(
+        associate_stage(scene.gaussians, scene.cameras, masks, choose(), AssociateConfig())
+    )
+    group = next(d.group for d in found.bank.log if d.mask == 1)
+    assert {d.group for d in found.bank.log if d.mask == 2} == {group}  # both are in it
+    log = [d for d in found.bank.log if d.group == group]
+    rows = np.flatnonzero(found.labels == group).astype(np.int32)
+    evidence = Evidence.of(scene.gaussians, scene.cameras, masks, config)
+    halves = run_stage(halves_stage(evidence, log, rows, choose()))
+    second = np.isin(rows, halves.rows)
+    truth = scene.labels[rows] == scene.labels[rows[second]][0]
+    assert (second == truth).mean() > 0.95
+    ids = {mask for _, mask in halves.masks}
+    assert len(ids) == 1  # of one ball alone
+    assert all(view not in ("000.png", "005.png") for view, _ in halves.masks)
+    bank = split_bank(found.bank, halves, group, 40)
+    moved = {(d.view, d.mask) for d in bank.log if d.group == 40}
+    assert moved == set(halves.masks)
+    assert bank.n_groups == 40
+    assert sum(d.is_new for d in bank.log if d.group == 40) == 1
+    assert (
+        (bank.group == 40)
+        == np.isin(np.arange(len(bank.group)), halves.rows) & (found.bank.group == group)
+    ).all()
+
+
+def test_one_thing_stays_one(scene: Synthetic) -> None:
+    masks, config = _masks(scene, merged=()), AssociateConfig.of("paper")
+    found = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose(), config))
+    evidence = Evidence.of(scene.gaussians, scene.cameras, masks, config)
+    log = [d for d in found.bank.log if d.group == 3]
+    rows = np.flatnonzero(found.labels == 3).astype(np.int32)
+    with pytest.raises(GagaError, match="in one piece"):
+        run_stage(halves_stage(evidence, log, rows, choose(), name="mug"))
+    with pytest.raises(GagaError, match="too few masks"):
+        run_stage(halves_stage(evidence, log[:1], rows, choose()))
+
+
+def test_merged_masks_are_silent() -> None:
+    """Four masks of the left half, three of the right one, two of both."""
+    covers = np.zeros((9, 100), np.bool_)
+    covers[:4, :60], covers[4:7, 60:], covers[7:] = True, True, True
+    sees = covers.copy()
+    side = two_sides(covers, sees)
+    assert side is not None
+    assert (side[:4] == side[0]).all()
+    assert (side[4:7] == -side[0]).all()
+    assert (side[7:] == 0).all()
+
+
+def test_what_a_view_does_not_see_does_not_tell_its_masks_apart() -> None:
+    """A thing seen from two sides that share a rim is one thing."""
+    covers = np.zeros((6, 100), np.bool_)
+    covers[:3, :60], covers[3:, 40:] = True, True
+    assert two_sides(covers, covers.copy()) is None

@@ -1,0 +1,220 @@
+"""Groups by the consensus of all views: what a minority of views gets wrong does not count."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
+from gaga_core.grouping.robust.consensus_kernels import count_pairs, find_partners, merge_clusters
+from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.core.grouping.test_associate import masks_of, permuted, true_map
+from tests.scenes import Synthetic, objects_scene
+
+Spoil = Callable[[int, IntArray], None]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Synthetic:
+    return objects_scene(n_objects=5, n_cameras=10, seed=4)
+
+
+def _spoilt(scene: Synthetic, spoil: Spoil) -> MaskSet:
+    """True masks of all views after ``spoil(number of the view, label map)``, under random ids."""
+    maps = {}
+    for i, camera in enumerate(scene.cameras):
+        labels = true_map(scene, camera)
+        spoil(i, labels)
+        maps[camera.name] = permuted(labels, i)
+    return MaskSet({name: partial(maps.__getitem__, name) for name in maps})
+
+
+def _associate(scene: Synthetic, masks: MaskSet, preset: str) -> Association:
+    config = AssociateConfig.of(preset)
+    return run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose(), config))
+
+
+def _groups_of_objects(scene: Synthetic, result: Association) -> list[int]:
+    """The group of most of the drawn splats of each of the five balls and of the floor."""
+    seen = result.confidence > 0
+    return [int(np.bincount(result.labels[seen & (scene.labels == k)]).argmax()) for k in range(6)]
+
+
+def test_two_things_that_30_percent_of_the_views_merge_stay_two(scene: Synthetic) -> None:
+    def merge(i: int, labels: IntArray) -> None:
+        if i in (0, 4, 7):
+            labels[labels == 2] = 1
+            labels[labels == 4] = 3
+
+    masks = _spoilt(scene, merge)
+    groups = _groups_of_objects(scene, _associate(scene, masks, "robust"))
+    assert len(set(groups)) == 6
+    assert 0 not in groups
+    paper = _groups_of_objects(scene, _associate(scene, masks, "paper"))
+    assert len(set(paper)) < 6  # the first view decides
+
+
+def test_a_thing_that_40_percent_of_the_views_cut_is_one(scene: Synthetic) -> None:
+    def cut(i: int, labels: IntArray) -> None:
+        if i % 5 < 2:
+            for k in range(1, 6):
+                rows, columns = np.nonzero(labels == k)
+                right = columns > np.median(columns)
+                labels[rows[right], columns[right]] = 20 + k
+
+    result = _associate(scene, _spoilt(scene, cut), "robust")
+    assert result.bank.n_groups == 6
+    assert len(set(_groups_of_objects(scene, result))) == 6
+
+
+def test_the_order_of_the_views_does_not_matter(scene: Synthetic) -> None:
+    """Cameras under other names, so that they come in another order: the same objects."""
+
+    def merge_first(i: int, labels: IntArray) -> None:
+        if i == 0:
+            labels[labels > 0] = 1
+
+    masks = _spoilt(scene, merge_first)
+    cameras = tuple(
+        Camera(c.K, c.cam_from_world, c.width, c.height, f"{(7 * i) % 10:03d}.png")
+        for i, c in enumerate(scene.cameras)
+    )
+    renamed = MaskSet(
+        {n.name: masks.loaders[c.name] for n, c in zip(cameras, scene.cameras, strict=True)}
+    )
+    a = _associate(scene, masks, "robust")
+    b = _associate(Synthetic(scene.gaussians, scene.labels, cameras), renamed, "robust")
+    pairs = set(zip(_groups_of_objects(scene, a), _groups_of_objects(scene, b), strict=True))
+    assert len(pairs) == a.bank.n_groups == b.bank.n_groups == 6
+
+
+def test_the_same_again_bit_for_bit(scene: Synthetic, monkeypatch: pytest.MonkeyPatch) -> None:
+    masks = masks_of(scene, scene.cameras)
+    first = _associate(scene, masks, "robust")
+    monkeypatch.setenv("GAGA_THREADS", "1")
+    again = _associate(scene, masks, "robust")
+    assert (again.labels == first.labels).all()
+    assert (again.confidence == first.confidence).all()
+    assert again.bank.log == first.bank.log
+
+
+def test_it_stops_at_any_step(scene: Synthetic) -> None:
+    masks = masks_of(scene, scene.cameras[:3])
+    config = AssociateConfig.of("robust")
+    arguments = (scene.gaussians, scene.cameras, masks, choose(), config)
+    steps = list(associate_stage(*arguments))
+    messages = [step.message for step in steps]
+    assert [step.done for step in steps] == sorted(step.done for step in steps)
+    assert steps[-1].done <= steps[-1].total
+    assert any("clusters" in message for message in messages)
+    for n in range(1, len(messages), 4):
+        stage = associate_stage(*arguments)
+        for _ in range(n):
+            next(stage)
+        stage.close()
+
+
+def test_views_without_masks_and_empty_maps_give_no_groups(scene: Synthetic) -> None:
+    empty = np.zeros((120, 160), np.int32)
+    masks = MaskSet({camera.name: lambda: empty for camera in scene.cameras[:3]})
+    result = _associate(scene, masks, "robust")
+    assert result.bank.n_groups == 0
+    assert (result.labels == 0).all()
+
+
+def test_points_lie_on_the_surface_and_halve_when_they_are_too_many(scene: Synthetic) -> None:
+    load, depths = _loaded(scene)
+    cameras = scene.cameras
+    points = run_stage(sample_points(cameras, load, depths, 8, 8192))
+    few = run_stage(sample_points(cameras, load, depths, 8, len(points) // 2))
+    assert len(points) // 8 < len(few) <= len(points) // 2
+    assert not np.array_equal(few, points[: len(few)])  # thinned everywhere, not cut off
+    ball = np.abs(np.linalg.norm(points[:, None] - _centres(scene), axis=2) - 0.28).min(axis=1)
+    assert (np.minimum(ball, np.abs(points[:, 2] + 0.3)) < 0.06).mean() > 0.97
+    mask_of = run_stage(masks_of_points(points, cameras, load, depths))
+    per_mask = [np.bincount(mask_of[:, v], minlength=7)[1:] for v in range(len(cameras))]
+    assert np.min(per_mask) >= 6  # nearly eight witnesses in every mask of every view
+
+
+def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
+    load, depths = _loaded(scene)
+    behind = np.array([[0.0, 0.0, -2.0]])  # below the floor
+    assert not run_stage(masks_of_points(behind, scene.cameras, load, depths)).any()
+
+
+def test_linkage_is_what_the_definition_says() -> None:
+    rng = np.random.default_rng(3)
+    mask_of = rng.integers(0, 3, (40, 9)).astype(np.int32)
+    mask_of[:15, :7] = mask_of[0, :7]
+    together, both = np.zeros((40, 40), np.float32), np.zeros((40, 40), np.float32)
+    count_pairs(mask_of, 0, 40, together, both)
+    rules = np.array([0.55, 0.1, 2.0])
+    expected = _plain_linkage(mask_of, rules)
+    size, score = np.ones(40), np.zeros(40)
+    partner, parent = np.zeros(40, np.int32), np.arange(40, dtype=np.int32)
+    find_partners(together, both, size, rules, 0, 40, partner, score)
+    n = merge_clusters(together, both, size, rules, partner, score, parent, 5)
+    n += merge_clusters(together, both, size, rules, partner, score, parent, 1000)
+    assert n == 40 - len(expected)
+    while (parent[parent] != parent).any():
+        parent = parent[parent]
+    assert {frozenset(np.flatnonzero(parent == r).tolist()) for r in set(parent)} == expected
+
+
+def test_merged_masks_hold_two_groups() -> None:
+    table = np.array([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
+    assert merged_masks(table, ConsensusConfig()).tolist() == [2, 3]
+
+
+def test_settings_are_checked() -> None:
+    for bad in ({"per_mask": 0}, {"max_points": 1}, {"doubt": -1.0}, {"min_voice": 0.0}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            ConsensusConfig(**bad)
+    with pytest.raises(ValueError, match="agreements"):
+        ConsensusConfig(view_agreement=1.0)
+    with pytest.raises(ValueError, match="depth"):
+        AssociateConfig(depth="none", consensus=ConsensusConfig())
+
+
+def _centres(scene: Synthetic) -> DoubleArray:
+    means = scene.gaussians.means
+    found = [means[scene.labels == k].mean(axis=0) for k in range(1, 6)]
+    return np.array(found, np.float64)
+
+
+def _loaded(scene: Synthetic) -> tuple[Callable[[Camera], ViewMasks], DepthMaps]:
+    maps = {camera.name: ViewMasks.of(true_map(scene, camera)) for camera in scene.cameras}
+    depths = DepthMaps.for_views(scene.cameras)
+    for camera in scene.cameras:
+        frame = choose().render(scene.gaussians, camera)
+        depths.add(camera.name, frame.median_depth, frame.alpha, 0.5)
+    return lambda camera: maps[camera.name], depths
+
+
+def _plain_linkage(mask_of: IntArray, rules: DoubleArray) -> set[frozenset[int]]:
+    """Average linkage over pairs, from the definition, all agreements afresh after each merge."""
+    known = (mask_of[:, None] > 0) & (mask_of[None] > 0)
+    same = known & (mask_of[:, None] == mask_of[None])
+    both, together = known.sum(axis=2), same.sum(axis=2)
+    clusters = [[i] for i in range(len(mask_of))]
+    while True:
+        best, pair = rules[0], None
+        for a in range(len(clusters)):
+            for b in range(a + 1, len(clusters)):
+                block = np.ix_(clusters[a], clusters[b])
+                views = both[block].mean()
+                value = (together[block].mean() + 0.5 * rules[2]) / (views + rules[2])
+                if views >= rules[1] and value > best + 1e-9:
+                    best, pair = value, (a, b)
+        if pair is None:
+            return {frozenset(cluster) for cluster in clusters}
+        clusters[pair[0]] += clusters.pop(pair[1])
+        clusters.sort(key=min)

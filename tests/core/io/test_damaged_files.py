@@ -1,0 +1,226 @@
+"""Whatever bytes a file holds, reading it gives a result or one sentence, and never less."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.metrics import UNANSWERED, evaluate, score_pairs
+from gaga_core.grouping.bank_file import load_bank, save_bank
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.progress import run_stage
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from tests.scenes import orbit_cameras, random_gaussians
+
+
+def opened(path: Path) -> Project:
+    return run_stage(open_path_stage(path))
+
+
+def bank_of(n: int) -> MemoryBank:
+    log = tuple(Decision(f"{i}.jpg", i, i % 5 + 1, i < 5, 0.3, 0, 0.1, 40) for i in range(60))
+    return MemoryBank((np.arange(n) % 5 + 1).astype(np.int32), 5, log)
+
+
+def one_sentence_or_result(path: Path, read: Callable[[], object], seed: int) -> int:
+    """Flip and cut bytes of ``path`` in many ways; returns how often it was refused."""
+    good, rng = path.read_bytes(), random.Random(seed)
+    said = []
+    for i in range(250):
+        bad = bytearray(good)
+        if i % 3 == 0:
+            bad = bad[: rng.randrange(len(bad))]
+        for _ in range(rng.choice((1, 3, 20)) if i % 3 else 0):
+            bad[rng.randrange(len(bad))] = rng.randrange(256)
+        path.write_bytes(bad)
+        try:
+            read()
+        except GagaError as error:
+            said.append(str(error))
+    path.write_bytes(good)
+    assert not any("\n" in text for text in said)
+    return len(said)
+
+
+def test_a_damaged_bank_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "bank.npz"
+    save_bank(path, bank_of(500))
+    assert one_sentence_or_result(path, lambda: load_bank(path), 1) > 100
+    assert load_bank(path).log == bank_of(500).log
+
+
+def test_a_damaged_scene_file_is_refused_in_words(tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", random_gaussians(400))
+    project = opened(tmp_path / "a.ply")
+    project.scene.labels[:] = np.arange(400) % 7
+    where = save_project(project)
+    path = next(where.glob("scene-*.npz"))
+    assert one_sentence_or_result(path, lambda: opened(where), 2) > 100
+    assert (opened(where).scene.labels == project.scene.labels).all()
+
+
+def test_arrays_of_another_kind_are_damage(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros(3))
+    with pytest.raises(GagaError, match="damaged"):
+        read_arrays(tmp_path / "a.npy", "Do it again.")
+    with pytest.raises(GagaError, match="does not exist"):
+        read_arrays(tmp_path / "b.npz", "Do it again.")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (b"element vertex 30", b"element vertex " + b"9" * 30, "truncated or damaged"),
+        (b"f_rest_3\n", b"f_rest_99\n", "without f_rest_3"),
+        (b"element", "comment café\nelement".encode(), "outside ASCII"),
+    ],
+)
+def test_odd_ply_headers(tmp_path: Path, old: bytes, new: bytes, says: str) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, random_gaussians(30, sh_degree=1))
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    with pytest.raises(GagaError, match=says):
+        read_ply(path)
+
+
+@pytest.fixture(scope="module")
+def binary_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    import pycolmap
+
+    text = tmp_path_factory.mktemp("text")
+    write_colmap(text, orbit_cameras(4), np.ones((5, 3)), np.zeros((5, 3), np.uint8))
+    binary = tmp_path_factory.mktemp("binary")
+    pycolmap.Reconstruction(str(text)).write_binary(str(binary))
+    return binary
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("cameras.bin", lambda b: b[:-1], "cameras.bin is truncated"),
+        ("cameras.bin", lambda b: b[:30], "cameras.bin is truncated"),
+        ("points3D.bin", lambda _: b"", "points3D.bin is truncated"),
+        ("points3D.bin", lambda b: b"\xff" * 8 + b[8:], "points3D.bin is truncated"),
+        ("points3D.bin", None, "no points3D.bin"),
+        ("images.bin", lambda b: b[:200], "cannot be read"),
+    ],
+)
+def test_a_binary_model_that_was_cut_is_refused(
+    binary_model: Path, tmp_path: Path, name: str, content: Callable[[bytes], bytes], says: str
+) -> None:
+    for file in binary_model.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    assert len(read_colmap(tmp_path).cameras) == 4
+    if content is None:
+        (tmp_path / name).unlink()
+    else:
+        (tmp_path / name).write_bytes(content((tmp_path / name).read_bytes()))
+    with pytest.raises(GagaError, match=says):
+        read_colmap(tmp_path)
+
+
+@pytest.mark.parametrize("camera", ["0 0 50 50 5 5", "10 10 0 50 5 5", "10 10 50 50 nan 5"])
+def test_cameras_without_size_or_focal_length_are_named(tmp_path: Path, camera: str) -> None:
+    write_colmap(tmp_path, orbit_cameras(1), np.ones((1, 3)), np.zeros((1, 3), np.uint8))
+    (tmp_path / "cameras.txt").write_text(f"1 PINHOLE {camera}\n")
+    with pytest.raises(GagaError, match="COLMAP model"):
+        read_colmap(tmp_path)
+
+
+def test_a_split_may_name_photos_by_stem(tmp_path: Path) -> None:
+    write_colmap(
+        tmp_path / "sparse/0", orbit_cameras(3), np.ones((1, 3)), np.ones((1, 3), np.uint8)
+    )
+    (tmp_path / "split.json").write_text('{"train": ["000", "002.jpg"], "test": ["001.png"]}')
+    folder = open_scene_folder(tmp_path)
+    assert (folder.train, folder.test) == (("000.png", "002.png"), ("001.png",))
+    (tmp_path / "split.json").write_text('{"train": "000", "test": []}')
+    with pytest.raises(GagaError, match=r"split\.json"):
+        open_scene_folder(tmp_path)
+
+
+def test_negative_ids_are_none_and_maps_can_be_written_to(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[-1, 70000], [3, 0]], np.int32)).save(tmp_path / "a.tif")
+    labels = read_labels(tmp_path / "a.tif")
+    assert labels.tolist() == [[0, 70000], [3, 0]]
+    assert labels.flags.writeable
+
+
+def test_a_missing_map_scores_zero_for_void_too(tmp_path: Path) -> None:
+    true = np.zeros((4, 5), np.int32)
+    true[0] = 1
+    for name in ("pred", "gt"):
+        (tmp_path / name).mkdir()
+    write_labels(tmp_path / "gt" / "a.png", true)
+    report = evaluate(tmp_path / "pred", tmp_path / "gt")
+    assert report.missing == ("a",)
+    for score in (report.with_void, report.without_void):
+        assert (score.iou, score.pooled_iou, score.recall, score.n_predicted) == (0, 0, 0, 0)
+    with_void, _ = score_pairs([(true, true), (true, np.full_like(true, UNANSWERED))])
+    assert with_void.iou == pytest.approx(0.5)
+    assert with_void.n_predicted == 2
+
+
+def test_ids_too_large_for_a_table_score_alike() -> None:
+    rng = np.random.default_rng(0)
+    true = np.kron(rng.integers(0, 4, (4, 5)), np.ones((3, 3))).astype(np.int32)
+    pred = rng.integers(0, 4, true.shape).astype(np.int32)
+    assert score_pairs([(true, pred)]) == score_pairs([(true, pred * 500_000_000)])
+
+
+@pytest.mark.parametrize("names", ["[]", "null", '{"mug": "x"}'])
+def test_names_of_another_form_are_damage(tmp_path: Path, names: str) -> None:
+    write_ply(tmp_path / "a.ply", random_gaussians(9))
+    file = save_project(opened(tmp_path / "a.ply")) / "project.json"
+    file.write_text(file.read_text().replace('"names": {}', f'"names": {names}'))
+    with pytest.raises(GagaError, match="no project"):
+        opened(file)
+
+
+def test_a_save_does_not_need_the_model_and_remembers_which_it_was(tmp_path: Path) -> None:
+    model = tmp_path / "a.ply"
+    write_ply(model, random_gaussians(30))
+    content = model.read_bytes()
+    project = opened(model)
+    project.scene.labels[3] = 2
+    write_ply(model, random_gaussians(30, seed=1))  # an export over the opened file
+    where = save_project(project)
+    with pytest.raises(GagaError, match="changed since"):
+        opened(where)
+    model.unlink()
+    save_project(project)
+    model.write_bytes(content)
+    assert opened(where).scene.labels[3] == 2
+
+
+def test_a_fresh_look_at_a_ply_never_replaces_an_earlier_save(tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", random_gaussians(30))
+    first = opened(tmp_path / "a.ply")
+    first.scene.names[1] = "mug"
+    one = save_project(first)
+    two = save_project(opened(tmp_path / "a.ply"))
+    assert one != two
+    assert opened(one).scene.names == {1: "mug"}
+    assert save_project(first) == one  # saving on goes where it was
+
+
+def test_a_save_elsewhere_keeps_the_photos_and_foreign_files(tmp_path: Path) -> None:
+    root, other = tmp_path / "s", tmp_path / "other"
+    write_colmap(root / "sparse/0", orbit_cameras(3), np.ones((1, 3)), np.ones((1, 3), np.uint8))
+    write_ply(root / "point_cloud.ply", random_gaussians(9))
+    other.mkdir()
+    (other / "scene-of-mine.npz").write_bytes(b"not ours")
+    save_project(opened(root), other / "project.json")
+    again = opened(other)
+    assert again.folder is not None
+    assert len(again.folder.cameras) == 3
+    assert (other / "scene-of-mine.npz").read_bytes() == b"not ours"

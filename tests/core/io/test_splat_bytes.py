@@ -1,0 +1,209 @@
+"""Splat files of other programs, made byte by byte: what is read, and what is not believed."""
+
+import gzip
+import io
+import json
+import struct
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from PIL import Image
+
+from gaga_core.arrays import AnyArray
+from gaga_core.color import SH_C0
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.splat_files import read_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene.project import open_path_stage
+from tests.core.io.test_damaged_files import one_sentence_or_result
+
+
+def test_a_splat_record_is_read_as_its_author_wrote_it(tmp_path: Path) -> None:
+    record = struct.pack("<6f", 1, 2, 3, 0.1, 0.2, 0.4) + bytes(
+        [255, 128, 0, 64, 192, 128, 64, 128]
+    )
+    (tmp_path / "a.splat").write_bytes(record)
+    g = read_splats(tmp_path / "a.splat")
+    np.testing.assert_allclose(g.means, [[1, 2, 3]])
+    np.testing.assert_allclose(g.scales, [[0.1, 0.2, 0.4]], rtol=1e-6)
+    np.testing.assert_allclose(g.sh[0, 0] * SH_C0 + 0.5, [1, 128 / 255, 0], atol=1e-6)
+    np.testing.assert_allclose(g.opacities, [64 / 255], atol=1e-6)
+    np.testing.assert_allclose(g.quats, [[0.5**0.5, 0, -(0.5**0.5), 0]], atol=1e-6)
+
+
+def spz_sections() -> bytes:
+    """One splat: at (1, -2, 0.5) up and back, half opaque, grey, SH of degree 1."""
+    fixed = b"".join(int(v * 4096).to_bytes(3, "little", signed=True) for v in (1, -2, 0.5))
+    word = (3 << 30) | (511 << 20)  # w largest, x = sqrt(1/2), so w = x
+    sh = bytes([128 + 64, 128, 128, 128, 128 + 32, 128, 128, 128, 128 - 16])
+    return (
+        fixed
+        + bytes([128])
+        + bytes([127, 128, 255])
+        + bytes([160, 0, 112])
+        + struct.pack("<I", word)
+        + sh
+    )
+
+
+def check_spz(g: Gaussians) -> None:
+    np.testing.assert_allclose(g.means, [[1, 2, -0.5]])
+    np.testing.assert_allclose(g.log_scales, [[0, -10, -3]])
+    np.testing.assert_allclose(g.opacities, [128 / 255], atol=1e-6)
+    np.testing.assert_allclose(g.sh[0, 0, 2], 0.5 / 0.15, rtol=1e-6)
+    np.testing.assert_allclose(g.quats, [[0.5**0.5, 0.5**0.5, 0, 0]], atol=1e-6)
+    expected = [[-0.5, 0, 0], [0, -0.25, 0], [0, 0, -0.125]]  # y and z turn their sign, x stays
+    np.testing.assert_allclose(g.sh[0, 1:], expected)
+    assert g.is_antialiased
+
+
+def test_spz_of_version_3_and_4_from_its_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "a.spz"
+    head = struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 1, 12, 1, 0)
+    path.write_bytes(gzip.compress(head + spz_sections()))
+    check_spz(read_splats(path))
+    raw, parts = spz_sections(), []
+    for size in (9, 1, 3, 3, 4, 9):
+        parts.append(raw[:size])
+        raw = raw[size:]
+    packed = [zstandard.ZstdCompressor().compress(part) for part in parts]
+    extension = struct.pack("<II", 0xADBE0002, 4) + bytes(4)
+    toc = 32 + len(extension)
+    head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, 1, 1, 12, 1 | 2, 6, toc)
+    table = b"".join(struct.pack("<QQ", len(p), len(q)) for p, q in zip(packed, parts, strict=True))
+    path.write_bytes(head + extension + table + b"".join(packed))
+    check_spz(read_splats(path))
+
+
+def test_spz_of_version_2_has_three_bytes_a_rotation(tmp_path: Path) -> None:
+    raw = spz_sections()
+    head = struct.pack("<IIIBBBB", 0x5053474E, 2, 1, 0, 12, 0, 0)
+    path = tmp_path / "a.spz"
+    path.write_bytes(gzip.compress(head + raw[:16] + bytes([255, 127, 127])))
+    g = read_splats(path)
+    np.testing.assert_allclose(np.abs(g.quats), [[0, 1, 0, 0]], atol=0.01)
+    assert not g.is_antialiased
+
+
+def webp(pixels: AnyArray) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(pixels.astype(np.uint8)).save(out, "WEBP", lossless=True, exact=True)
+    return out.getvalue()
+
+
+def sog_parts() -> dict[str, bytes]:
+    """Two splats in 4 x 1 pixels, SH of degree 1 from a palette of one entry."""
+    low, high = np.zeros((1, 4, 4)), np.zeros((1, 4, 4))
+    low[..., 3] = high[..., 3] = 255
+    low[0, 0, :3], high[0, 0, :3] = 255, 255  # the greatest corner: log 1, 2, 3
+    quats = np.zeros((1, 4, 4))
+    quats[0, 0] = (255, 127, 127, 252)  # w largest, x = sqrt(1/2)
+    quats[0, 1] = (127, 127, 127, 255)  # z largest
+    scales = np.full((1, 4, 4), 255)
+    scales[0, 0, :3] = (0, 1, 2)
+    sh0 = np.zeros((1, 4, 4))
+    sh0[0, 0], sh0[0, 1] = (10, 20, 30, 128), (0, 0, 0, 255)
+    centroids = np.zeros((1, 192, 4))
+    centroids[..., 3], centroids[0, 1] = 255, (1, 2, 3, 255)
+    labels = np.zeros((1, 4, 4))
+    labels[..., 3], labels[0, 1, 0] = 255, 7  # the second points past the palette: none
+    codebook = [i / 100 for i in range(256)]
+    meta = {
+        "version": 2,
+        "count": 2,
+        "means": {"mins": [0, 0, 0], "maxs": [1, 2, 3], "files": ["l.webp", "u.webp"]},
+        "quats": {"files": ["q.webp"]},
+        "scales": {"codebook": [-v for v in codebook], "files": ["s.webp"]},
+        "sh0": {"codebook": codebook, "files": ["c.webp"]},
+        "shN": {"count": 1, "bands": 1, "codebook": codebook, "files": ["p.webp", "n.webp"]},
+    }
+    pictures = (low, high, quats, scales, sh0, centroids, labels)
+    names = ("l", "u", "q", "s", "c", "p", "n")
+    files = {f"{name}.webp": webp(pixels) for name, pixels in zip(names, pictures, strict=True)}
+    return {"meta.json": json.dumps(meta).encode(), **files}
+
+
+def zipped(path: Path, parts: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_a_sog_is_read_from_a_zip_and_from_a_folder(tmp_path: Path) -> None:
+    for name, content in sog_parts().items():
+        (tmp_path / name).write_bytes(content)
+    sources = [zipped(tmp_path / "a.sog", sog_parts()), tmp_path, tmp_path / "meta.json"]
+    for source in sources:
+        g = read_splats(source)
+        np.testing.assert_allclose(g.means[0], np.expm1([1, 2, 3]), rtol=1e-6)
+        np.testing.assert_allclose(g.means[1], 0)
+        np.testing.assert_allclose(g.quats[0], [0.5**0.5, 0.5**0.5, 0, 0], atol=5e-3)
+        np.testing.assert_allclose(g.quats[1], [0, 0, 0, 1], atol=5e-3)
+        np.testing.assert_allclose(g.log_scales[0], [0, -0.01, -0.02], atol=1e-7)
+        np.testing.assert_allclose(g.sh[0, 0], [0.1, 0.2, 0.3], atol=1e-7)
+        np.testing.assert_allclose(g.sh[0, 2], [0.01, 0.02, 0.03], atol=1e-7)
+        assert not g.sh[1, 1:].any()
+        np.testing.assert_allclose(g.opacities, [128 / 255, 1], atol=1e-5)
+        assert len(run_stage(open_path_stage(source)).scene) == 2
+
+
+def test_a_damaged_sog_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "a.sog", sog_parts())
+    assert one_sentence_or_result(path, lambda: read_splats(path), 6) > 60
+
+
+def _claims(n: int) -> bytes:
+    return gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, n, 3, 12, 0, 0) + bytes(400))
+
+
+def _claims_4(n: int) -> bytes:
+    head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, n, 0, 12, 0, 5, 32)
+    widths = (9, 1, 3, 3, 4)
+    streams = [zstandard.ZstdCompressor().compress(bytes(100)) for _ in widths]
+    table = b"".join(
+        struct.pack("<QQ", len(s), n * w) for s, w in zip(streams, widths, strict=True)
+    )
+    return head + table + b"".join(streams)
+
+
+def _huge_sog(parts: dict[str, bytes]) -> dict[str, bytes]:
+    meta = json.loads(parts["meta.json"])
+    meta["count"] = 200_000_000
+    return {**parts, "meta.json": json.dumps(meta).encode()}
+
+
+def _bomb(parts: dict[str, bytes]) -> dict[str, bytes]:
+    return {**parts, "l.webp": bytes(1 << 28)}
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("a.spz", lambda p: p.write_bytes(_claims(4_000_000_000))),
+        ("b.spz", lambda p: p.write_bytes(_claims_4(500_000))),
+        ("a.sog", lambda p: zipped(p, _huge_sog(sog_parts()))),
+        ("b.sog", lambda p: zipped(p, _bomb(sog_parts()))),
+        ("a.splat", lambda p: p.write_bytes(b"x" * 33)),
+        ("b.splat", lambda p: p.write_bytes(b"\xff" * 3200)),
+        ("c.spz", lambda p: p.write_bytes(b"")),
+        ("d.spz", lambda p: p.write_bytes(_claims(0))),
+    ],
+)
+def test_promises_are_not_believed(
+    tmp_path: Path, name: str, make: Callable[[Path], object]
+) -> None:
+    make(tmp_path / name)
+    tracemalloc.start()
+    with pytest.raises(GagaError) as refused:
+        read_splats(tmp_path / name)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert "\n" not in str(refused.value)
+    assert peak < 250e6

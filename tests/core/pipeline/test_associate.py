@@ -1,0 +1,236 @@
+"""Stages over a scene folder: what they write, and that they write it whole or not at all."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.grouping.bank_file import load_bank
+from gaga_core.io.colmap import write_colmap
+from gaga_core.io.images import write_rgb
+from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.ply import write_ply
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.pipeline.associate import (
+    associate_scene,
+    mask_path_of,
+    read_groups,
+    render_views,
+    select_views,
+)
+from gaga_core.progress import run_stage
+from tests.core.grouping.test_associate import permuted, true_map
+from tests.scenes import objects_scene
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of 8 views, 6 of them for training, with perfect masks."""
+    root = tmp_path_factory.mktemp("made")
+    scene = objects_scene(n_objects=4, per_object=200, n_cameras=8)
+    write_ply(root / "point_cloud.ply", scene.gaussians)
+    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    (root / "images").mkdir()
+    for folder in ("masks/sim", "gt/instance"):
+        (root / folder).mkdir(parents=True)
+    for i, camera in enumerate(scene.cameras):
+        truth = true_map(scene, camera)
+        write_labels(root / "masks/sim" / camera.name, permuted(truth, i))
+        write_labels(root / "gt/instance" / camera.name, truth)
+        write_rgb(root / "images" / camera.name, np.zeros((120, 160, 3), np.uint8))
+    names = [camera.name for camera in scene.cameras]
+    split = {"train": names[:3] + names[4:7], "test": [names[3], names[7]]}
+    (root / "split.json").write_text(json.dumps(split))
+    return root
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> SceneFolder:
+    """A copy of the scene to write into."""
+    root = tmp_path / "scene"
+    for source in sorted(made.rglob("*")):
+        target = root / source.relative_to(made)
+        if source.is_dir():
+            target.mkdir(parents=True)
+        else:
+            target.write_bytes(source.read_bytes())
+    return open_scene_folder(root)
+
+
+def _contents(root: Path) -> dict[str, str]:
+    files = sorted(path for path in root.rglob("*") if path.is_file())
+    sums = {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    return sums | {str(p.relative_to(root)): "" for p in root.rglob("*") if p.is_dir()}
+
+
+def test_associate_writes_bank_labels_and_pseudo_labels(folder: SceneFolder) -> None:
+    result = run_stage(associate_scene(folder))
+    bank = load_bank(folder.work / "bank.npz")
+    assert bank.log == result.bank.log
+    assert (bank.group == result.bank.group).all()
+    labels, confidence = read_groups(folder, len(result.labels))
+    assert (labels == result.labels).all()
+    assert (confidence == result.confidence).all()
+    assert sorted(p.stem for p in (folder.work / "masks").iterdir()) == sorted(
+        Path(name).stem for name in folder.train
+    )
+    name = folder.train[2]
+    written = read_labels(folder.work / "masks" / name)
+    masks = read_labels(folder.root / "masks/sim" / name)
+    assert (written == result.mask_groups[name][masks]).all()
+    report = json.loads((folder.work / "report.json").read_text())
+    assert report["associate"]["groups"] == result.bank.n_groups == 5
+    assert not list(folder.work.glob(".*"))
+
+
+def test_groups_of_test_views_match_the_truth(folder: SceneFolder, tmp_path: Path) -> None:
+    run_stage(associate_scene(folder))
+    files = run_stage(render_views(folder, tmp_path / "out"))
+    assert [path.name for path in files] == [f"{Path(n).stem}.png" for n in folder.test]
+    with Image.open(files[0]) as picture:
+        assert picture.mode in ("I;16", "I")
+    _, score = _scores(folder, files)
+    assert score.iou > 0.85
+    assert score.recall == 1.0
+
+
+def test_more_than_255_groups_survive_the_files(folder: SceneFolder) -> None:
+    ids = np.array([[0, 1, 255, 256], [257, 300, 511, 65535]], np.int32)
+    write_labels(folder.root / "wide.png", ids)
+    assert (read_labels(folder.root / "wide.png") == ids).all()
+    n = 400  # groups; the last one is what every splat gets
+    folder.work.mkdir()
+    run_stage(associate_scene(folder))
+    labels, confidence = read_groups(folder, len(read_groups_any(folder)))
+    np.savez(
+        folder.work / "labels.npz",
+        labels=np.where(labels > 0, labels + n, 0).astype(np.int32),
+        confidence=confidence,
+    )
+    files = run_stage(render_views(folder))
+    assert read_labels(files[0]).max() > n
+
+
+def read_groups_any(folder: SceneFolder) -> np.ndarray:
+    with np.load(folder.work / "labels.npz") as data:
+        return np.asarray(data["labels"])
+
+
+@pytest.mark.parametrize("steps", [1, 4, 9, 14, 17])
+def test_cancelled_association_leaves_the_folder_untouched(folder: SceneFolder, steps: int) -> None:
+    before = _contents(folder.root)
+    stage = associate_scene(folder)
+    for _ in range(steps):
+        next(stage)
+    stage.close()
+    assert _contents(folder.root) == before
+
+
+def test_cancelled_association_keeps_the_former_result(folder: SceneFolder) -> None:
+    run_stage(associate_scene(folder))
+    before = _contents(folder.root)
+    stage = associate_scene(folder, config=AssociateConfig(threshold=0.9))
+    for step in stage:
+        if step.stage == "Write label maps":
+            break
+    stage.close()
+    assert _contents(folder.root) == before
+
+
+def test_cancelled_render_leaves_nothing(folder: SceneFolder, tmp_path: Path) -> None:
+    stage = render_views(folder, tmp_path / "deep" / "out", what="rgb", views="all")
+    for _ in range(4):
+        next(stage)
+    stage.close()
+    assert not (tmp_path / "deep").exists()
+
+
+def test_render_depth_and_rgb(folder: SceneFolder, tmp_path: Path) -> None:
+    (depth,) = run_stage(render_views(folder, tmp_path / "d", what="depth", views="000"))
+    values = read_labels(depth)
+    assert 2500 < np.median(values[values > 0]) < 4500
+    (rgb,) = run_stage(render_views(folder, tmp_path / "c", what="rgb", views=("000.png",)))
+    with Image.open(rgb) as picture:
+        assert (picture.mode, picture.size) == ("RGB", (160, 120))
+
+
+def test_views_by_word_and_by_name(folder: SceneFolder) -> None:
+    assert [c.name for c in select_views(folder, "test")] == list(folder.test)
+    assert select_views(folder, ("train",)) == select_views(folder, "train")
+    assert len(select_views(folder, "all")) == 8
+    assert [c.name for c in select_views(folder, "002,005.png")] == ["002.png", "005.png"]
+    with pytest.raises(GagaError, match="no view 99"):
+        select_views(folder, ["002", "99"])
+
+
+def test_plain_sentences(folder: SceneFolder, tmp_path: Path) -> None:
+    with pytest.raises(GagaError, match="no mask folder sam"):
+        mask_path_of(folder, "sam")
+    with pytest.raises(GagaError, match="There are no groups"):
+        run_stage(render_views(folder))
+    with pytest.raises(GagaError, match="nothing called 'normals'"):
+        run_stage(render_views(folder, what="normals"))  # type: ignore[arg-type]
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(GagaError, match=r"None of the 6 views has masks|no masks"):
+        run_stage(associate_scene(folder, empty))
+    (folder.root / "point_cloud.ply").unlink()
+    with pytest.raises(GagaError, match="no model"):
+        run_stage(associate_scene(open_scene_folder(folder.root)))
+
+
+def test_several_providers_have_to_be_told_apart(folder: SceneFolder) -> None:
+    (folder.root / "masks" / "other").mkdir()
+    write_labels(folder.root / "masks/other/000.png", np.ones((4, 4), np.int32))
+    both = open_scene_folder(folder.root)
+    with pytest.raises(GagaError, match="several mask folders: other, sim"):
+        mask_path_of(both, None)
+    assert mask_path_of(both, "sim") == folder.root / "masks" / "sim"
+
+
+def test_groups_of_another_model_are_refused(folder: SceneFolder) -> None:
+    run_stage(associate_scene(folder))
+    with pytest.raises(GagaError, match="for 1400 Gaussians, the model has 7"):
+        read_groups(folder, 7)
+    (folder.work / "labels.npz").write_bytes(b"no zip")
+    with pytest.raises(GagaError, match="damaged"):
+        read_groups(folder, 1400)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("preset", "precision"), [("paper", 0.79), ("robust", 0.85)])
+def test_ycb_table_reaches_the_bar(
+    preset: str, precision: float, ycb_table: Path, tmp_path: Path
+) -> None:
+    """Held-out views, void left out: measured IoU 0.948, recall 1.0 by both presets.
+
+    Precision 0.84 by paper and 0.94 by robust.
+    """
+    folder = _beside(open_scene_folder(ycb_table), tmp_path)
+    run_stage(associate_scene(folder, "sim", AssociateConfig.of(preset)))
+    files = run_stage(render_views(folder, tmp_path / "out"))
+    with_void, without_void = _scores(replace(folder, root=ycb_table), files)
+    assert without_void.iou >= 0.93
+    assert without_void.precision >= precision
+    assert without_void.recall == 1.0
+    assert with_void.iou >= 0.93
+    assert with_void.recall == 1.0
+
+
+def _scores(folder: SceneFolder, files: Sequence[Path]) -> tuple[Score, Score]:
+    """Scores of label maps against gt/instance: with void, and with void left out."""
+    truth = folder.root / "gt" / "instance"
+    return score_pairs([(read_labels(truth / path.name), read_labels(path)) for path in files])
+
+
+def _beside(folder: SceneFolder, work: Path) -> SceneFolder:
+    """The same scene with its results elsewhere: real data stays as it is."""
+    return replace(folder, root=work)

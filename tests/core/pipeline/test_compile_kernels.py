@@ -1,0 +1,127 @@
+"""Compiling before work begins: once, with progress, and nothing left to compile afterwards."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gaga_core import kernels
+from gaga_core.pipeline import compile_kernels
+from gaga_core.progress import Progress, Stage, run_stage
+
+# In a process of its own: here other tests have compiled everything already.
+_NOTHING_LEFT = """
+import gc
+import numba
+import numpy as np
+from dataclasses import replace
+from functools import partial
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.reconstruct.initial import first_splats_stage
+from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.train import train
+from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.scene.objects import object_table
+from gaga_core.scene.picking import pick
+from gaga_core.scene.scene import Scene
+from gaga_core.warm import warm_up_stage
+from tests.scenes import objects_scene
+
+def compiled():
+    found = {o for o in gc.get_objects() if isinstance(o, numba.core.registry.CPUDispatcher)}
+    return {
+        f"{d.__module__}.{d.__name__}": len(d.nopython_signatures)
+        for d in found if d.__module__.startswith("gaga_core")
+    }
+
+run_stage(warm_up_stage())
+before = compiled()
+assert sum(before.values()) > 10, before
+made = objects_scene(4, 300, sh_degree=2)
+for array in (made.gaussians.means, made.gaussians.sh, made.labels):
+    array.setflags(write=False)  # as a memory-mapped file is
+cpu, g = choose(), made.gaussians
+labels = {c.name: cpu.label_splat(g, c, made.labels).labels for c in made.cameras}
+masks = MaskSet({name: partial(labels.get, name) for name in labels}, "test")
+for preset in ("paper", "robust"):
+    run_stage(associate_stage(g, made.cameras, masks, cpu, AssociateConfig.of(preset)))
+cpu.render(g, made.cameras[0], channels=np.zeros((len(g), 7), np.float32))
+cpu.render(g, made.cameras[0])
+scene = Scene.of(g, made.labels)
+pick(scene, made.cameras[0], 80.5, 60.5)
+pictures = [(cpu.render(g, c).image.clip(0, 1) * 255).astype(np.uint8) for c in made.cameras[:3]]
+first, *rest = (TrainView(c, p) for c, p in zip(made.cameras, pictures))
+views, settings = TrainViews(tuple(rest), (first,)), replace(TrainConfig.of("draft"), iterations=20)
+points, colors = g.means[::4].astype(np.float64), np.full((len(g.means[::4]), 3), 99, np.uint8)
+initial = run_stage(first_splats_stage(points, colors, rest, settings, cpu))
+train(initial, views, settings, cpu)
+object_table(scene)
+after = compiled()
+new = {name: (n, before.get(name, 0)) for name, n in after.items() if n != before.get(name, 0)}
+assert not new, new
+"""
+
+
+def test_after_the_warm_up_nothing_is_left_to_compile() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", _NOTHING_LEFT],
+        cwd=Path(__file__).parents[3],
+        env=os.environ,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.fixture
+def own_stamp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_kernels_are_compiled_once_the_stage_has_ended(own_stamp: Path) -> None:
+    stage = compile_kernels.warm_up_stage()
+    first = next(stage)
+    stage.close()  # cancelled
+    assert (first.stage, first.done) == (compile_kernels.STAGE, 0)
+    assert not kernels.is_compiled()
+    steps: list[Progress] = []
+    run_stage(compile_kernels.warm_up_stage(), steps.append)
+    assert kernels.is_compiled()
+    assert [step.done for step in steps] == list(range(steps[0].total + 1))
+
+
+def test_another_processor_or_numba_compiles_again(
+    own_stamp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels.mark_compiled()
+    assert kernels.is_compiled()
+    monkeypatch.setattr("numba.__version__", "0.0")
+    assert not kernels.is_compiled()
+
+
+def test_a_place_that_cannot_be_written_is_no_error(
+    own_stamp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own_stamp.write_text("a file where the folder should be")
+    kernels.mark_compiled()
+    assert not kernels.is_compiled()
+
+
+def test_work_waits_for_the_warm_up_only_the_first_time(
+    own_stamp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work() -> Stage[str]:
+        yield Progress("Work", 0, 1)
+        return "done"
+
+    for stages in ([compile_kernels.STAGE, "Work"], ["Work"]):
+        steps: list[Progress] = []
+        assert run_stage(compile_kernels.after_warm_up(work()), steps.append) == "done"
+        assert list(dict.fromkeys(step.stage for step in steps)) == stages

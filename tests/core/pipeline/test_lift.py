@@ -1,0 +1,206 @@
+"""The stage over a scene folder: what it writes, that it writes it whole or not at all."""
+
+import hashlib
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.identity.closed_form import Voted, vote_identity
+from gaga_core.identity.paper import PaperConfig
+from gaga_core.identity.refine import RefineConfig
+from gaga_core.identity.rows import RowConfig
+from gaga_core.io.colmap import write_colmap
+from gaga_core.io.masks import mask_folder, read_labels, write_labels
+from gaga_core.io.ply import write_ply
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.pipeline.associate import (
+    associate_scene,
+    read_groups,
+    read_model,
+    select_views,
+    splat_groups,
+)
+from gaga_core.pipeline.lift import (
+    CHECKPOINT,
+    LiftConfig,
+    Mode,
+    decode_groups,
+    lift_scene,
+    read_identity,
+)
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.core.grouping.test_associate import permuted, true_map
+from tests.scenes import objects_scene
+
+_ROWS = RowConfig(per_view=1000)
+_SMALL = LiftConfig(
+    refine=RefineConfig(rows=_ROWS, steps=10),
+    paper=PaperConfig(iterations=30, rows=_ROWS, reg_samples=100, checkpoint_every=10),
+)
+_MODES: tuple[Mode, ...] = ("vote", "refine", "paper")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of 6 views with perfect masks, associated."""
+    root = tmp_path_factory.mktemp("made") / "scene"
+    scene = objects_scene(n_objects=4, per_object=150, n_cameras=6)
+    write_ply(root / "point_cloud.ply", scene.gaussians)
+    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    (root / "masks/sim").mkdir(parents=True)
+    for i, camera in enumerate(scene.cameras):
+        write_labels(root / "masks/sim" / camera.name, permuted(true_map(scene, camera), i))
+    names = [camera.name for camera in scene.cameras]
+    (root / "split.json").write_text(json.dumps({"train": names[:5], "test": names[5:]}))
+    run_stage(associate_scene(open_scene_folder(root)))
+    return root
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> SceneFolder:
+    """A copy of the scene to write into."""
+    return open_scene_folder(shutil.copytree(made, tmp_path / "scene"))
+
+
+def _contents(root: Path) -> dict[str, str]:
+    files = sorted(path for path in root.rglob("*") if path.is_file())
+    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+@pytest.mark.parametrize("mode", _MODES)
+def test_lift_writes_identities_and_a_report(folder: SceneFolder, mode: Mode) -> None:
+    before = _contents(folder.root)
+    report = run_stage(lift_scene(folder, mode, _SMALL))
+    after = _contents(folder.root)
+    changed = {name for name in after if after[name] != before.get(name)}
+    assert changed == {"gaga/identity.npz", "gaga/report.json"}
+    gaussians = run_stage(read_model(folder))
+    identity = read_identity(folder, len(gaussians))
+    assert identity.mode == report.mode == mode
+    assert np.array_equal(identity.labels, identity.field.labels())
+    assert report.groups == identity.field.n_groups == 5
+    assert report.labelled == (identity.labels > 0).sum() > 0.9 * len(gaussians)
+    entries = json.loads((folder.work / "report.json").read_text())
+    assert "associate" in entries
+    assert entries["lift"] == json.loads(json.dumps(report.to_json())) | {
+        "config": entries["lift"]["config"]
+    }
+    assert entries["lift"]["rows"] > 0
+    assert ("steps" in entries["lift"]) == (mode != "vote")
+
+
+def test_vote_keeps_the_associations_labels(folder: SceneFolder) -> None:
+    run_stage(lift_scene(folder))
+    gaussians = run_stage(read_model(folder))
+    labels, confidence = read_groups(folder, len(gaussians))
+    identity = read_identity(folder, len(gaussians))
+    voted = confidence > 0
+    assert np.array_equal(identity.labels[voted], labels[voted])
+    camera = select_views(folder, "test")[0]
+    decoded = decode_groups(choose(), gaussians, camera, identity.field)
+    shown = splat_groups(choose(), gaussians, camera, identity.labels)
+    assert (decoded == shown).mean() > 0.97
+
+
+@pytest.mark.parametrize("mode", ["vote", "refine"])
+def test_a_cancelled_lift_leaves_the_folder_untouched(folder: SceneFolder, mode: Mode) -> None:
+    steps = sum(1 for _ in lift_scene(folder, mode, _SMALL))
+    shutil.rmtree(folder.work)
+    run_stage(associate_scene(folder))
+    before = _contents(folder.root)
+    for stop_at in range(1, steps + 1, max(1, steps // 5)):
+        stage = lift_scene(folder, mode, _SMALL)
+        for _ in range(stop_at):
+            next(stage)
+        stage.close()
+        assert _contents(folder.root) == before
+
+
+def test_a_cancelled_training_leaves_a_checkpoint_alone_and_goes_on(folder: SceneFolder) -> None:
+    run_stage(lift_scene(folder, "paper", _SMALL))
+    gaussians = run_stage(read_model(folder))
+    whole = read_identity(folder, len(gaussians))
+    run_stage(lift_scene(folder, "vote"))
+    before = _contents(folder.root)
+    stage = lift_scene(folder, "paper", _SMALL)
+    for progress in stage:
+        if progress.stage == "Train identities" and progress.done == 14:
+            break
+    stage.close()
+    after = _contents(folder.root)
+    assert set(after) - set(before) == {f"gaga/{CHECKPOINT}"}
+    assert {name: after[name] for name in before} == before
+    report = run_stage(lift_scene(folder, "paper", _SMALL))
+    assert report.figures.resumed_at == 14
+    assert not (folder.work / CHECKPOINT).exists()
+    resumed = read_identity(folder, len(gaussians))
+    assert np.array_equal(resumed.field.encodings, whole.field.encodings)
+    assert np.array_equal(resumed.field.weight, whole.field.weight)
+
+
+def test_labels_of_the_bank_can_be_trained_on(folder: SceneFolder) -> None:
+    report = run_stage(lift_scene(folder, "refine", replace(_SMALL, pseudo="bank")))
+    assert report.figures.accuracy is not None
+    assert report.figures.accuracy > 0.9
+    with pytest.raises(ValueError, match="pseudo"):
+        LiftConfig(pseudo="other")  # type: ignore[arg-type]
+
+
+def test_what_is_missing_or_does_not_fit_is_told(folder: SceneFolder) -> None:
+    with pytest.raises(GagaError, match="no mode 'magic'"):
+        run_stage(lift_scene(folder, "magic"))  # type: ignore[arg-type]
+    with pytest.raises(GagaError, match="Lift the groups first"):
+        read_identity(folder, 3)
+    run_stage(lift_scene(folder))
+    with pytest.raises(GagaError, match="the model has 3"):
+        read_identity(folder, 3)
+    name = f"{Path(folder.train[0]).stem}.png"
+    write_labels(folder.work / "masks" / name, np.full((120, 160), 77, np.int32))
+    with pytest.raises(GagaError, match="unknown groups"):
+        run_stage(lift_scene(folder, "refine", _SMALL))
+    (folder.work / "bank.npz").unlink()
+    with pytest.raises(GagaError, match="lacks the memory bank"):
+        run_stage(lift_scene(folder))
+    (folder.work / "labels.npz").unlink()
+    with pytest.raises(GagaError, match="Associate the masks first"):
+        run_stage(lift_scene(folder))
+
+
+def test_decoded_test_views_of_a_real_table_are_as_good_as_splatted_ones(ycb_table: Path) -> None:
+    """Held-out IoU of the decode path of mode "vote" within 2 points of label_splat."""
+    scene = open_scene_folder(ycb_table)
+    gaussians, engine = run_stage(read_model(scene)), choose()
+    cameras = select_views(scene, "train")[::4]
+    masks = mask_folder(scene.mask_folders["sim"], [camera.name for camera in cameras])
+    association = run_stage(
+        associate_stage(gaussians, cameras, masks, engine, AssociateConfig.of("paper"))
+    )
+    closed = run_stage(
+        vote_identity(
+            gaussians,
+            Voted(association.labels, association.confidence),
+            association.bank.group,
+            association.bank.n_groups,
+            cameras,
+            engine,
+        )
+    )
+    labels, field = closed.identity.labels, closed.identity.field
+    test = select_views(scene, "test")
+    truth = [read_labels(ycb_table / "gt/instance" / f"{Path(c.name).stem}.png") for c in test]
+
+    def score(shown: list[np.ndarray]) -> Score:
+        return score_pairs(zip(truth, shown, strict=True))[1]
+
+    splatted = score([splat_groups(engine, gaussians, camera, labels) for camera in test])
+    decoded = score([decode_groups(engine, gaussians, camera, field) for camera in test])
+    assert splatted.iou > 0.4
+    assert abs(decoded.iou - splatted.iou) < 0.02

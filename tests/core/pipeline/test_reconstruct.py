@@ -1,0 +1,188 @@
+"""From photos to a scene folder: complete, taken up after a stop, never over a person's files."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaga_core.errors import GagaError
+from gaga_core.io.cameras_json import read_cameras_json
+from gaga_core.io.ply import read_ply
+from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.pipeline.reconstruct import (
+    WORKSPACE,
+    ReconstructConfig,
+    find_photos,
+    read_entry,
+    reconstruct_scene,
+)
+from gaga_core.pipeline.run import missing_stages
+from gaga_core.progress import Progress, run_stage
+from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.reconstruct.losses import psnr
+from gaga_core.reconstruct.views import load_views_stage
+from tests.core.conftest import PlacedRoom
+
+TINY = ReconstructConfig(iterations=30, max_side=96)
+SFM = ReconstructConfig(only="sfm")
+
+
+@pytest.fixture
+def photos(placed_room: PlacedRoom, tmp_path: Path) -> Path:
+    """A folder with the room's photos."""
+    folder = tmp_path / "photos"
+    shutil.copytree(placed_room.workspace.parent / "in", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(placed_room: PlacedRoom, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder that had nothing but photos, reconstructed in full."""
+    scene = tmp_path_factory.mktemp("made") / "scene"
+    shutil.copytree(placed_room.workspace.parent / "in", scene / "images")
+    assert missing_stages(open_scene_folder(scene))[0] == "reconstruct"
+    result = run_stage(reconstruct_scene(None, scene, TINY))
+    assert result.stages_run == ("sfm", "train")
+    return scene
+
+
+def titles(photos: Path | None, scene: Path, config: ReconstructConfig) -> set[str]:
+    told: list[Progress] = []
+    run_stage(reconstruct_scene(photos, scene, config), told.append)
+    return {step.stage for step in told}
+
+
+def test_photos_become_a_scene_folder(made: Path) -> None:
+    names = sorted(path.name for path in made.iterdir())
+    assert names == ["cameras.json", "gaga", "images", "input", "point_cloud.ply", "sparse"]
+    folder = open_scene_folder(made)
+    assert len(folder.cameras) == len(folder.image_paths) == 8
+    for camera in folder.cameras:
+        with Image.open(folder.image_paths[camera.name]) as image:
+            assert image.size == (camera.width, camera.height)
+    listed = read_cameras_json(made / "cameras.json")
+    for one, other in zip(listed, folder.cameras, strict=True):
+        assert np.allclose(one.position, other.position, atol=1e-6)
+    assert "reconstruct" not in missing_stages(folder)
+
+
+def test_the_report_has_the_held_out_quality_that_the_file_gives(made: Path) -> None:
+    entry = read_entry(made)
+    sfm, train = entry["sfm"], entry["train"]
+    assert isinstance(sfm, dict)
+    assert isinstance(train, dict)
+    assert (sfm["photos"], sfm["registered"], sfm["checks"]) == (8, 8, [])
+    folder, splats = open_scene_folder(made), read_ply(made / "point_cloud.ply")
+    assert train["splats"] == len(splats)
+    views = run_stage(load_views_stage(folder.cameras, folder.image_paths, folder.test, 96)).test
+    held_out = train["held_out"]
+    assert [view["name"] for view in held_out["views"]] == list(folder.test)
+    raster = CpuRasterizer()
+    measured = [
+        psnr(np.clip(raster.render(splats, v.camera).image, 0, 1), v.target()) for v in views
+    ]
+    assert held_out["psnr"] == pytest.approx(np.mean(measured), abs=0.05)
+
+
+def test_what_is_there_is_not_made_again(made: Path) -> None:
+    before = {p: p.stat().st_mtime_ns for p in made.rglob("*")}
+    assert titles(None, made, TINY) == set()
+    assert {p: p.stat().st_mtime_ns for p in made.rglob("*")} == before
+
+
+def test_a_placed_scene_is_only_trained(made: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(made, scene)
+    (scene / "point_cloud.ply").unlink()
+    assert missing_stages(open_scene_folder(scene))[0] == "reconstruct"
+    result = run_stage(reconstruct_scene(None, scene, TINY))
+    assert result.stages_run == ("train",)
+    again, before = read_ply(scene / "point_cloud.ply"), read_ply(made / "point_cloud.ply")
+    assert np.array_equal(again.means, before.means)  # the same seed
+
+
+def test_a_stopped_run_goes_on_where_it_was(photos: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    stage = reconstruct_scene(photos, scene, SFM)
+    for step in stage:
+        if step.stage == "Place photos":
+            break
+    stage.close()
+    assert [path.name for path in scene.iterdir()] == [WORKSPACE]
+    assert titles(photos, scene, SFM) == {"Place photos", "Undistort photos"}
+    assert not (scene / WORKSPACE).exists()
+    assert len(open_scene_folder(scene).cameras) == 8
+
+
+def test_other_photos_or_settings_start_anew(photos: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    stage = reconstruct_scene(photos, scene, SFM)
+    for step in stage:
+        if step.stage == "Find features":
+            break
+    stage.close()
+    (photos / "007.jpg").unlink()
+    stage = reconstruct_scene(photos, scene, SFM)
+    assert next(stage).stage == "Look at photos"
+    stage.close()
+
+
+def test_a_stop_before_anything_is_finished_leaves_nothing(photos: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    stage = reconstruct_scene(photos, scene, SFM)
+    next(stage)
+    assert scene.exists()
+    stage.close()
+    assert not scene.exists()
+
+
+def test_the_originals_in_a_scene_folder_are_kept(made: Path, placed_room: PlacedRoom) -> None:
+    originals = placed_room.workspace.parent / "in"
+    kept = {path.name: path.read_bytes() for path in (made / "input").iterdir()}
+    assert kept == {path.name: path.read_bytes() for path in originals.iterdir()}
+    assert find_photos(made) == made / "input"
+
+
+def test_other_pictures_in_the_scene_are_not_replaced(photos: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    (scene / "images").mkdir(parents=True)
+    kept = scene / "images" / "mine.jpg"
+    shutil.copy(photos / "000.jpg", kept)
+    with pytest.raises(GagaError, match="holds other pictures already"):
+        run_stage(reconstruct_scene(photos, scene, SFM))
+    assert [path.name for path in scene.rglob("*")] == ["images", "mine.jpg"]
+
+
+def test_a_wrong_focal_length_is_refused_unless_accepted(photos: Path, tmp_path: Path) -> None:
+    scene, wrong = tmp_path / "scene", ReconstructConfig(only="sfm", focal=1500)
+    with pytest.raises(GagaError, match=r"not to be trusted.*--focal"):
+        run_stage(reconstruct_scene(photos, scene, wrong))
+    assert not (scene / "sparse").exists()
+    accepted = ReconstructConfig(only="sfm", focal=1500, accept_wrong=True)
+    result = run_stage(reconstruct_scene(photos, scene, accepted))
+    sfm = result.report["sfm"]
+    assert isinstance(sfm, dict)
+    assert "error" in {check["level"] for check in sfm["checks"]}
+    assert any("focal length" in note for note in result.notes)
+
+
+def test_too_few_photos_leave_nothing(photos: Path, tmp_path: Path) -> None:
+    for path in sorted(photos.iterdir())[1:]:
+        path.unlink()
+    shutil.copy(photos / "000.jpg", photos / "again.jpg")
+    with pytest.raises(GagaError, match=r"1 usable photo among 2 files.*again\.jpg"):
+        run_stage(reconstruct_scene(photos, tmp_path / "scene", SFM))
+    assert not (tmp_path / "scene").exists()
+    with pytest.raises(GagaError, match="no folder of photos"):
+        run_stage(reconstruct_scene(tmp_path / "none", tmp_path / "scene", SFM))
+    assert not (tmp_path / "scene").exists()
+
+
+def test_settings_are_checked() -> None:
+    for wrong in ({"focal": -1.0}, {"iterations": 0}, {"max_side": 3}, {"video_fps": 0.0}):
+        with pytest.raises(GagaError, match="--"):
+            replace(ReconstructConfig(), **wrong)
+    assert ReconstructConfig(max_side=200).train().longest_side == 200

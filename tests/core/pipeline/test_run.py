@@ -1,0 +1,119 @@
+"""Running what is missing in a scene folder: each stage once, and again when its source changed."""
+
+import hashlib
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io.colmap import write_colmap
+from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.ply import write_ply
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.pipeline import run
+from gaga_core.pipeline.associate import associate_scene, read_model, render_views
+from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
+from gaga_core.pipeline.run import SceneStage, Work, missing_stages, run_missing
+from gaga_core.progress import Progress, Stage, run_stage
+from tests.core.grouping.test_associate import permuted, true_map
+from tests.scenes import objects_scene
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> SceneFolder:
+    """A scene folder of 5 views, 4 of them for training, with perfect masks and no results."""
+    root = tmp_path / "scene"
+    scene = objects_scene(n_objects=3, per_object=120, n_cameras=5)
+    write_ply(root / "point_cloud.ply", scene.gaussians)
+    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    (root / "masks/sim").mkdir(parents=True)
+    for i, camera in enumerate(scene.cameras):
+        write_labels(root / "masks/sim" / camera.name, permuted(true_map(scene, camera), i))
+    names = [camera.name for camera in scene.cameras]
+    (root / "split.json").write_text(json.dumps({"train": names[:4], "test": names[4:]}))
+    return open_scene_folder(root)
+
+
+def _contents(root: Path) -> dict[str, str]:
+    files = sorted(path for path in root.rglob("*") if path.is_file())
+    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def test_each_stage_runs_once(folder: SceneFolder) -> None:
+    everything = ("associate", "lift", "render")
+    assert missing_stages(folder) == everything
+    assert run_stage(run_missing(folder)) == everything
+    before = _contents(folder.root)
+    assert run_stage(run_missing(folder)) == ()
+    assert _contents(folder.root) == before
+    (folder.work / "renders" / "groups" / f"{Path(folder.test[0]).stem}.png").unlink()
+    assert run_stage(run_missing(folder)) == ("render",)
+    (folder.work / "identity.npz").unlink()
+    assert run_stage(run_missing(folder)) == ("lift",)
+    after = _contents(folder.root)
+    assert {name for name in before if after.get(name) != before[name]} <= {"gaga/report.json"}
+
+
+def test_new_groups_make_encodings_and_pictures_anew(folder: SceneFolder) -> None:
+    run_stage(run_missing(folder))
+    run_stage(associate_scene(folder))
+    for path in (folder.work / "identity.npz", *folder.work.rglob("renders/groups/*.png")):
+        os.utime(path, (1e9, 1e9))  # clocks of file systems are coarse
+    assert missing_stages(folder) == ("lift", "render")
+
+
+def test_a_stage_that_is_to_run_takes_those_that_need_it_along(
+    folder: SceneFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stage before all others, whose result the later ones find: how stages are added."""
+    run_stage(run_missing(folder))
+    later = folder.root / "masks" / "new"
+
+    def segment(work: Work) -> Stage[object]:
+        yield Progress("Segment", 0, 1)
+        return (work.folder.root / "masks" / "sim").rename(later)
+
+    added = SceneStage("masks", (), lambda _: later.is_dir(), segment)
+    place = [stage.name for stage in run.STAGES].index("associate")
+    before, after = run.STAGES[: place - 1], run.STAGES[place + 1 :]
+    first = replace(run.STAGES[place], needs=("masks",))
+    monkeypatch.setattr(run, "STAGES", (*before, added, first, *after))
+    assert run_stage(run_missing(folder)) == ("masks", "associate", "lift", "render")
+    report = json.loads((folder.work / "report.json").read_text())
+    assert report["associate"]["mask_folder"] == str(later)
+    assert missing_stages(folder) == ()
+
+
+def test_a_stage_that_fails_leaves_what_came_before(folder: SceneFolder) -> None:
+    stage = run_missing(folder)
+    for progress in stage:
+        if progress.stage.startswith("Render"):
+            break
+    stage.close()
+    assert missing_stages(folder) == ("render",)
+    for path in folder.mask_folders.values():
+        path.rename(folder.root / "elsewhere")
+    (folder.work / "labels.npz").unlink()
+    with pytest.raises(GagaError, match="no masks and no photos"):
+        run_stage(run_missing(open_scene_folder(folder.root)))
+
+
+def test_identities_are_drawn_as_groups_are(folder: SceneFolder, tmp_path: Path) -> None:
+    """The closed form decodes to the label map but for pixels where two groups weigh the same."""
+    with pytest.raises(GagaError, match="Lift the groups first"):
+        run_stage(render_identity(folder))
+    run_stage(associate_scene(folder))
+    run_stage(lift_scene(folder))
+    decoded = run_stage(render_identity(folder, views="all"))
+    assert [path.parent for path in decoded] == [folder.work / "renders" / "identity"] * 5
+    splatted = run_stage(render_views(folder, tmp_path / "groups", views="all"))
+    n = len(run_stage(read_model(folder)))
+    n_groups = read_identity(folder, n).field.n_groups
+    for one, other in zip(decoded, splatted, strict=True):
+        ids = read_labels(one)
+        assert (ids == read_labels(other)).mean() > 0.97
+        assert 0 < ids.max() <= n_groups

@@ -1,0 +1,372 @@
+"""Search by words alone: facts of groups, the grammar, and answers."""
+
+import numpy as np
+import pytest
+
+from gaga_core.camera import Camera
+from gaga_core.color import dc_from_rgb
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at
+from gaga_core.pipeline.search import search
+from gaga_core.query.grammar import parse
+from gaga_core.query.group_facts import compact_rows, facts_of, group_facts
+from gaga_core.query.name_matching import name_scores
+from gaga_core.query.search import FITS, Answer
+from gaga_core.query.spatial_relations import canonical_view
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.scene import Scene
+
+Boxes = list[tuple[tuple[float, float, float], tuple[float, float, float], str]]
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def boxes_scene(boxes: Boxes, per_box: int = 300) -> Scene:
+    """Solid boxes (centre, sides, color as hex) as groups 1.., splats all over them."""
+    rng = np.random.default_rng(0)
+    means, colors, labels = [], [], []
+    for k, (centre, sides, color) in enumerate(boxes, start=1):
+        means.append(np.array(centre) + (rng.random((per_box, 3)) - 0.5) * sides)
+        rgb = [int(color[i : i + 2], 16) / 255 for i in (0, 2, 4)]
+        colors.append(np.tile(rgb, (per_box, 1)))
+        labels.append(np.full(per_box, k, np.int32))
+    n = per_box * len(boxes)
+    gaussians = Gaussians(
+        means=np.concatenate(means).astype(np.float32),
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        log_scales=np.full((n, 3), -4.0, np.float32),
+        logit_opacities=np.full(n, 3.0, np.float32),
+        sh=dc_from_rgb(np.concatenate(colors).astype(np.float32))[:, None, :],
+    )
+    return Scene.of(gaussians, np.concatenate(labels))
+
+
+def camera_at(eye: tuple[float, float, float], name: str = "front.png") -> Camera:
+    K = np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]])
+    return Camera(K, look_at(np.array(eye), np.zeros(3), _UP), 640, 480, name)
+
+
+FRONT, BACK = camera_at((0, -4, 1)), camera_at((0, 4, 1), "zback.png")
+# A red cube left, a large blue box in the middle, a yellow cube right, a small green one on the
+# blue box, a red slab behind, and the floor.
+TABLE: Boxes = [
+    ((-1.0, 0, 0.1), (0.2, 0.2, 0.2), "c81414"),
+    ((0.0, 0, 0.25), (0.5, 0.4, 0.5), "1e50c8"),
+    ((0.9, 0, 0.15), (0.3, 0.3, 0.3), "f0d010"),
+    ((0.0, 0, 0.55), (0.1, 0.1, 0.1), "209030"),
+    ((0.4, 1.2, 0.2), (0.6, 0.1, 0.4), "a01010"),
+    ((0.0, 0, -0.01), (6.0, 6.0, 0.02), "8a8a8a"),
+]
+NAMED = {1: "apple", 2: "toolbox", 3: "sponge", 4: "die", 5: "photo album"}
+
+
+@pytest.fixture(scope="module")
+def table() -> Scene:
+    scene = boxes_scene(TABLE)
+    scene.names = dict(NAMED)
+    return scene
+
+
+def ask(scene: Scene, text: str, camera: Camera | None = FRONT) -> Answer:
+    return search(scene, text, cameras=(FRONT, BACK), camera=camera)
+
+
+def meant(answer: Answer) -> set[int]:
+    return set(answer.groups[: answer.n_meant].tolist())
+
+
+# --- facts ----------------------------------------------------------------------------------------
+
+
+def test_facts_measure_boxes_as_they_were_made(table: Scene) -> None:
+    facts = group_facts(table, (FRONT, BACK))
+    for row, (centre, sides, _) in enumerate(TABLE):
+        world = facts.frame.T @ facts.centre[row]
+        assert np.allclose(world, centre, atol=0.06 * max(sides))
+        assert np.allclose(facts.extents[row], sorted(sides, reverse=True), rtol=0.15, atol=0.02)
+        assert facts.counts[row] == 300
+    assert facts.background.tolist() == [False] * 5 + [True]
+
+
+def test_strays_do_not_change_a_group_much(table: Scene) -> None:
+    clean = group_facts(table, (FRONT, BACK))
+    means = table.gaussians.means.copy()
+    means[:3] += 40  # of 300 splats of group 1
+    g = table.gaussians
+    strayed = Scene.of(
+        Gaussians(means, g.quats, g.log_scales, g.logit_opacities, g.sh), table.labels
+    )
+    facts = group_facts(strayed, (FRONT, BACK))
+    assert np.allclose(facts.extents[0], clean.extents[0], rtol=0.2)
+    assert np.allclose(facts.centre[0], clean.centre[0], atol=0.03)
+
+
+def test_one_huge_splat_does_not_color_a_group() -> None:
+    scene = boxes_scene(TABLE)
+    g = scene.gaussians
+    scales, sh = g.log_scales.copy(), g.sh.copy()
+    scales[5] += np.log(20)  # as large as all others of group 1 together, and white
+    sh[5] = dc_from_rgb(np.ones((1, 3), np.float32))
+    huge = Scene.of(Gaussians(g.means, g.quats, scales, g.logit_opacities, sh), scene.labels)
+    assert 1 in meant(ask(huge, "red"))
+    assert 1 not in meant(ask(huge, "white"))
+
+
+def test_crumbs_over_a_large_place_are_no_object() -> None:
+    """A few splats of the floor and the walls that an association left in a group of their own."""
+    scene = boxes_scene([*TABLE, ((0, 0, 0.3), (2.5, 2.5, 0.8), "8a8a8a")])
+    few = np.flatnonzero(scene.labels == 7)[60:]
+    gone = edits.delete(scene, few)
+    assert gone is not None
+    History(scene).do(gone)
+    assert ask(scene, "largest").groups[0] == 2
+    assert ask(scene, "tallest").groups[0] in (2, 4)
+    whole = boxes_scene([*TABLE, ((0, 0, 0.3), (2.5, 2.5, 0.8), "8a8a8a")], per_box=30_000)
+    assert ask(whole, "largest").groups[0] == 7  # the same place filled is a thing
+
+
+def test_facts_do_not_depend_on_ids_order_or_the_way_up() -> None:
+    plain = boxes_scene(TABLE)
+    rng = np.random.default_rng(1)
+    order = rng.permutation(len(plain))
+    ids = np.array([0, 900_000_000, 5, 77, 3, 12, 40], np.int32)  # too large for a table
+    g = plain.gaussians.take(order)
+    mixed = Scene.of(g, ids[plain.labels[order]])
+    a, b = group_facts(plain, (FRONT, BACK)), group_facts(mixed, (FRONT, BACK))
+    rows = np.array([b.row(int(i)) for i in ids[1:]])
+    assert np.allclose(a.extents, b.extents[rows], rtol=1e-3)
+    assert np.allclose(a.colors, b.colors[rows], atol=1e-5)
+    assert np.allclose(a.centre, b.centre[rows], atol=1e-4)
+    # The same scene lying on its side, cameras turned along.
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
+    moved = plain.gaussians.means @ turn.T.astype(np.float32)
+    lying = Scene.of(
+        Gaussians(np.ascontiguousarray(moved), g.quats, g.log_scales, g.logit_opacities,
+                  plain.gaussians.sh),
+        plain.labels,
+    )  # fmt: skip
+    pose = np.eye(4)
+    pose[:3, :3] = turn.T
+    turned = [
+        Camera(c.K, c.cam_from_world @ pose, c.width, c.height, c.name) for c in (FRONT, BACK)
+    ]
+    c = group_facts(lying, turned)
+    assert np.allclose(a.height, c.height, rtol=0.02)
+    assert np.allclose(a.extents, c.extents, rtol=0.02)
+
+
+def test_compact_rows_give_labels_back() -> None:
+    rng = np.random.default_rng(0)
+    for top in (3, 1000, 1 << 29):
+        labels = rng.integers(0, top, 500).astype(np.int32)
+        rows, ids = compact_rows(labels)
+        assert np.array_equal(ids[rows], labels)
+        assert np.array_equal(ids, np.unique(labels))
+
+
+def test_facts_are_kept_until_the_scene_changes(table: Scene) -> None:
+    scene = boxes_scene(TABLE)
+    cameras = (FRONT, BACK)
+    first = facts_of(scene, cameras)
+    assert facts_of(scene, cameras) is first
+    history = History(scene)
+    rename = edits.rename(scene, 1, "thing")
+    assert rename is not None
+    history.do(rename)
+    assert facts_of(scene, cameras) is first
+    gone = edits.delete(scene, np.flatnonzero(scene.labels == 2))
+    assert gone is not None
+    history.do(gone)
+    assert 2 not in facts_of(scene, cameras).ids
+    history.undo()
+    assert 2 in facts_of(scene, cameras).ids
+
+
+def test_a_recolored_object_is_found_by_its_new_color(table: Scene) -> None:
+    scene = boxes_scene(TABLE)
+    history = History(scene)
+    color = np.concatenate([np.zeros((3, 3)), np.array([[0.1], [0.6], [0.15]])], axis=1)
+    edit = edits.recolor(scene, np.flatnonzero(scene.labels == 1).astype(np.int32), color)
+    assert edit is not None
+    assert 1 in meant(ask(scene, "red"))
+    history.do(edit)
+    assert 1 not in meant(ask(scene, "red"))
+    assert 1 in meant(ask(scene, "green"))
+
+
+# --- the grammar ----------------------------------------------------------------------------------
+
+
+def test_what_phrases_are_made_of() -> None:
+    phrase = parse("the second largest red or blue mug to the left of the big bowl")
+    assert phrase.superlative is not None
+    assert (phrase.superlative.word, phrase.superlative.rank) == ("largest", 2)
+    assert [(t.kind, t.words) for t in phrase.traits] == [
+        ("color", ("red", "blue")),
+        ("noun", ("mug",)),
+    ]
+    (relation,) = phrase.relations
+    assert relation.kind == "left"
+    assert [t.words for t in relation.anchors[0].traits] == [("big",), ("bowl",)]
+    between = parse("between the cup and the blue jar").relations[0]
+    assert [t.words for a in between.anchors for t in a.traits] == [("cup",), ("blue",), ("jar",)]
+    assert parse("power drill").traits[0].words == ("power drill",)
+    assert parse("").is_empty
+    assert parse("the thing").is_empty
+    assert parse("not red").traits[0].negated
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("red", "RED", "the red one", "show me all red objects", "objects that are red"),
+        ("largest", "biggest", "the largest object", "find the bigest thing"),
+        ("leftmost", "far left", "the one on the left", "most left"),
+        ("the red one left of the blue one", "red to the left of the blue box"),
+        ("closest to the die", "nearest to the die"),
+    ],
+)
+def test_ways_to_say_the_same_have_the_same_answer(table: Scene, texts: tuple[str, ...]) -> None:
+    answers = [ask(table, text) for text in texts]
+    for answer in answers[1:]:
+        assert answer.groups[0] == answers[0].groups[0], texts
+        assert meant(answer) == meant(answers[0])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "   ", "?!", "the", "of the", "and or not", "left of", "(((", "\0"]
+)
+def test_texts_that_say_nothing_find_nothing_and_say_so(table: Scene, text: str) -> None:
+    answer = ask(table, text)
+    assert len(answer.groups) == 0 or answer.n_meant <= len(answer.groups)
+    assert answer.sentence.endswith(".")
+
+
+def test_random_words_never_break_the_parser(table: Scene) -> None:
+    rng = np.random.default_rng(0)
+    words = [
+        "red", "not", "the", "left", "of", "between", "and", "or", "largest", "mug", "on", "top",
+        "nearest", "to", "second", "bowl", "in", "front", "dark", "than", "bigger", "12", "zebra",
+    ]  # fmt: skip
+    for _ in range(300):
+        text = " ".join(rng.choice(words, rng.integers(1, 9)))
+        answer = ask(table, text)
+        assert ((answer.scores >= 0) & (answer.scores <= 1)).all(), text
+        assert (np.diff(answer.scores) <= 1e-6).all()
+        assert 0 <= answer.n_meant <= len(answer.groups)
+        assert answer.sentence.endswith("."), text
+        assert len(set(answer.groups.tolist())) == len(answer.groups)
+
+
+def test_names_fit_exact_plural_prefix_misspelt_in_that_order() -> None:
+    names = ["mug", "mugs", "table lamp", "lamp", "005_tomato_soup_can", "group 12"]
+    assert name_scores("mug", names)[0] == 1
+    exact, plural = name_scores("mug", names)[:2]
+    assert exact > plural >= 0.9
+    assert name_scores("lamp", names)[3] > name_scores("lamp", names)[2] >= FITS
+    assert name_scores("soup can", names)[4] >= 0.8
+    assert name_scores("tomto soup can", names)[4] >= FITS
+    assert name_scores("toma", names)[4] > 0
+    assert name_scores("12", names)[5] > 0.8
+    assert name_scores("zebra", names).max() == 0
+
+
+# --- answers --------------------------------------------------------------------------------------
+
+
+def test_colors_sizes_and_places_on_the_made_table(table: Scene) -> None:
+    assert meant(ask(table, "red")) == {1, 5}
+    assert meant(ask(table, "not red")) == {2, 3, 4}
+    assert meant(ask(table, "red or yellow")) == {1, 3, 5}
+    assert ask(table, "largest").groups[0] == 2
+    assert ask(table, "smallest").groups[0] == 4
+    assert ask(table, "second largest").groups[0] != 2
+    assert ask(table, "largest red").groups[0] == 5
+    assert ask(table, "leftmost").groups[0] == 1
+    assert ask(table, "leftmost", BACK).groups[0] == 3
+    assert ask(table, "rightmost").groups[0] == 3
+    assert ask(table, "farthest").groups[0] == 5
+    assert ask(table, "nearest", BACK).groups[0] == 5
+    assert meant(ask(table, "nearest red")) == {1}
+    assert meant(ask(table, "nearest to the die")) == {2}
+    assert ask(table, "highest").groups[0] == 4
+    assert meant(ask(table, "on the toolbox")) == {4}
+    assert meant(ask(table, "on top of the blue one")) == {4}
+    assert meant(ask(table, "under the die")) == {2}
+    assert meant(ask(table, "red left of the toolbox")) == {1}
+    assert meant(ask(table, "between the apple and the sponge")) >= {2}
+    assert meant(ask(table, "red behind the toolbox")) == {5}
+    assert meant(ask(table, "in front of the photo album")) >= {2, 3}
+    assert meant(ask(table, "bigger than the sponge")) >= {2}
+    assert meant(ask(table, "the sponge that is not yellow")) == set()
+
+
+def test_sentences_say_what_was_understood(table: Scene) -> None:
+    assert ask(table, "red").sentence == "2 red objects."
+    assert ask(table, "largest red").sentence == (
+        "The largest of the 2 red objects, floor and walls aside."
+    )
+    front = ask(table, "leftmost", None).sentence
+    assert front == "The leftmost of the 5 objects, as seen from front.png."
+    answer = ask(table, "red zebra")
+    assert answer.unknown == ("zebra",)
+    assert answer.sentence == "2 red objects. Not understood: “zebra”."
+    lost = ask(table, "zebra")
+    assert (len(lost.groups), lost.n_meant) == (0, 0)
+    assert "Try a name, a color, a size or a place." in lost.sentence
+    nowhere = search(boxes_scene(TABLE), "leftmost")
+    assert nowhere.sentence.endswith("Places need a view.")
+
+
+def test_the_floor_wins_no_superlative_but_is_found_by_its_word(table: Scene) -> None:
+    for text in ("largest", "longest", "widest", "grey", "lowest"):
+        assert 6 not in ask(table, text).groups, text
+    assert ask(table, "floor").groups[0] == 6
+    assert ask(table, "the background").groups[0] == 6
+    assert meant(ask(table, "red on the floor")) == {1, 5}
+
+
+def test_left_and_right_are_opposite_and_turn_with_the_view(table: Scene) -> None:
+    for camera, other in ((FRONT, BACK), (BACK, FRONT)):
+        left = {
+            (a, b)
+            for b, name in NAMED.items()
+            for a in meant(ask(table, f"left of the {name}", camera))
+        }
+        right = {
+            (b, a)
+            for b, name in NAMED.items()
+            for a in meant(ask(table, f"right of the {name}", camera))
+        }
+        turned = {
+            (a, b)
+            for b, name in NAMED.items()
+            for a in meant(ask(table, f"right of the {name}", other))
+        }
+        assert left == right
+        assert len(left) >= 6
+        assert len(left & turned) >= 6
+
+
+def test_a_superlative_is_the_extreme_of_what_fits(table: Scene) -> None:
+    facts = facts_of(table, (FRONT, BACK))
+    for color in ("red", "blue", "yellow"):
+        fits = meant(ask(table, color))
+        best = max(fits, key=lambda g: facts.size[facts.row(g) or 0])
+        assert ask(table, f"largest {color}").groups[0] == best
+
+
+def test_names_beat_colors_where_a_word_is_both() -> None:
+    scene = boxes_scene([((0, 0, 0), (0.1,) * 3, "209030"), ((1, 0, 0), (0.1,) * 3, "f08020")])
+    scene.names = {1: "orange"}
+    answer = ask(scene, "orange")
+    assert meant(answer) == {1, 2}
+    assert answer.groups[0] == 1
+
+
+def test_canonical_view_is_the_one_that_shows_most(table: Scene) -> None:
+    facts = facts_of(table, (FRONT, BACK))
+    away = Camera(FRONT.K, look_at(np.array([0, -4.0, 1]), np.array([0, -9.0, 1]), _UP), 640, 480)
+    assert canonical_view(facts, (away, BACK)) is BACK
+    assert canonical_view(facts, (BACK, FRONT)) is FRONT  # the first by name of equals
+    assert canonical_view(facts, ()) is None

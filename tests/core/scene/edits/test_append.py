@@ -1,0 +1,181 @@
+"""Splats of other files beside those of the scene: one scene, one undo, one project."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import AnyArray
+from gaga_core.errors import GagaError
+from gaga_core.io.files import fingerprint
+from gaga_core.io.splat_files import Form, write_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.script import run_script
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.scene import Scene, State
+from tests.core.scene.edits.edit_walk import columns, snapshot
+from tests.scenes import random_gaussians
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    gaussians = random_gaussians(200, sh_degree=1)
+    extra: dict[str, AnyArray] = {
+        "group": np.arange(200, dtype=np.int32) % 4,
+        "quality": np.ones(200),
+    }
+    write_splats(tmp_path / "room.ply", replace(gaussians, extra=MappingProxyType(extra)))
+    return tmp_path / "room.ply"
+
+
+@pytest.fixture
+def chair(tmp_path: Path) -> Path:
+    gaussians = random_gaussians(90, seed=5, sh_degree=2)
+    extra = {"obj_dc_0": np.full(90, 2, np.float32)}
+    write_splats(tmp_path / "chair.ply", replace(gaussians, extra=MappingProxyType(extra)))
+    return tmp_path / "chair.ply"
+
+
+def opened(path: Path) -> Project:
+    return run_stage(open_path_stage(path))
+
+
+def add(history: History, scene: Scene, path: Path) -> None:
+    splats, digest = run_stage(read_added_stage(path))
+    assert history.do(edits.append(scene, splats, path, digest))
+
+
+def test_added_splats_are_splats_like_all_others(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    history = History(scene)
+    add(history, scene, chair)
+    assert len(scene) == 290
+    g = scene.gaussians
+    assert g.sh_degree == 2
+    assert not g.sh[:200, 4:].any()
+    assert (g.extra["quality"] == np.r_[np.ones(200), np.zeros(90)]).all()
+    assert (g.extra["obj_dc_0"] == np.r_[np.zeros(200), np.full(90, 2)]).all()
+    group = int(scene.labels[-1])
+    assert (scene.labels[200:] == group).all()
+    assert group_name(scene, group) == "chair"
+    assert group not in scene.labels[:200]
+    assert np.array_equal(scene.has(State.SELECTED), np.arange(290) >= 200)
+    assert scene.n_opened == 200
+
+
+def test_undo_takes_every_bit_back_and_redo_brings_it_again(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    history = History(scene)
+    before = snapshot(scene)
+    add(history, scene, chair)
+    history.do(edits.duplicate(scene, np.arange(195, 205)))
+    add(history, scene, room)
+    after = snapshot(scene)
+    for _ in range(3):
+        history.undo()
+    assert snapshot(scene) == before
+    assert scene.added == ()
+    assert all(c.flags.c_contiguous for c in columns(scene).values())
+    for _ in range(3):
+        history.redo()
+    assert snapshot(scene) == after
+    assert scene.n_rows_of_files == 490
+
+
+def test_it_moves_as_a_whole_on_a_row_of_its_own(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    history = History(scene)
+    add(history, scene, chair)
+    rows = len(scene.placements)
+    before = bake(scene).means
+    shift = np.c_[np.eye(3), [5.0, 0, 0]]
+    history.do(edits.transform(scene, scene.has(State.SELECTED), shift))
+    assert len(scene.placements) == rows  # its own row was changed, none was added
+    moved = bake(scene).means - before
+    np.testing.assert_allclose(
+        moved, np.where(np.arange(290)[:, None] < 200, 0, [[5.0, 0, 0]]), atol=1e-5
+    )
+
+
+def test_a_saved_project_brings_all_files_back(room: Path, chair: Path) -> None:
+    project = opened(room)
+    scene = project.scene
+    history = History(scene)
+    scene.confidence = np.full(200, 9, np.uint8)
+    add(history, scene, chair)
+    history.do(edits.duplicate(scene, np.arange(150, 250)))
+    history.do(edits.delete(scene, np.arange(180, 220)))
+    add(history, scene, chair)
+    where = save_project(project)
+    back = opened(where).scene
+    assert snapshot(back) == snapshot(scene)
+    assert back.added == scene.added
+    sure = back.confidence_of()
+    assert sure is not None
+    assert (sure[:200] == 9).all()
+    assert (sure[200:290] == 255).all()
+    again = save_project(opened(where))  # and once more, from what was opened
+    assert snapshot(opened(again).scene) == snapshot(scene)
+
+
+def test_a_project_whose_added_file_is_gone_or_changed_says_so(room: Path, chair: Path) -> None:
+    project = opened(room)
+    add(History(project.scene), project.scene, chair)
+    where = save_project(project)
+    write_splats(chair, random_gaussians(90, seed=6))
+    with pytest.raises(GagaError, match=r"chair\.ply changed"):
+        opened(where)
+    chair.unlink()
+    with pytest.raises(GagaError, match="gone"):
+        opened(where)
+    text = (where / "project.json").read_text()
+    document = json.loads(text)
+    document["added"][0].pop("fingerprint")
+    (where / "project.json").write_text(json.dumps(document))
+    with pytest.raises(GagaError, match="damaged"):
+        opened(where)
+
+
+def test_the_recorded_edit_names_the_file_and_replays_to_the_same(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    history = History(scene)
+    add(history, scene, chair)
+    history.do(edits.delete(scene, np.arange(250, 290)))
+    script = json.loads(json.dumps(history.recorded()))
+    assert len(json.dumps(script)) < 20_000  # no splats in it
+    replayed = opened(room).scene
+    run_script(replayed, script)
+    assert snapshot(replayed) == snapshot(scene)
+    write_splats(chair, random_gaussians(90, seed=7))
+    with pytest.raises(GagaError, match="changed"):
+        run_script(opened(room).scene, script)
+
+
+def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    add(History(scene), scene, chair)
+    own = int(scene.labels[-1])
+    few = spread(scene, np.ones(200, np.int32))
+    assert (few[200:] == own).all()
+    many = np.arange(200, dtype=np.int32)
+    labels = spread(scene, many)
+    assert (labels[:200] == many).all()
+    assert labels[200:].min() > 199
+    assert names_of_added(scene, labels) == {int(labels[-1]): "chair"}
+
+
+def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:
+    write_splats(tmp_path / "lamp.spz", random_gaussians(10), Form.SPZ)
+    scene = opened(tmp_path / "lamp.spz").scene
+    add(History(scene), scene, room)
+    names = {group_name(scene, int(g)) for g in np.unique(scene.labels[10:])}
+    assert names == {"room", "room 1", "room 2", "room 3"}
+    assert scene.added[0].fingerprint == fingerprint(room)

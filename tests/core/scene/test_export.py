@@ -1,0 +1,201 @@
+"""What is exported is what is visible, and nothing is left of an export that did not end."""
+
+import errno
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io import ply
+from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splat_files import Form, read_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits, export
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.export import (
+    export_objects_stage,
+    export_scene_stage,
+    exported_indices,
+    listed_files,
+    objects_losses,
+    slug,
+)
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import Scene, State
+from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
+
+COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("what", ["visible", "selected"])
+def test_the_exported_count_is_the_visible_count(seed: int, what: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    scene = walk_scene(seed=seed)
+    history = History(scene)
+    kinds = builders()
+    for name in ("duplicate", "delete", "isolate", "show", "hide", "transform", "select"):
+        history.do(kinds[name](rng, scene))
+    history.do(edits.show(scene, np.arange(30)))
+    history.do(edits.select(scene, np.arange(200), "add"))
+    shown = scene.visible & (scene.has(State.SELECTED) if what == "selected" else True)
+    assert shown.any()
+    n = run_stage(export_scene_stage(scene, tmp_path / "out.ply", what=what))
+    back = read_ply(tmp_path / "out.ply")
+    assert n == len(back) == shown.sum()
+    assert np.array_equal(back.extra["tag"], scene.gaussians.extra["tag"][shown])
+
+
+def test_export_reopens_as_the_baked_scene_bit_for_bit(tmp_path: Path) -> None:
+    scene = walk_scene(sh_degree=3)
+    moved = group_indices(scene, [2])
+    move = edits.transform(scene, moved, random_affine(np.random.default_rng(0)))
+    assert move is not None
+    move.apply(scene)
+    run_stage(export_scene_stage(scene, tmp_path / "out.ply", groups=True))
+    back, baked = read_ply(tmp_path / "out.ply"), bake(scene)
+    still = scene.labels != 2
+    for name in COLUMNS:
+        assert getattr(back, name).tobytes() == getattr(baked, name).tobytes()
+        original = getattr(scene.gaussians, name)
+        assert getattr(back, name)[still].tobytes() == original[still].tobytes()
+    for name, column in scene.gaussians.extra.items():
+        assert back.extra[name].dtype == column.dtype
+        assert np.array_equal(back.extra[name], column)
+    assert np.array_equal(back.extra["group"], scene.labels)
+
+
+def test_an_untouched_scene_exports_to_the_same_file(tmp_path: Path) -> None:
+    write_ply(tmp_path / "in.ply", walk_scene().gaussians)
+    scene = Scene.of(read_ply(tmp_path / "in.ply"))
+    run_stage(export_scene_stage(scene, tmp_path / "out.ply"))
+    assert (tmp_path / "out.ply").read_bytes() == (tmp_path / "in.ply").read_bytes()
+
+
+def test_edits_during_an_export_do_not_reach_the_file(tmp_path: Path) -> None:
+    scene = walk_scene()
+    stage = export_scene_stage(scene, tmp_path / "out.ply")
+    hide = edits.hide(scene, np.arange(100))
+    assert hide is not None
+    hide.apply(scene)
+    assert run_stage(stage) == 400
+
+
+def test_nothing_visible_is_one_sentence(tmp_path: Path) -> None:
+    scene = walk_scene(20)
+    with pytest.raises(GagaError, match="Nothing is selected"):
+        run_stage(export_scene_stage(scene, tmp_path / "out.ply", what="selected"))
+    with pytest.raises(GagaError, match="None of these"):
+        run_stage(export_objects_stage(scene, tmp_path / "out", [99]))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_objects_get_a_file_each_and_a_manifest(tmp_path: Path) -> None:
+    scene = walk_scene()
+    history = History(scene)
+    for group, name in ((1, "Müg"), (3, "mug"), (4, "con"), (5, "碗")):
+        history.do(edits.rename(scene, group, name))
+    history.do(edits.hide(scene, group_indices(scene, 6)))
+    history.do(edits.delete(scene, group_indices(scene, 1)[:2]))
+    history.do(
+        edits.transform(scene, group_indices(scene, 3), random_affine(np.random.default_rng(0)))
+    )
+    folder = tmp_path / "objects"
+    manifest = run_stage(export_objects_stage(scene, folder, source="table.ply"))
+    content = json.loads(manifest.read_text(encoding="utf-8"))
+    assert content["version"] == 1
+    assert content["source"] == "table.ply"
+    rows = {row["id"]: row for row in content["groups"]}
+    assert list(rows) == [1, 2, 3, 4, 5]
+    files = [row["file"] for row in rows.values()]
+    assert files == ["mug.ply", "mug-2.ply", "mug-3.ply", "con-object.ply", "group-5.ply"]
+    assert sorted(p.name for p in folder.iterdir()) == sorted([*files, "groups.json"])
+    for group, row in rows.items():
+        back = read_ply(folder / row["file"])
+        baked = bake(scene, indices=np.flatnonzero(scene.visible & (scene.labels == group)))
+        assert row["count"] == len(back) == len(baked)
+        assert back.means.tobytes() == baked.means.tobytes()
+        box = np.array([baked.means.min(axis=0), baked.means.max(axis=0)])
+        assert np.allclose(row["bbox"], box)
+    assert rows[5]["name"] == "碗"
+
+
+def test_chosen_objects_only_and_unassigned_on_request(tmp_path: Path) -> None:
+    scene = walk_scene()
+    run_stage(export_objects_stage(scene, tmp_path / "o", [0, 2, 99]))
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == [
+        "groups.json",
+        "mug.ply",
+        "unassigned.ply",
+    ]
+
+
+@pytest.mark.parametrize("form", [Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ])
+def test_the_manifest_names_files_of_the_form_and_no_others(tmp_path: Path, form: Form) -> None:
+    scene = walk_scene()
+    run_stage(export_objects_stage(scene, tmp_path))  # files of another form lie there already
+    files = listed_files(run_stage(export_objects_stage(scene, tmp_path, form=form)))
+    assert len(files) == len(np.unique(scene.labels[exported_indices(scene)])) - 1
+    for file in files:
+        assert file.name.endswith(form.suffix)
+        assert file.name.removesuffix(form.suffix).islower()
+        assert len(read_splats(file))
+
+
+def test_what_objects_lose_is_told_of_those_that_are_written() -> None:
+    scene = walk_scene()
+    clipped = np.flatnonzero(scene.labels == 2)
+    sh = scene.gaussians.sh.copy()
+    sh[clipped, 0] = 9.0
+    scene.gaussians = replace(scene.gaussians, sh=sh)
+    said = {groups: " ".join(objects_losses(scene, Form.SPLAT, groups)) for groups in ((2,), (5,))}
+    shown = len(np.intersect1d(clipped, exported_indices(scene)))
+    assert f"those of {shown:,} splats" in said[2,]
+    assert "out of range" not in said[5,]
+    assert "out of range" in " ".join(objects_losses(scene, Form.SPLAT))
+    assert objects_losses(scene, Form.PLY) == ()
+
+
+@pytest.mark.parametrize("steps", range(1, 5))
+def test_a_cancelled_export_leaves_nothing(steps: int, tmp_path: Path) -> None:
+    scene = walk_scene()
+    (tmp_path / "out.ply").write_bytes(b"precious")
+    writing = export_scene_stage(scene, tmp_path / "out.ply")
+    for _ in range(min(steps, 2)):
+        next(writing)
+    writing.close()
+    objects = export_objects_stage(scene, tmp_path / "objects")
+    for _ in range(3 * steps):
+        next(objects)
+    objects.close()
+    assert [p.name for p in tmp_path.iterdir()] == ["out.ply"]
+    assert (tmp_path / "out.ply").read_bytes() == b"precious"
+
+
+def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    scene = walk_scene()
+    written = len(list(export_objects_stage(scene, tmp_path / "first")))
+    assert written > 5
+    monkeypatch.setattr(ply, "_pack", full)
+    with pytest.raises(GagaError, match=r"full|space"):
+        run_stage(export_scene_stage(scene, tmp_path / "out.ply"))
+    with pytest.raises(GagaError, match=r"full|space"):
+        run_stage(export_objects_stage(scene, tmp_path / "objects"))
+    assert [p.name for p in tmp_path.iterdir()] == ["first"]
+
+
+def test_slugs() -> None:
+    assert slug("Blue mug (copy)") == "blue-mug-copy"
+    assert slug("../../etc") == "etc"
+    assert slug("NUL") == "nul-object"
+    assert slug("***") == ""
+    assert len(slug("x" * 500)) <= 60
+    assert export.MANIFEST == "groups.json"

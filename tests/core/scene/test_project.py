@@ -1,0 +1,179 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io.files import fingerprint
+from gaga_core.io.ply import write_ply
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.scene import Scene
+from tests.scenes import objects_scene
+
+COLUMNS = ("labels", "state", "placement", "source")
+
+
+def opened(path: Path) -> Project:
+    return run_stage(open_path_stage(path))
+
+
+def model_in(folder: Path) -> Path:
+    synthetic = objects_scene()
+    path = folder / "model.ply"
+    write_ply(path, synthetic.gaussians)
+    return path
+
+
+def edited(project: Project) -> Project:
+    """Moves, colors, names, copies and deletions, as a person would leave them."""
+    scene = project.scene
+    labels = objects_scene().labels
+    history = History(scene)
+    history.do(edits.set_labels(scene, np.arange(len(scene)), labels, "Groups"))
+    turn = np.array([[0, -1, 0, 0.5], [1, 0, 0, 0], [0, 0, 1, 0.25]])
+    history.do(edits.transform(scene, np.flatnonzero(labels == 2), turn, "Move"))
+    history.do(edits.duplicate(scene, np.flatnonzero(labels == 3)))
+    history.do(edits.delete(scene, np.flatnonzero(labels == 4)))
+    history.do(edits.rename(scene, 1, "a mug, blue"))
+    history.do(edits.set_color(scene, 2, (0.1, 0.5, 1.0)))
+    return project
+
+
+def assert_same(a: Scene, b: Scene) -> None:
+    for name in COLUMNS:
+        assert np.array_equal(getattr(a, name), getattr(b, name)), name
+    for name in ("matrix", "color", "opacity"):
+        assert np.array_equal(getattr(a.placements, name), getattr(b.placements, name))
+    assert a.names == b.names
+    assert a.colors == b.colors
+    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+        assert np.array_equal(getattr(a.gaussians, name), getattr(b.gaussians, name)), name
+
+
+def test_a_saved_project_is_reopened_with_every_edit(tmp_path: Path) -> None:
+    project = edited(opened(model_in(tmp_path)))
+    where = save_project(project)
+    assert where == tmp_path / "model.gaga"
+    for path in (where, where / "project.json"):
+        again = opened(path)
+        assert_same(project.scene, again.scene)
+        assert again.model_path == project.model_path
+    assert again.path == where
+
+
+def test_saving_again_leaves_one_scene_file(tmp_path: Path) -> None:
+    project = edited(opened(model_in(tmp_path)))
+    where = save_project(project)
+    save_project(project)
+    assert len(list(where.glob("scene-*.npz"))) == 1
+    assert_same(project.scene, opened(where).scene)
+
+
+def test_a_failed_save_keeps_the_former_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = opened(model_in(tmp_path))
+    where = save_project(project)
+    before = {p.name: p.read_bytes() for p in where.iterdir()}
+    edited(project)
+
+    def full(*_: object, **__: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("gaga_core.scene.project.json.dumps", full)
+    with pytest.raises(GagaError, match="disk is full"):
+        save_project(project)
+    assert {p.name: p.read_bytes() for p in where.iterdir()} == before
+
+
+def test_a_model_that_changed_or_went_is_named(tmp_path: Path) -> None:
+    path = model_in(tmp_path)
+    where = save_project(edited(opened(path)))
+    write_ply(path, objects_scene(seed=9).gaussians)
+    with pytest.raises(GagaError, match="changed since"):
+        opened(where)
+    path.unlink()
+    with pytest.raises(GagaError, match="are gone"):
+        opened(where)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": 1}'])
+def test_a_damaged_project_file_is_a_sentence_and_stays(tmp_path: Path, text: str) -> None:
+    where = save_project(opened(model_in(tmp_path)))
+    (where / "project.json").write_text(text)
+    with pytest.raises(GagaError):
+        opened(where)
+    assert (where / "project.json").read_text() == text
+
+
+def test_damaged_columns_are_a_sentence(tmp_path: Path) -> None:
+    where = save_project(edited(opened(model_in(tmp_path))))
+    file = next(where.glob("scene-*.npz"))
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    for name, value in (("source", arrays["source"] + 10**6), ("labels", arrays["labels"][:-1])):
+        with file.open("wb") as out:
+            np.savez(out, **(arrays | {name: value}))
+        with pytest.raises(GagaError, match="damaged"):
+            opened(where)
+    file.write_bytes(b"PK no more")
+    with pytest.raises(GagaError, match="damaged"):
+        opened(where)
+
+
+def test_a_project_moves_with_its_model(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    project = edited(opened(model_in(tmp_path / "a")))
+    save_project(project)
+    (tmp_path / "a").rename(tmp_path / "b")
+    assert_same(project.scene, opened(tmp_path / "b" / "model.gaga").scene)
+
+
+def test_a_newer_format_is_refused(tmp_path: Path) -> None:
+    where = save_project(opened(model_in(tmp_path)))
+    document = json.loads((where / "project.json").read_text())
+    document["format"] = 99
+    (where / "project.json").write_text(json.dumps(document))
+    with pytest.raises(GagaError, match="newer"):
+        opened(where)
+
+
+def test_groups_of_a_column_are_read(tmp_path: Path) -> None:
+    from gaga_core.scene.export import export_scene_stage
+
+    synthetic = objects_scene()
+    scene = Scene.of(synthetic.gaussians, synthetic.labels)
+    run_stage(export_scene_stage(scene, tmp_path / "out.ply", groups=True))
+    assert np.array_equal(opened(tmp_path / "out.ply").scene.labels, synthetic.labels)
+
+
+def test_fingerprint_sees_a_change_anywhere_it_samples(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    content = np.random.default_rng(0).integers(0, 256, 3_000_000).astype(np.uint8)
+    path.write_bytes(content.tobytes())
+    before = fingerprint(path)
+    content[1_500_000] ^= 1
+    path.write_bytes(content.tobytes())
+    assert fingerprint(path) != before
+
+
+def test_real_scene_with_a_project(ycb_table: Path, tmp_path: Path) -> None:
+    root = tmp_path / "table"
+    root.mkdir()
+    for name in ("images", "sparse", "masks", "point_cloud.ply", "split.json"):
+        (root / name).symlink_to(ycb_table / name)
+    project = opened(root)
+    assert project.folder is not None
+    assert len(project.folder.cameras) == 64
+    history = History(project.scene)
+    history.do(edits.delete(project.scene, np.arange(100)))
+    save_project(project)
+    assert (root / "gaga" / "project.json").is_file()
+    again = opened(root)
+    assert_same(project.scene, again.scene)
+    assert again.folder is not None
+    assert again.scene.visible.sum() == 59_900

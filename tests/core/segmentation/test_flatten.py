@@ -1,0 +1,108 @@
+"""Flattening by its laws: most confident on top, small visible shares dropped, ids dense."""
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.segmentation import flatten as module
+from gaga_core.segmentation.base import ScoredMasks, scored_masks
+from gaga_core.segmentation.flatten import FlattenConfig, flatten
+
+
+def _random(seed: int, n: int = 24) -> tuple[BoolArray, FloatArray]:
+    """Rectangles and ellipses of all sizes, with ties among the scores."""
+    rng = np.random.default_rng(seed)
+    h, w = int(rng.integers(20, 60)), int(rng.integers(20, 60))
+    y, x = np.mgrid[:h, :w]
+    masks = np.zeros((n, h, w), bool)
+    for i in range(n):
+        cy, cx = rng.uniform(0, h), rng.uniform(0, w)
+        ry, rx = rng.uniform(1, h / 2, 2) if i % 2 else rng.uniform(1, 6, 2)
+        masks[i] = np.maximum(abs(y - cy) / ry, abs(x - cx) / rx) <= 1
+    return masks, np.round(rng.random(n), 1).astype(np.float32)
+
+
+def _slow(masks: BoolArray, scores: FloatArray, config: FlattenConfig) -> IntArray:
+    """The definition, pixel by pixel: who covers it, then who stays."""
+    order = [i for i in range(len(masks)) if scores[i] >= config.min_score and masks[i].any()]
+    order.sort(key=lambda i: (-scores[i], masks[i].sum(), i))
+    top = np.full(masks.shape[1:], -1)
+    for y, x in np.ndindex(*masks.shape[1:]):
+        top[y, x] = next((rank for rank, i in enumerate(order) if masks[i, y, x]), -1)
+    labels = np.zeros(masks.shape[1:], np.int32)
+    n = 0
+    for rank, i in enumerate(order):
+        if (top == rank).sum() > config.min_visible * masks[i].sum():
+            n += 1
+            labels[top == rank] = n
+    return labels
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_as_defined(seed: int) -> None:
+    masks, scores = _random(seed)
+    config = FlattenConfig(min_score=0.3 * (seed % 3), min_visible=0.1 * (seed % 4))
+    labels = flatten(scored_masks(masks, scores, *masks.shape[1:]), config)
+    assert labels.dtype == np.int32
+    np.testing.assert_array_equal(labels, _slow(masks, scores, config))
+    ids = np.unique(labels[labels > 0])
+    np.testing.assert_array_equal(ids, np.arange(1, len(ids) + 1))
+
+
+def test_the_order_of_the_masks_does_not_matter() -> None:
+    masks, _ = _random(3)
+    scores = np.random.default_rng(0).permutation(len(masks)).astype(np.float32)
+    turn = np.random.default_rng(1).permutation(len(masks))
+    size = masks.shape[1:]
+    np.testing.assert_array_equal(
+        flatten(scored_masks(masks, scores, *size)),
+        flatten(scored_masks(masks[turn], scores[turn], *size)),
+    )
+
+
+def test_a_mask_hidden_but_for_a_tenth_is_dropped_and_leaves_none() -> None:
+    masks = np.zeros((2, 10, 10), bool)
+    masks[0, :, :] = True  # 100 pixels, 10 of them visible
+    masks[1, 1:, :] = True
+    scored = scored_masks(masks, [0.8, 0.9], 10, 10)
+    labels = flatten(scored)
+    assert (labels[0] == 0).all()
+    assert (labels[1:] == 1).all()
+    assert flatten(scored, FlattenConfig(min_visible=0.09)).max() == 2
+
+
+def test_nothing_is_a_map_of_zeros() -> None:
+    empty = scored_masks([], [], 4, 5)
+    assert flatten(empty).tolist() == np.zeros((4, 5), int).tolist()
+    unsure = scored_masks([np.ones((4, 5), bool)], [0.49], 4, 5)
+    assert flatten(unsure).max() == 0
+
+
+def test_more_masks_than_a_map_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_LABELS", 3)
+    masks = np.eye(16, dtype=bool).reshape(16, 4, 4)
+    with pytest.raises(GagaError, match="16 masks"):
+        flatten(scored_masks(masks, np.ones(16, np.float32), 4, 4))
+
+
+def test_masks_are_kept_by_their_boxes() -> None:
+    masks, scores = _random(7)
+    masks[4] = False
+    scored = scored_masks(masks, scores, *masks.shape[1:])
+    kept = [i for i in range(len(masks)) if masks[i].any()]
+    assert len(scored) == len(kept) < len(masks)
+    np.testing.assert_array_equal(scored.areas, masks[kept].sum(axis=(1, 2)))
+    for k, i in enumerate(kept):
+        np.testing.assert_array_equal(scored.mask(k), masks[i])
+        crop = scored.crops[k]
+        assert all(edge.any() for edge in (crop[0], crop[-1], crop[:, 0], crop[:, -1]))
+
+
+def test_wrong_shapes_are_wrong_calls() -> None:
+    with pytest.raises(ValueError, match="mask"):
+        scored_masks([np.ones((3, 3), bool)], [1.0], 4, 4)
+    with pytest.raises(ValueError, match="scores"):
+        ScoredMasks(4, 4, np.zeros((0, 4), np.int32), (), np.zeros(1, np.float32))
+    with pytest.raises(ValueError, match="min_visible"):
+        FlattenConfig(min_visible=1.0)
