@@ -1,7 +1,7 @@
 """Progress of long work: every stage is a generator that yields ``Progress`` and returns a value.
 
 Cancelling is closing the generator: between two steps ``GeneratorExit`` is raised inside it, its
-``finally`` blocks remove temporary files, and nothing half-made is left (STYLE 14).
+``finally`` blocks remove temporary files, and nothing half-made is left.
 """
 
 from collections.abc import Callable, Generator

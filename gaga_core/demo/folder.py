@@ -35,7 +35,7 @@ class DemoConfig:
 def make_demo_stage(
     folder: Path, seed: int = 0, *, config: DemoConfig | None = None
 ) -> Stage[Path]:
-    """Write the demo's scene folder (DESIGN section 7) and return it.
+    """Write the demo's scene folder and return it.
 
     It is made beside ``folder`` and renamed at the end: a cancelled demo leaves nothing. An older
     demo there is replaced; what was worked out in its ``gaga`` folder is kept as ``gaga-before``.

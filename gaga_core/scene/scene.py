@@ -1,7 +1,7 @@
 """The scene being edited: one row a splat, small tables beside it.
 
 Indices never move while editing: delete is a bit, duplicate appends, compaction happens at export.
-Only an Edit changes a Scene, and only History applies one (STYLE 10).
+Only an Edit changes a Scene, and only History applies one.
 """
 
 from dataclasses import dataclass, field
@@ -64,7 +64,7 @@ class Added:
 
 @dataclass
 class Revision:
-    """Counters that grow when a column changed; GPU mirrors compare them (STYLE 11)."""
+    """Counters that grow when a column changed; GPU mirrors compare them."""
 
     splats: int = 0  # gaussians replaced or appended (everything else must be uploaded too)
     labels: int = 0

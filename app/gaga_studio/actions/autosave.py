@@ -24,7 +24,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
-EVERY_S = 60.0  # at most so much work is at risk (DESIGN 8)
+EVERY_S = 60.0  # at most so much work is at risk
 _NOTE = "recovery.json"
 
 

@@ -1,7 +1,7 @@
 """Runs one stage at a time in a thread: progress, cancel, error; and a quiet one beside it.
 
 The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
-which the main thread calls every frame (STYLE 14).
+which the main thread calls every frame.
 """
 
 import logging

@@ -1,6 +1,6 @@
 """What panels see and call: the open document, the view, the jobs, the notices.
 
-Pull, not push: panels read it every frame (STYLE 11). Main thread only; works without a window.
+Pull, not push: panels read it every frame. Main thread only; works without a window.
 """
 
 from collections.abc import Callable, Sequence

@@ -42,7 +42,7 @@ class PathShape:
 
 
 class Tool(Protocol):
-    """A gesture shows what it does, commits one edit on release, and none on cancel (STYLE 12)."""
+    """A gesture shows what it does, commits one edit on release, and none on cancel."""
 
     name: ToolName
     takes_drag: bool  # the left drag is the tool's; else it orbits

@@ -1,4 +1,4 @@
-"""Undo and redo: a list of edits and a cursor, bounded in bytes, not in number (STYLE 10, 12)."""
+"""Undo and redo: a list of edits and a cursor, bounded in bytes, not in number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
