@@ -4,6 +4,7 @@ Every surface is a parametric patch; discs are laid on it in staggered rows; lig
 them; photos and masks are then made from the splats, so that poses, truth and model agree.
 """
 
-from gaga_core.demo.folder import DemoConfig, ensure_demo, make_demo_stage
+from gaga_core.demo.config import DemoConfig
+from gaga_core.demo.folder import ensure_demo, make_demo_stage
 
 __all__ = ["DemoConfig", "ensure_demo", "make_demo_stage"]

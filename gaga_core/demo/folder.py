@@ -1,13 +1,14 @@
-"""The demo's folder: made whole beside its place, noticed when stale, own work in it kept.
+"""The demo's folder: written in full next to its place, then renamed; replaced when outdated.
 
 What makes the scene (numba, scipy) is imported when a demo is made, not when one is opened.
 """
 
 import json
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
+from gaga_core.demo.config import DemoConfig
 from gaga_core.errors import GagaError
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.progress import Stage
@@ -17,30 +18,16 @@ STAMP = "demo.json"
 _OWN = {"images", "gt", "masks", "sparse", "point_cloud.ply", "objects.json", "split.json", STAMP}
 
 
-@dataclass(frozen=True)
-class DemoConfig:
-    """What is made."""
-
-    n_splats: int = 120_000  # about
-    n_views: int = 40
-    width: int = 640
-    height: int = 480
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.n_splats < 100 or self.n_views < 2 or min(self.width, self.height) < 16:
-            raise ValueError(f"demo: too little to make a scene of: {self}")
-
-
 def make_demo_stage(
     folder: Path, seed: int = 0, *, config: DemoConfig | None = None
 ) -> Stage[Path]:
     """Write the demo's scene folder and return it.
 
-    It is made beside ``folder`` and renamed at the end: a cancelled demo leaves nothing. An older
+    It is made next to ``folder`` and renamed at the end: a cancelled demo leaves nothing. An older
     demo there is replaced; what was worked out in its ``gaga`` folder is kept as ``gaga-before``.
     Raises `GagaError` when ``folder`` holds other things.
     """
+    # Only making a scene needs numba and scipy; opening one that is there must stay fast.
     from gaga_core.demo.make import scene_stage
 
     wanted = config or DemoConfig(seed=seed)

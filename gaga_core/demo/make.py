@@ -1,4 +1,4 @@
-"""What is in the demo's folder: model, photos, poses, masks, truth, all from one seed."""
+"""The files of the demo's folder: model, photos, poses, masks, truth, all from one seed."""
 
 import json
 from collections.abc import Generator
@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.demo.build import STAGE, Model, build_stage
 from gaga_core.demo.cameras import photo_cameras, split
-from gaga_core.demo.folder import DemoConfig
+from gaga_core.demo.config import DemoConfig
 from gaga_core.demo.masks import segmenter_masks
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.images import write_rgb

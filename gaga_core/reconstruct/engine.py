@@ -10,9 +10,9 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.reconstruct.checkpoint import TrainState
-from gaga_core.reconstruct.distributed import Team
 from gaga_core.reconstruct.optimizer import Rates
 from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.team import Team
 from gaga_core.reconstruct.views import TrainView
 
 _EXPOSURE_END = 0.01  # share of the exposures' learning rate at the end

@@ -2,7 +2,7 @@
 
     torchrun --nproc-per-node 4 -m gaga_core.cli.main reconstruct ...
 
-Each process draws other views. `team.joined_team` loads this module when there is such a team.
+Each process draws other views. `distributed.joined_team` loads this module for such a team.
 """
 
 import os
@@ -16,8 +16,8 @@ from torch import Tensor
 
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.raster.base import Gradients
-from gaga_core.reconstruct.distributed import Team
 from gaga_core.reconstruct.optimizer import COLUMNS, as_rows
+from gaga_core.reconstruct.team import Team
 
 
 @contextmanager

@@ -20,11 +20,11 @@ from gaga_core.raster.base import Rasterizer, TrainableRasterizer
 from gaga_core.reconstruct.checkpoint import TrainState, digest_of, load_checkpoint, save_checkpoint
 from gaga_core.reconstruct.cpu_train import CpuEngine
 from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.distributed import ALONE, Team
 from gaga_core.reconstruct.engine import Engine, Setting
 from gaga_core.reconstruct.exposure import Exposures
 from gaga_core.reconstruct.optimizer import Splats, camera_extent, with_degree
 from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.team import SINGLE_WORKER, Team
 from gaga_core.reconstruct.view_quality import Quality, quality_stage
 from gaga_core.reconstruct.views import TrainView, TrainViews
 
@@ -70,7 +70,7 @@ def train_stage(
     rasterizer: Rasterizer,
     *,
     checkpoint: Path | None = None,
-    team: Team = ALONE,
+    team: Team = SINGLE_WORKER,
 ) -> Stage[Trained]:
     """Train ``initial`` on ``views.train``; measure on ``views.test``.
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.reconstruct.distributed import ALONE, joined_team
+from gaga_core.reconstruct.distributed import joined_team
 from gaga_core.reconstruct.optimizer import COLUMNS
+from gaga_core.reconstruct.team import SINGLE_WORKER
 from gaga_core.reconstruct.train import TrainUpdate, train, train_stage
 from tests.core.reconstruct.train_scenes import CPU, known_scene
 from tests.core.reconstruct.train_worker import worker_config
@@ -70,5 +71,5 @@ def test_a_killed_training_is_taken_up_where_it_was(tmp_path: Path) -> None:
 
 def test_a_process_that_torchrun_did_not_start_is_alone() -> None:
     with joined_team() as team:
-        assert team is ALONE
+        assert team is SINGLE_WORKER
         assert (team.rank, team.size) == (0, 1)

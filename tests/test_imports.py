@@ -1,0 +1,27 @@
+"""Who may import whom, where no import contract says it."""
+
+import grimp
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+def test_no_files_import_one_another_in_a_circle() -> None:
+    """Of both packages. Imports for type checking alone are left out: they never run."""
+    graph = grimp.build_graph(
+        "gaga_core", "gaga_studio", exclude_type_checking_imports=True, cache_dir=None
+    )
+    modules = sorted(graph.modules)
+    row_of = {module: row for row, module in enumerate(modules)}
+    arrows = [
+        (row_of[module], row_of[imported])
+        for module in modules
+        for imported in graph.find_modules_directly_imported_by(module)
+    ]
+    assert len(arrows) > len(modules)
+    rows, columns = zip(*arrows, strict=True)
+    matrix = coo_array(([1] * len(arrows), (rows, columns)), shape=(len(modules),) * 2)
+    n, circle_of = connected_components(matrix, connection="strong")
+    circles: list[list[str]] = [[] for _ in range(n)]
+    for module, circle in zip(modules, circle_of, strict=True):
+        circles[circle].append(module)
+    assert [circle for circle in circles if len(circle) > 1] == []
