@@ -134,12 +134,29 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
 
 
 def read_elements(path: Path) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
-    """Rows of each element of a .ply, memory-mapped where the format allows it, and the comments.
+    """Rows of each element of a .ply, and the comments.
 
-    Raises ``GagaError`` with one sentence when the file is damaged.
+    Nothing of the result is mapped: a mapped file that another program truncates would end the
+    process. Raises ``GagaError`` with one sentence when the file is damaged.
     """
     data = _parsed(path)
-    return {element.name: element.data for element in data.elements}, tuple(data.comments)
+    elements = {element.name: _in_memory(path, element.data) for element in data.elements}
+    return elements, tuple(data.comments)
+
+
+def _in_memory(path: Path, rows: AnyArray) -> AnyArray:
+    """``rows``, read from the file when they are mapped."""
+    if not isinstance(rows, np.memmap):
+        return rows
+    try:
+        with path.open("rb", buffering=0) as file:
+            file.seek(rows.offset)
+            read = np.fromfile(file, rows.dtype, len(rows))
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    if len(read) != len(rows):
+        raise GagaError(f"{path.name} is truncated or damaged. Copy it again.")
+    return read
 
 
 def _parsed(path: Path) -> plyfile.PlyData:

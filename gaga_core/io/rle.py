@@ -14,6 +14,7 @@ from gaga_core.errors import GagaError
 _FIRST = 48  # character code of digit 0
 _MORE, _SIGN, _BITS = 0x20, 0x10, 5
 _LONGEST = 8  # digits of a count: 40 bits
+_MAX_SIDE = 65_536  # pixels; a larger picture is damage
 
 
 def encode_rle(mask: BoolArray) -> list[int]:
@@ -58,9 +59,10 @@ def decode_rle(counts: Sequence[int] | str | bytes, size: Sequence[int]) -> Bool
 
     Raises ``GagaError`` when the counts do not make such a picture.
     """
-    if len(size) != 2 or min(size) < 0:
+    if len(size) != 2 or not all(0 <= side <= _MAX_SIDE for side in size):
         raise GagaError(
-            f"A run-length mask says its size is {tuple(size)}. It must be two numbers."
+            f"A run-length mask says its size is {tuple(size)}. It must be two numbers of at most "
+            f"{_MAX_SIDE:,} pixels."
         )
     height, width = int(size[0]), int(size[1])
     if isinstance(counts, str | bytes):
@@ -70,7 +72,13 @@ def decode_rle(counts: Sequence[int] | str | bytes, size: Sequence[int]) -> Bool
             lengths = np.asarray(counts, np.int64).reshape(-1)
         except (ValueError, TypeError, OverflowError) as error:
             raise GagaError("A run-length mask holds something else than counts.") from error
-    if lengths.min(initial=0) < 0 or int(lengths.sum()) != height * width:
+    # Each run is checked before the sum is taken: int64 sums of damaged counts wrap around.
+    if lengths.min(initial=0) < 0 or lengths.max(initial=0) > height * width:
+        raise GagaError(
+            f"A run of a run-length mask does not fit into its picture of {height} x {width} "
+            "pixels. Make the file again."
+        )
+    if int(lengths.sum()) != height * width:
         raise GagaError(
             f"A run-length mask covers {int(lengths.sum())} pixels, "
             f"its picture has {height} x {width}. Make the file again."

@@ -49,8 +49,11 @@ def read_splat_stage(path: Path) -> Stage[Gaussians]:
         with path.open("rb") as file:
             for start in range(0, n, CHUNK):
                 yield Progress("Read splats", start, n, path.name)
-                rows = np.frombuffer(file.read(CHUNK * _ROW.itemsize), _ROW)
-                _unpack(rows, slice(start, start + len(rows)), out)
+                part = slice(start, min(start + CHUNK, n))
+                block = file.read((part.stop - start) * _ROW.itemsize)
+                if len(block) != (part.stop - start) * _ROW.itemsize:
+                    raise GagaError(f"{path.name} became shorter while it was read. Copy it again.")
+                _unpack(np.frombuffer(block, _ROW), part, out)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     yield Progress("Read splats", n, n, path.name)
