@@ -22,10 +22,9 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.render_requests import Easel
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
-from gaga_studio.system import paths, window, words
+from gaga_studio.system import paths, window
 from gaga_studio.system.log import start_log
 from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
-from gaga_studio.ui import translated
 from gaga_studio.ui.chrome import menu, status_bar, toasts, toolbar
 from gaga_studio.ui.chrome.status_text import status_text
 from gaga_studio.ui.dialogs import dispatch, file_dialog, first_steps, make_masks, sheets, shortcuts
@@ -61,7 +60,6 @@ class Studio:
         options: WindowOptions | None = None,
     ) -> None:
         self.session = session or Session()
-        words.use(self.session.settings.language)  # the tabs are named once
         self.ui = UiState(native_dialogs=file_dialog.has_native())
         self.viewport: Viewport | None = None
         self.images: ImageStore | None = None
@@ -167,9 +165,6 @@ class Studio:
     def _prepare(self) -> None:
         """Everything that a frame needs before it is drawn."""
         theme.use(self.session.settings.theme)
-        words.use(self.session.settings.language)
-        if not words.is_english():
-            translated.install()
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)

@@ -27,7 +27,6 @@ _PATTERNS: Mapping[str, str] = {
     "theme": "dark|light",
     "keys": "supersplat|blender",
     "background": "#[0-9a-fA-F]{6}",
-    "language": r"[A-Za-z]{2,3}(-\w+)*",
 }
 
 
@@ -45,7 +44,6 @@ class Settings:
     keys: str = "supersplat"  # or "blender": the profile of shortcuts
     background: str = "#1c1c1f"  # behind the picture, as in HTML
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
-    language: str = "en"  # a file of `words.languages`
     autosave_minutes: float = 1.0  # so much work is at risk at most
     undo_megabytes: float = 1024.0  # what undo may hold
     first_steps_done: bool = False  # the card of five steps was put away for good

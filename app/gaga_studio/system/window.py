@@ -12,7 +12,6 @@ import glfw
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError
-from gaga_studio.system import words
 
 Draw = Callable[[], None]
 _WIDE, _COMPACT = "Wide", "Compact"  # layouts
@@ -69,7 +68,6 @@ class Window:
     _layout: str = ""
     _title: str = ""
     _panels_shown: bool = True
-    _tabs: dict[str, str] = field(default_factory=dict)  # what each panel's tab says
     _drop: object = None  # GLFW keeps no reference to its callback: we must
 
     def params(self) -> hello_imgui.RunnerParams:
@@ -84,7 +82,6 @@ class Window:
         _frame(p)
         p.fps_idling.time_active_after_last_event = 1.0
         self._callbacks(p.callbacks)
-        self._tabs = {panel.label: _shown(panel) for panel in self.panels}
         wide, compact = self._layouts()
         self._layout = self._layout_for(self.options.size)
         first, second = (compact, wide) if self._layout == _COMPACT else (wide, compact)
@@ -180,7 +177,7 @@ class Window:
         docking = hello_imgui.get_runner_params().docking_params
         for panel in self.panels:
             if not panel.is_bare:
-                docking.dockable_window_of_name(self._tabs[panel.label]).is_visible = shown
+                docking.dockable_window_of_name(panel.label).is_visible = shown
 
     def _layouts(self) -> tuple[hello_imgui.DockingParams, hello_imgui.DockingParams]:
         wide = _layout(
@@ -231,18 +228,13 @@ def _layout(
 
 
 def _dockable(panel: Panel, space: str) -> hello_imgui.DockableWindow:
-    window = hello_imgui.DockableWindow(_shown(panel), space, panel.draw)
+    window = hello_imgui.DockableWindow(panel.label, space, panel.draw)
     window.can_be_closed = False
     window.remember_is_visible = False  # a hidden panel must not stay lost after a restart
     if panel.is_bare:
         window.call_begin_end = False
         window.gui_function = lambda: _bare(panel)
     return window
-
-
-def _shown(panel: Panel) -> str:
-    """What the tab says, in the language that the program was started in."""
-    return panel.label if panel.is_bare else words.label(panel.label)
 
 
 def _bare(panel: Panel) -> None:

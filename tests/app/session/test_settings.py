@@ -80,8 +80,6 @@ def test_home_that_cannot_be_written_is_a_sentence(
         ("preset", '"fast"', "robust"),
         ("background", '"#12345"', "#1c1c1f"),
         ("background", '"#A0b1C2"', "#A0b1C2"),
-        ("language", '"../../etc"', "en"),
-        ("language", '"pt-BR"', "pt-BR"),
         ("first_steps_done", "1", False),
         ("first_steps_done", "true", True),
     ],

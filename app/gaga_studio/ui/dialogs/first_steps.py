@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.session import Session
-from gaga_studio.system import words
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
@@ -157,7 +156,7 @@ def _strip(session: Session, progress: Progress) -> None:
     imgui.align_text_to_frame_padding()
     room = imgui.get_content_region_avail().x - em(2)
     imgui.text_unformatted(widgets.elided(STEPS[at - 1][1] if at else "That was all of it", room))
-    widgets.tooltip("\n".join(f"{i}. {words.tr(text)}" for i, (_, text) in enumerate(STEPS, 1)))
+    widgets.tooltip("\n".join(f"{i}. {text}" for i, (_, text) in enumerate(STEPS, 1)))
     _close(session)
 
 

@@ -1,13 +1,11 @@
 """Preferences: what the program remembers, in four groups; each is saved as it is changed."""
 
 from dataclasses import replace
-from functools import lru_cache
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color
-from gaga_studio.system import words
 from gaga_studio.ui.dialogs.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.state import UiState
@@ -41,13 +39,7 @@ def draw(session: Session, ui: UiState) -> None:
 
 def _look(settings: Settings, ui: UiState) -> Settings:
     widgets.heading("Look")
-    settings = replace(
-        settings,
-        theme=_choice("Theme", _THEMES, settings.theme),
-        language=_choice("Language", _languages(settings.language), settings.language),
-    )
-    if imgui.is_item_hovered():
-        widgets.tooltip("The tabs of the panels follow at the next start")
+    settings = replace(settings, theme=_choice("Theme", _THEMES, settings.theme))
     settings = _slider(settings, ui, "ui_scale", "Size of text and buttons", "%.2f×")
     changed, color = imgui.color_edit3("Background", list(settings.background_color))
     return replace(settings, background=hex_color(color)) if changed else settings
@@ -100,9 +92,3 @@ def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> s
     at = names.index(current) if current in names else 0
     changed, at = imgui.combo(label, at, [text for _, text in choices])
     return names[at] if changed else current
-
-
-@lru_cache(maxsize=1)
-def _languages(_current: str) -> tuple[tuple[str, str], ...]:
-    """Languages that there are files of; looked up when the sheet's language changes."""
-    return tuple(words.languages().items())

@@ -7,7 +7,6 @@ from typing import TypeVar
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from gaga_studio.system import words
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
 
@@ -225,8 +224,7 @@ def number(text: str, color: ImVec4 | None = None) -> None:
 
 
 def elided(text: str, width: float) -> str:
-    """``text``, in the user's language, cut with an ellipsis so that it fits ``width`` pixels."""
-    text = words.tr(text)
+    """``text`` cut with an ellipsis so that it fits ``width`` pixels."""
     if imgui.calc_text_size(text).x <= width:
         return text
     low, high = 0, len(text)
@@ -244,7 +242,7 @@ def line(text: str, color: ImVec4 | None = None) -> None:
     shown = elided(text, imgui.get_content_region_avail().x)
     with theme.text_color(color or theme.TEXT):
         imgui.text_unformatted(shown)
-    if shown != words.tr(text):
+    if shown != text:
         tooltip(text)
 
 
@@ -275,7 +273,6 @@ def empty_state(icon: str, title: str, detail: str) -> None:
 
 def wrapped(text: str, color: ImVec4) -> None:
     """Text in centred lines that fit the panel."""
-    text = words.tr(text)
     width = imgui.get_content_region_avail().x - em(0.5)
     with theme.text_color(color):
         for part in _lines(text, width):

@@ -7,7 +7,6 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_studio.session.session import Session
-from gaga_studio.system import words
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
 
@@ -15,12 +14,12 @@ _EDGE = 0.62  # from here to the rim of a face its edge, or corner, is meant
 _DRAG_PIXELS = 4.0
 _DRAG_GAIN = 2.5  # of an orbit, against a drag in the picture
 _SIDES: tuple[tuple[str, tuple[int, int, int]], ...] = (
-    (words.listed("front"), (0, -1, 0)),
-    (words.listed("back"), (0, 1, 0)),
-    (words.listed("left"), (-1, 0, 0)),
-    (words.listed("right"), (1, 0, 0)),
-    (words.listed("top"), (0, 0, 1)),
-    (words.listed("bottom"), (0, 0, -1)),
+    ("front", (0, -1, 0)),
+    ("back", (0, 1, 0)),
+    ("left", (-1, 0, 0)),
+    ("right", (1, 0, 0)),
+    ("top", (0, 0, 1)),
+    ("bottom", (0, 0, -1)),
 )
 Side = tuple[int, int, int]  # right, back, up, each -1, 0 or 1
 
@@ -91,7 +90,7 @@ def hit(cube: DoubleArray, u: float, v: float) -> Side | None:
 
 def name_of(side: Side) -> str:
     """ "front", "front right", "top back left"."""
-    names = [words.tr(name) for name, normal in reversed(_SIDES) if np.dot(normal, side) > 0]
+    names = [name for name, normal in reversed(_SIDES) if np.dot(normal, side) > 0]
     return " ".join(names)
 
 
@@ -114,7 +113,7 @@ def _faces(cube: DoubleArray, middle: ImVec2, scale: float, meant: Side | None) 
         drawing.add_quad(a, b, c, d, theme.u32(theme.LINE_STRONG), theme.scaled(1))
         if facing > 0.45:
             with theme.face(strong=True, scale=0.62):
-                text = words.tr(name).upper()
+                text = name.upper()
                 extent = imgui.calc_text_size(text)
                 at = cube @ normal
                 x = middle.x + scale * at[0] - extent.x / 2
