@@ -1,11 +1,12 @@
 # make studio  sets everything up and opens the window on the demo scene
 # make test    sets everything up and runs every check and test (starts its own Xvfb)
+# make docs    sets everything up and builds the documentation into docs/_build
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test check setup bench screenshot clean
+.PHONY: studio test check docs setup bench screenshot clean
 
 studio:
 	@.ci/has-display
@@ -21,6 +22,11 @@ check: setup
 	@$(BIN)/ruff format --check -q .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+	@$(BIN)/sphinx-build -q -W --keep-going docs docs/_build
+
+docs: setup
+	@$(BIN)/sphinx-build -W --keep-going docs docs/_build
+	@echo "Open docs/_build/index.html"
 
 setup:
 	@.ci/system-libraries tests
@@ -29,7 +35,7 @@ setup:
 $(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --upgrade pip
-	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,docs]'
 	@touch $(STAMP)
 
 bench: setup
@@ -39,4 +45,4 @@ screenshot: setup
 	@$(BIN)/python -m tests.screenshot assets/screenshot.png
 
 clean:
-	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist docs/_build docs/api
