@@ -2,23 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.gate import (
-    GateConfig,
-    ViewMasks,
-    depth_bounds,
-    gaussians_of_masks,
-    open_bounds,
+from gaga_core.grouping.gate import GateConfig, ViewMasks
+from gaga_core.grouping.gated_views import DepthKind, GatedViews
+from gaga_core.grouping.memory_bank import (
+    MemoryBank,
+    Preset,
+    add_view,
+    groups_of_masks,
+    views_per_group,
 )
-from gaga_core.grouping.memory_bank import MemoryBank, add_view, groups_of_masks, views_per_group
 from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
 from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps
@@ -30,16 +30,16 @@ from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
 STAGE = "Associate masks"
-PRESETS = ("paper", "robust")
+PRESETS: tuple[Preset, ...] = get_args(Preset)
 
 
 @dataclass(frozen=True)
 class AssociateConfig:
     """Settings of the association; the defaults are the paper's (section 3.2), to the letter."""
 
-    preset: Literal["paper", "robust"] = "paper"  # where the other values come from
+    preset: Preset = "paper"  # where the other values come from
     threshold: float = 0.1  # least overlap #(G(m) and G_i) / #G(m) to join a group
-    depth: Literal["expected", "median", "none"] = "expected"  # "none": ablation "all Gaussians"
+    depth: DepthKind = "expected"  # of a pixel; "none" is the ablation "all Gaussians"
     order: Literal["name", "coverage"] = "name"  # coverage: views with most Gaussians first
     gate: GateConfig = field(default_factory=GateConfig)
     consensus: ConsensusConfig | None = None  # groups by the views' consensus (beyond the paper)
@@ -52,12 +52,14 @@ class AssociateConfig:
             raise ValueError(f"preset: {self.preset!r} is none of {PRESETS}")
         if not 0 < self.threshold <= 1:
             raise ValueError(f"threshold: {self.threshold} is not in (0, 1]")
-        if self.depth not in ("expected", "median", "none"):
-            raise ValueError(f"depth: {self.depth!r} is none of 'expected', 'median', 'none'")
+        if self.depth not in get_args(DepthKind):
+            raise ValueError(f"depth: {self.depth!r} is none of {get_args(DepthKind)}")
         if self.order not in ("name", "coverage"):
             raise ValueError(f"order: {self.order!r} is neither 'name' nor 'coverage'")
         if self.consensus is not None and self.depth == "none":
             raise ValueError("consensus: needs a depth, 'expected' or 'median'")
+        if self.consensus is None and (self.fill_unseen or self.surfaces is not None):
+            raise ValueError("fill_unseen and surfaces: need the consensus")
         if self.histogram_bytes < 1:
             raise ValueError("histogram_bytes: too small")
 
@@ -118,18 +120,25 @@ class Association:
         }
 
 
-@dataclass(frozen=True, eq=False)
 class _Task:
-    """What all parts of an association read, and what they leave each other."""
+    """An association that runs: what all of its steps read."""
 
-    gaussians: Gaussians
-    views: tuple[Camera, ...]  # with masks, by name
-    masks: MaskSet
-    rasterizer: Rasterizer
-    config: AssociateConfig
-    depths: DepthMaps  # of the views, filled as they are rendered
-    bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view, once known
-    resized: set[str] = field(default_factory=set)  # views whose masks did not fit
+    def __init__(
+        self, gated: GatedViews, rasterizer: Rasterizer, config: AssociateConfig, n_cameras: int
+    ) -> None:
+        self.gated = gated
+        self.gaussians, self.views, self.masks = gated.gaussians, gated.views, gated.masks
+        self.names = tuple(camera.name for camera in gated.views)
+        self.rasterizer = rasterizer
+        self.config = config
+        self.n_cameras = n_cameras  # with masks or without
+        self.depths = None if config.consensus is None else DepthMaps(gated.views)
+
+    def gaussians_of(self, camera: Camera) -> tuple[ViewMasks, IntArray]:
+        """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none."""
+        if camera.name not in self.gated.bounds:
+            self.gated.render(camera, self.rasterizer, self.depths)
+        return self.gated.gaussians_of(camera)
 
 
 def associate_stage(
@@ -142,8 +151,8 @@ def associate_stage(
     """Associate the masks of ``cameras`` through the memory bank, then label every Gaussian.
 
     Preset "paper": views in the order of their names, the first one that has masks opens the bank.
-    Each view costs one depth picture and one pass over the Gaussians; masks are loaded one view at
-    a time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
+    Each view costs one depth map and one pass over the Gaussians; masks are loaded one view at a
+    time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
     adds what `AssociateConfig` says. The progress after a view carries a `BankSnapshot`.
     Raises ``GagaError`` when there is nothing to associate.
     """
@@ -151,50 +160,92 @@ def associate_stage(
     views = views_with_masks(cameras, masks)
     if len(gaussians) == 0:
         raise GagaError("The model holds no Gaussians. Choose another .ply file.")
-    task = _Task(gaussians, views, masks, rasterizer, config, DepthMaps.for_views(views))
-    n_parts = 2 + 3 * (config.consensus is not None) + (config.order == "coverage")
-    n_parts += config.fill_unseen
-    parts = iter(range(n_parts))
-    order: Sequence[Camera] = views
-    if config.order == "coverage":
-        order = yield from part(_widest_first(task), next(parts), n_parts, STAGE)
-    bank = yield from part(_fill_bank(task, order), next(parts), n_parts, STAGE)
-    if config.consensus is None:
-        votes = yield from part(_vote(task, bank), next(parts), n_parts, STAGE)
-    else:
-        stage = consensus_stage(views, partial(_view_masks, task), task.depths, config.consensus)
-        tables = yield from part(stage, next(parts), n_parts, STAGE)
-        points = dict(zip((camera.name for camera in views), tables, strict=True))
-        ids = {camera.name: _view_masks(task, camera).ids for camera in views}
-        bank = decide_masks(bank, points, ids)
-        votes = yield from part(_consensus_vote(task, points), next(parts), n_parts, STAGE)
-        split = next(parts)
-        if any(len(merged_masks(table, config.consensus)) > 0 for table in tables):
-            again = _consensus_vote(task, points, votes.labels)
-            votes = yield from part(again, split, n_parts, STAGE)
-    groups = groups_of_masks(bank, [camera.name for camera in views])
+    gated = GatedViews(gaussians, views, masks, config.gate, config.depth)
+    task = _Task(gated, rasterizer, config, len(cameras))
+    if config.consensus is None or task.depths is None:
+        return (yield from _by_memory_bank(task))
+    return (yield from _by_consensus(task, config.consensus, task.depths))
+
+
+def _by_memory_bank(task: _Task) -> Stage[Association]:
+    """The paper: the memory bank decides each mask once, view after view."""
+    n_parts = 2 + (task.config.order == "coverage")
+    # Section 3.2, "Gaussians of a mask" and "Memory bank": depth gate, then overlap, mask by mask.
+    order = yield from _ordered_views(task, n_parts)
+    bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
+    # Fig. 2: every mask shows its group's id. Pixels vote for the Gaussians that they show; one
+    # that no mask shows keeps the group that the bank has it in.
+    vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config)
+    votes = yield from part(vote, n_parts - 1, n_parts, STAGE)
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
-    if config.fill_unseen:
-        hidden = _with_hidden(task, bank, groups, votes.labels)
+    return _association(task, bank, labels, votes)
+
+
+def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) -> Stage[Association]:
+    """Beyond the paper: all views decide together which group each mask belongs to.
+
+    The memory bank is filled as in the paper, so that every mask has its decision in the log and a
+    live observer sees groups from the first view on; then the consensus replaces the decisions.
+    """
+    n_parts = 5 + (task.config.order == "coverage") + task.config.fill_unseen
+    parts = iter(range(task.config.order == "coverage", n_parts))
+    # 1. The paper's bank, the views with the widest coverage first.
+    order = yield from _ordered_views(task, n_parts)
+    first_bank = yield from part(_fill_bank(task, order), next(parts), n_parts, STAGE)
+    # 2. Points on the surfaces are clustered by how many views show them in one mask; each mask
+    #    takes the group of most of its points.
+    stage = consensus_stage(task.views, task.gated.masks_of, depths, consensus)
+    tables = yield from part(stage, next(parts), n_parts, STAGE)
+    points = dict(zip(task.names, tables, strict=True))
+    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
+    decided = decide_masks(first_bank, points, ids)
+    # 3. Masks of one group vote for Gaussians.
+    vote = _vote_by_points(task, consensus, points)
+    votes = yield from part(vote, next(parts), n_parts, STAGE)
+    # 4. Masks that hold several groups vote, too, divided by the labels that there are now.
+    divide = next(parts)
+    if any(len(merged_masks(table, consensus)) > 0 for table in tables):
+        again = _vote_by_points(task, consensus, points, votes.labels)
+        votes = yield from part(again, divide, n_parts, STAGE)
+    # 5. Gaussians that no mask labels: what the gate or the surfaces say of them.
+    labels = votes.labels
+    if task.config.fill_unseen:
+        hidden = _with_hidden(task, decided, labels)
         labels = yield from part(hidden, next(parts), n_parts, STAGE)
-        bank = replace(bank, n_groups=max(bank.n_groups, int(labels.max(initial=0))))
-    if config.consensus is not None:  # the votes say who owns what, not who came first
-        bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
+    # The votes say who owns what, not who came first.
+    bank = replace(
+        decided,
+        group=np.where(labels > 0, labels, np.int32(-1)),
+        n_groups=max(decided.n_groups, int(labels.max(initial=0))),
+    )
+    return _association(task, bank, labels, votes)
+
+
+def _association(task: _Task, bank: MemoryBank, labels: IntArray, votes: Votes) -> Association:
     return Association(
         bank=bank,
         labels=labels,
         confidence=votes.confidence,
-        mask_groups=groups,
+        mask_groups=groups_of_masks(bank, task.names),
         views_per_group=views_per_group(bank),
-        notes=_notes(task, len(cameras)),
+        notes=_notes(task),
     )
 
 
-def _widest_first(task: _Task) -> Stage[list[Camera]]:
-    """The views by the number of Gaussians behind their masks, most first; fills the bounds."""
+# --- steps of both paths
+
+
+def _ordered_views(task: _Task, n_parts: int) -> Stage[Sequence[Camera]]:
+    """The views by name, or those with most Gaussians behind their masks first (part 0)."""
+    if task.config.order == "name":
+        return task.views
+    return (yield from part(_widest_first(task), 0, n_parts, STAGE))
+
+
+def _widest_first(task: _Task) -> Stage[Sequence[Camera]]:
     coverage = {}
     for i, camera in enumerate(task.views):
-        mask_of = _gaussians_of_view(task, camera)[1]
+        mask_of = task.gaussians_of(camera)[1]
         coverage[camera.name] = int((mask_of > 0).sum())
         yield Progress(STAGE, i + 1, len(task.views), f"coverage of {camera.name}")
     return sorted(task.views, key=lambda camera: (-coverage[camera.name], camera.name))
@@ -202,9 +253,9 @@ def _widest_first(task: _Task) -> Stage[list[Camera]]:
 
 def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
     """The memory bank after all views, taken in this order."""
-    bank = MemoryBank.empty(len(task.gaussians))
+    bank = MemoryBank.empty(len(task.gaussians), task.config.preset)
     for i, camera in enumerate(order):
-        masks, mask_of = _gaussians_of_view(task, camera)
+        masks, mask_of = task.gaussians_of(camera)
         bank, _ = add_view(bank, camera.name, masks.ids, mask_of, task.config.threshold)
         snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
         message = f"{camera.name}: {bank.n_groups} groups"
@@ -212,60 +263,39 @@ def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
     return bank
 
 
-def _gaussians_of_view(task: _Task, camera: Camera) -> tuple[ViewMasks, IntArray]:
-    """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none."""
-    labels, resized = load_labels(task.masks, camera)
-    if resized:
-        task.resized.add(camera.name)
-    masks = ViewMasks.of(labels)
-    if camera.name not in task.bounds:
-        task.bounds[camera.name] = _bounds(task, camera, masks)
-    bounds = task.bounds[camera.name]
-    return masks, gaussians_of_masks(task.gaussians.means, camera, masks, bounds)
-
-
-def _bounds(task: _Task, camera: Camera, masks: ViewMasks) -> DoubleArray:
-    """Accepted depths (M + 1, 2) of each mask, from the splatted depth map of the view."""
-    config = task.config
-    if config.depth == "none":
-        return open_bounds(masks)
-    # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
-    channels = np.zeros((len(task.gaussians), 1), np.float32)
-    frame = task.rasterizer.render(task.gaussians, camera, channels=channels)
-    depth = frame.median_depth if config.depth == "median" else frame.expected_depth
-    if config.consensus is not None:
-        task.depths.add(camera.name, depth, frame.alpha, config.gate.alpha_min)
-    return depth_bounds(masks, depth, frame.alpha, config.gate)
-
-
-def _vote(task: _Task, bank: MemoryBank) -> Stage[Votes]:
-    """Labels per Gaussian by vote of the associated masks."""
-    groups = groups_of_masks(bank, [camera.name for camera in task.views])
+def vote_with_bank(
+    gated: GatedViews, bank: MemoryBank, rasterizer: Rasterizer, config: AssociateConfig
+) -> Stage[Votes]:
+    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in."""
+    groups = groups_of_masks(bank, [camera.name for camera in gated.views])
 
     def label_map(camera: Camera) -> IntArray:
-        return associated_labels(load_labels(task.masks, camera)[0], groups[camera.name])
+        return associated_labels(load_labels(gated.masks, camera)[0], groups[camera.name])
 
     return vote_labels(
-        task.gaussians,
-        task.views,
+        gated.gaussians,
+        gated.views,
         label_map,
         bank.n_groups,
-        task.rasterizer,
-        histogram_bytes=task.config.histogram_bytes,
+        rasterizer,
+        histogram_bytes=config.histogram_bytes,
     )
 
 
-def _consensus_vote(
+# --- steps of the consensus alone
+
+
+def _vote_by_points(
     task: _Task,
+    consensus: ConsensusConfig,
     tables: Mapping[str, LongArray],  # by view: (M + 1, G + 1) points of each group in each mask
     first: IntArray | None = None,  # (N,) labels by which merged masks are split; None = silent
 ) -> Stage[Votes]:
     """Labels per Gaussian by vote of the masks with their points' groups."""
-    config = task.config.consensus or ConsensusConfig()
 
     def label_map(camera: Camera) -> IntArray:
-        table, masks = tables[camera.name], _view_masks(task, camera)
-        merged = merged_masks(table, config)
+        table, masks = tables[camera.name], task.gated.masks_of(camera)
+        merged = merged_masks(table, consensus)
         shown = None
         if first is not None and len(merged) > 0:
             shown = task.rasterizer.label_splat(task.gaussians, camera, first).labels
@@ -282,33 +312,28 @@ def _consensus_vote(
     )
 
 
-def _with_hidden(
-    task: _Task, bank: MemoryBank, groups: Mapping[str, IntArray], labels: IntArray
-) -> Stage[IntArray]:
+def _with_hidden(task: _Task, bank: MemoryBank, labels: IntArray) -> Stage[IntArray]:
     """Labels (N,) in which Gaussians that no mask labels have one; of few views with new groups."""
     surfaces = task.config.surfaces_of_few(len(task.views))
     if surfaces is not None:
-        by_shape = follow_surfaces(
+        return follow_surfaces(
             task.gaussians, task.views, task.masks, labels, task.rasterizer, surfaces
         )
-        return (yield from by_shape)
-    stage = fill_unseen(
-        task.gaussians, task.views, task.masks, task.bounds, groups, bank.n_groups, labels
+    groups = groups_of_masks(bank, task.names)
+    return fill_unseen(
+        task.gaussians, task.views, task.masks, task.gated.bounds, groups, bank.n_groups, labels
     )
-    return (yield from stage)
 
 
-def _view_masks(task: _Task, camera: Camera) -> ViewMasks:
-    return ViewMasks.of(load_labels(task.masks, camera)[0])
-
-
-def _notes(task: _Task, n_cameras: int) -> tuple[str, ...]:
-    n_views, notes = len(task.views), []
-    if n_views < n_cameras:
-        notes.append(f"{n_cameras - n_views} of {n_cameras} views have no masks and took no part.")
-    if task.resized:
+def _notes(task: _Task) -> tuple[str, ...]:
+    n_views, resized, notes = len(task.views), task.gated.resized, []
+    if n_views < task.n_cameras:
         notes.append(
-            f"The masks of {len(task.resized)} of {n_views} views had another size than the view; "
+            f"{task.n_cameras - n_views} of {task.n_cameras} views have no masks and took no part."
+        )
+    if resized:
+        notes.append(
+            f"The masks of {len(resized)} of {n_views} views had another size than the view; "
             "they were resized."
         )
     return tuple(notes)

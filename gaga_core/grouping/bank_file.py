@@ -1,13 +1,15 @@
-"""The memory bank on disk: owners and the decision log, one .npz."""
+"""The memory bank on disk: owners, the preset and the decision log, one .npz."""
 
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
-from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, Preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
 
@@ -16,7 +18,11 @@ _COLUMNS = tuple(field.name for field in fields(Decision))
 
 def bank_arrays(bank: MemoryBank) -> dict[str, AnyArray]:
     """The bank as named arrays: what `save_bank` writes. No pickles."""
-    arrays: dict[str, AnyArray] = {"group": bank.group, "n_groups": np.array(bank.n_groups)}
+    arrays: dict[str, AnyArray] = {
+        "group": bank.group,
+        "n_groups": np.array(bank.n_groups),
+        "preset": np.array(bank.preset),
+    }
     for name in _COLUMNS:
         arrays[f"log_{name}"] = np.array([getattr(d, name) for d in bank.log])
     return arrays
@@ -28,7 +34,27 @@ def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
     arrays = {"log_by_hand": np.zeros(n_log, np.bool_), **arrays}  # older banks have no such column
     columns = [arrays[f"log_{name}"].tolist() for name in _COLUMNS]
     log = tuple(Decision(*row) for row in zip(*columns, strict=True))
-    return MemoryBank(np.ascontiguousarray(arrays["group"], np.int32), int(arrays["n_groups"]), log)
+    return MemoryBank(
+        np.ascontiguousarray(arrays["group"], np.int32),
+        int(arrays["n_groups"]),
+        log,
+        preset=_preset_of(str(arrays["preset"])) if "preset" in arrays else _guessed_preset(log),
+    )
+
+
+def _preset_of(name: str) -> Preset:
+    presets: tuple[Preset, ...] = get_args(Preset)
+    for preset in presets:
+        if preset == name:
+            return preset
+    raise ValueError(f"preset: {name!r} is none of {presets}")
+
+
+def _guessed_preset(log: Sequence[Decision]) -> Preset:
+    """The preset of a bank of version 0.1.0, which did not store it, from the order of the views:
+    "paper" takes them by name, "robust" those with the widest coverage first."""
+    views = list(dict.fromkeys(decision.view for decision in log))
+    return "paper" if views == sorted(views) else "robust"
 
 
 def save_bank(path: Path, bank: MemoryBank) -> None:

@@ -1,12 +1,15 @@
 """The 3D-aware memory bank (section 3.2): which Gaussians each group owns, and why."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from gaga_core.arrays import IntArray, LongArray, check_shape
 from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+
+Preset = Literal["paper", "robust"]  # see `associate.AssociateConfig.of`
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,13 @@ class MemoryBank:
     group: IntArray  # (N,) -1 = free, else group id 1..n_groups
     n_groups: int
     log: tuple[Decision, ...] = ()
+    preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are shares of splats
+    # ("paper") or of points on the surfaces ("robust"), and a repair decides in the same way
 
     @staticmethod
-    def empty(n_gaussians: int) -> "MemoryBank":
+    def empty(n_gaussians: int, preset: Preset = "paper") -> "MemoryBank":
         """A bank in which every Gaussian is free."""
-        return MemoryBank(np.full(n_gaussians, -1, np.int32), 0)
+        return MemoryBank(np.full(n_gaussians, -1, np.int32), 0, preset=preset)
 
 
 def add_view(
@@ -86,7 +91,7 @@ def add_view(
         )
     group = bank.group.copy()
     take_free(mask_of, group_of_mask, group)
-    return MemoryBank(group, n_groups, bank.log + tuple(log)), group_of_mask
+    return replace(bank, group=group, n_groups=n_groups, log=bank.log + tuple(log)), group_of_mask
 
 
 def views_per_group(bank: MemoryBank) -> IntArray:

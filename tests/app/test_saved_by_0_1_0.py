@@ -54,6 +54,7 @@ def test_a_bank_is_read_with_its_log_and_groups(saved: Path, preset: str) -> Non
         labels = arrays["labels"]
     assert bank.n_groups == labels.max() == 5
     assert len(bank.log) == 25
+    assert bank.preset == preset
     assert len({(decision.view, decision.mask) for decision in bank.log}) == 25
     assert {decision.group for decision in bank.log} == {1, 2, 3, 4, 5}
     assert bank.group.shape == labels.shape

@@ -114,11 +114,11 @@ def overlaps(session: Session, decision: Decision) -> dict[int, float] | None:
 
 
 def _look(evidence: "Evidence", view: str) -> Stage[object]:
-    from gaga_core.grouping.repair.view_evidence import gather_stage, with_views
+    from gaga_core.grouping.repair.view_evidence import gather_stage
     from gaga_core.pipeline.compile_kernels import after_warm_up
 
     def gather() -> Stage[object]:
-        one = with_views(evidence, [evidence.camera(view)])
+        one = evidence.only([evidence.camera(view)])
         yield from gather_stage(one, choose(), only_bounds=True)
         return None
 
@@ -179,19 +179,18 @@ def evidence_of(session: Session, document: Document) -> "Evidence":
     Raises ``GagaError`` when there are no masks.
     """
     from gaga_core.grouping.associate import AssociateConfig
-    from gaga_core.grouping.repair.view_evidence import Evidence, preset_of
+    from gaga_core.grouping.repair.view_evidence import Evidence
 
     folder, bank = document.project.folder, document.scene.bank
     if folder is None or bank is None or len(session.masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
-    preset = preset_of(bank)
-    key = (session.masks.source or session.provider, preset)
+    key = (session.masks.source or session.provider, bank.preset)
     kept = document.evidence.get(key)
     if kept is None:
         train = set(folder.train)
         cameras = [camera for camera in folder.cameras if camera.name in train]
         gaussians = stages.file_gaussians(document.scene)
-        kept = Evidence.of(gaussians, cameras, session.masks, AssociateConfig.of(preset))
+        kept = Evidence.of(gaussians, cameras, session.masks, AssociateConfig.of(bank.preset))
         document.evidence[key] = kept
     return kept
 

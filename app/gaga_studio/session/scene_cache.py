@@ -11,7 +11,6 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.grouping.repair.view_evidence import preset_of
 from gaga_core.scene import objects
 from gaga_core.scene.confidence import confidence_histogram
 from gaga_core.scene.edits.append import spread
@@ -116,9 +115,7 @@ class Readings:
     def overlap_is_of_points(self) -> bool:
         """Whether overlaps in the log are shares of surface points, not of splats."""
         bank = self._scene.bank
-        if bank is None:
-            return False
-        return self._once("preset", bank, lambda: preset_of(bank)) == "robust"
+        return bank is not None and bank.preset == "robust"
 
     def decision_now(self, former: Decision | None) -> Decision | None:
         """What is decided now of the mask of ``former``; None when the bank does not know it."""

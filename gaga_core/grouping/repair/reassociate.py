@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.associate import BankSnapshot, vote_with_bank
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.gate_kernels import count_overlaps, take_free
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks, two_best
 from gaga_core.grouping.repair.reassociate_points import VotingMaps, follow_points
 from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
 from gaga_core.grouping.robust.label_masks import fill_unseen
-from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
+from gaga_core.grouping.votes import Votes, vote_labels
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
@@ -87,7 +86,8 @@ def reassociate_stage(
     yield from part(gather_stage(evidence, rasterizer), 0, 3, STAGE)
     if is_paper:
         redone = yield from part(_refill(evidence, bank, forced, move.view, free), 1, 3, STAGE)
-        votes = yield from part(_vote(evidence, redone, rasterizer), 2, 3, STAGE)
+        vote = vote_with_bank(evidence.gated, redone, rasterizer, evidence.config)
+        votes = yield from part(vote, 2, 3, STAGE)
     else:
         yield Progress(STAGE, 1, 3, "points", None)
         redone, tables = follow_points(evidence, bank, forced, move.view)
@@ -133,17 +133,19 @@ def _refill(
         else:
             decisions = _decided(evidence, view, (masks, mask_of), group, (former, forced), ids)
         ids.opened |= {d.group for d in decisions}
-        of_mask = groups_of_masks(MemoryBank(group, 0, tuple(decisions)), [view])[view]
+        of_mask = groups_of_masks(replace(bank, log=tuple(decisions)), [view])[view]
         dense = np.append(of_mask, np.zeros(int(masks.ids[-1]) + 1, np.int32))[masks.ids]
         group = group.copy()
         take_free(mask_of, dense.astype(np.int32), group)
         log += decisions
         top = max(bank.n_groups, ids.free - 1)
-        n_groups, live = len(ids.opened - {0}), MemoryBank(group, top, tuple(log))
-        snapshot = BankSnapshot(view, live, n_groups, keeps_ids=True)
-        message = f"{view}: {n_groups} groups"
+        live = replace(bank, group=group, n_groups=top, log=tuple(log))
+        n_open = len(ids.opened - {0})
+        snapshot = BankSnapshot(view, live, n_open, keeps_ids=True)
+        message = f"{view}: {n_open} groups"
         yield Progress(STAGE, i + 1, len(order), message, snapshot if i >= start else None)
-    return MemoryBank(group, max((bank.n_groups, *(d.group for d in log))), tuple(log))
+    n_groups = max((bank.n_groups, *(d.group for d in log)))
+    return replace(bank, group=group, n_groups=n_groups, log=tuple(log))
 
 
 class _Ids:
@@ -212,23 +214,6 @@ def _decided(
             )
         )
     return log
-
-
-def _vote(evidence: Evidence, bank: MemoryBank, rasterizer: Rasterizer) -> Stage[Votes]:
-    groups = groups_of_masks(bank, [camera.name for camera in evidence.views])
-
-    def label_map(camera: Camera) -> IntArray:
-        masks = evidence.masks_of(camera)
-        return associated_labels(masks.ids[masks.labels], groups[camera.name])
-
-    return vote_labels(
-        evidence.gaussians,
-        evidence.views,
-        label_map,
-        bank.n_groups,
-        rasterizer,
-        histogram_bytes=evidence.config.histogram_bytes,
-    )
 
 
 def _robust_vote(

@@ -31,7 +31,9 @@ def follow_points(
 
     Also for each view the table (M + 1, G + 1): how many points of each group show in each mask.
     """
-    shown = evidence.points[0]  # (S, V)
+    if evidence.points is None:
+        raise ValueError("evidence: has no points, run gather_stage first")
+    shown = evidence.points
     masks = [evidence.masks_of(camera).ids for camera in evidence.views]
     former = _groups(evidence, bank, masks)
     told = [
@@ -51,7 +53,8 @@ def follow_points(
     tables = point_tables(shown, point, [len(ids) for ids in masks])
     tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in tables]
     log = _logged(evidence, bank, masks, (of_mask, tables), forced)
-    return MemoryBank(np.full_like(bank.group, -1), width - 1, log), tables
+    nobody = np.full_like(bank.group, -1)
+    return replace(bank, group=nobody, n_groups=width - 1, log=log), tables
 
 
 @dataclass(frozen=True, eq=False)

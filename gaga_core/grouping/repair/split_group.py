@@ -8,14 +8,14 @@ had merged the two must be.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage, with_views
+from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
@@ -51,7 +51,7 @@ def halves_stage(
     views = [camera for camera in evidence.views if camera.name in wanted]
     if len(log) < 2 or len(rows) == 0:
         raise GagaError(f"{name} has too few masks to vote. Paint a part of it and use Separate.")
-    own = with_views(evidence, views)
+    own = evidence.only(views)
     yield from part(gather_stage(own, rasterizer, only_bounds=True), 0, 3, STAGE)
     means = np.ascontiguousarray(evidence.gaussians.means[rows])
     rng = np.random.default_rng(0)
@@ -95,7 +95,7 @@ def split_bank(bank: MemoryBank, halves: Halves, group: int, into: int) -> Memor
     owners = bank.group.copy()
     rows = halves.rows[owners[halves.rows] == group]
     owners[rows] = into
-    return MemoryBank(owners, max(bank.n_groups, into), tuple(log))
+    return replace(bank, group=owners, n_groups=max(bank.n_groups, into), log=tuple(log))
 
 
 def two_sides(

@@ -1,24 +1,21 @@
-"""What the views say about the splats, kept so that a repair need not draw every view again.
+"""What the views say about the splats, kept so that a repair need not render every view again.
 
-Depth pictures are the dear part of an association. What remains of them here is small: the accepted
-depths of each mask, and (for the view consensus) the mask that each surface point shows in a view.
+Depth maps are the expensive part of an association. What remains of them here is small: the
+accepted depths of each mask, and (for the view consensus) the mask that each surface point shows in
+a view.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
 
-import numpy as np
-
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.grouping.gate import ViewMasks, depth_bounds, gaussians_of_masks, open_bounds
-from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.gated_views import GatedViews
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
-from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.views import views_with_masks
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
@@ -26,16 +23,15 @@ from gaga_core.raster.base import Rasterizer
 STAGE = "Look at the views"
 
 
-@dataclass(frozen=True, eq=False)
 class Evidence:
-    """The views of an association with their masks. Filled by `gather_stage`; the rest is fixed."""
+    """The views of an association with their masks, and what `gather_stage` found in them."""
 
-    gaussians: Gaussians
-    views: tuple[Camera, ...]  # with masks, by name
-    masks: MaskSet
-    config: AssociateConfig
-    bounds: dict[str, DoubleArray] = field(default_factory=dict)  # accepted depths of the masks
-    points: list[IntArray] = field(default_factory=list)  # one (S, V): mask of a point in a view
+    def __init__(self, gated: GatedViews, config: AssociateConfig) -> None:
+        self.gated = gated
+        self.config = config
+        self.points: IntArray | None = None  # (S, V) mask that each surface point shows in a view
+        self.gaussians, self.views, self.masks = gated.gaussians, gated.views, gated.masks
+        self.bounds = gated.bounds  # by view: (M + 1, 2) accepted depths
 
     @staticmethod
     def of(
@@ -45,7 +41,9 @@ class Evidence:
         config: AssociateConfig,
     ) -> "Evidence":
         """Nothing gathered yet. Raises ``GagaError`` when no view has masks."""
-        return Evidence(gaussians, views_with_masks(cameras, masks), masks, config)
+        views = views_with_masks(cameras, masks)
+        gated = GatedViews(gaussians, views, masks, config.gate, config.depth)
+        return Evidence(gated, config)
 
     def camera(self, view: str) -> Camera:
         """The camera of a view; ``GagaError`` when it has no masks."""
@@ -56,7 +54,7 @@ class Evidence:
 
     def masks_of(self, camera: Camera) -> ViewMasks:
         """The masks of a view, ids made dense."""
-        return ViewMasks.of(load_labels(self.masks, camera)[0])
+        return self.gated.masks_of(camera)
 
     def gaussians_of(
         self, camera: Camera, means: FloatArray | None = None
@@ -65,31 +63,27 @@ class Evidence:
 
         ``means`` (K, 3): of these centres only. Needs `gather_stage`.
         """
-        masks = self.masks_of(camera)
-        centres = self.gaussians.means if means is None else means
-        return masks, gaussians_of_masks(centres, camera, masks, self.bounds[camera.name])
+        return self.gated.gaussians_of(camera, means)
 
-
-def preset_of(bank: MemoryBank) -> str:
-    """The preset that made a bank: "paper" takes the views by name, "robust" the widest first."""
-    views = list(dict.fromkeys(decision.view for decision in bank.log))
-    return "paper" if views == sorted(views) else "robust"
+    def only(self, views: Sequence[Camera]) -> "Evidence":
+        """Of some of the views; accepted depths that are found for one are shared."""
+        return Evidence(self.gated.only(views), self.config)
 
 
 def gather_stage(
     evidence: Evidence, rasterizer: Rasterizer, *, only_bounds: bool = False
 ) -> Stage[None]:
-    """Fill in what is missing: one depth picture a view, once. Cancelled, it keeps what it has.
+    """Find what is missing: one depth map a view, once. Cancelled, it keeps what it has.
 
     ``only_bounds``: the points of the surfaces are not wanted.
     """
     consensus = None if only_bounds else evidence.config.consensus
-    wants_points = consensus is not None and not evidence.points
+    wants_points = consensus is not None and evidence.points is None
     missing = [c for c in evidence.views if wants_points or c.name not in evidence.bounds]
     n_parts = 3 if wants_points else 1
-    depths = DepthMaps.for_views(evidence.views)
-    yield from part(_bounds(evidence, missing, rasterizer, depths), 0, n_parts, STAGE)
-    if consensus is None or not wants_points:
+    depths = DepthMaps(evidence.views) if wants_points else None
+    yield from part(_render(evidence, missing, rasterizer, depths), 0, n_parts, STAGE)
+    if consensus is None or depths is None:
         return
     sample = sample_points(
         evidence.views,
@@ -100,28 +94,12 @@ def gather_stage(
     )
     points = yield from part(sample, 1, n_parts, STAGE)
     shown = masks_of_points(points, evidence.views, evidence.masks_of, depths)
-    evidence.points.append((yield from part(shown, 2, n_parts, STAGE)))
+    evidence.points = yield from part(shown, 2, n_parts, STAGE)
 
 
-def _bounds(
-    evidence: Evidence, views: Sequence[Camera], rasterizer: Rasterizer, depths: DepthMaps
+def _render(
+    evidence: Evidence, views: Sequence[Camera], rasterizer: Rasterizer, depths: DepthMaps | None
 ) -> Stage[None]:
-    config = evidence.config
-    channels = np.zeros((len(evidence.gaussians), 1), np.float32)
-    draw = partial(rasterizer.render, evidence.gaussians, channels=channels)
     for i, camera in enumerate(views):
         yield Progress(STAGE, i, len(views), camera.name)
-        masks = evidence.masks_of(camera)
-        if config.depth == "none":
-            evidence.bounds[camera.name] = open_bounds(masks)
-            continue
-        frame = draw(camera)
-        depth = frame.median_depth if config.depth == "median" else frame.expected_depth
-        if config.consensus is not None:
-            depths.add(camera.name, depth, frame.alpha, config.gate.alpha_min)
-        evidence.bounds[camera.name] = depth_bounds(masks, depth, frame.alpha, config.gate)
-
-
-def with_views(evidence: Evidence, views: Sequence[Camera]) -> Evidence:
-    """The same, of some of its views; what was gathered of bounds is shared."""
-    return replace(evidence, views=tuple(views), points=[])
+        evidence.gated.render(camera, rasterizer, depths)

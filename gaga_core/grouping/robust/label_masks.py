@@ -54,7 +54,7 @@ def decide_masks(
         )
         known.add(first)
     n_groups = next(iter(tables.values())).shape[1] - 1
-    return MemoryBank(np.full_like(bank.group, -1), n_groups, tuple(log))
+    return replace(bank, group=np.full_like(bank.group, -1), n_groups=n_groups, log=tuple(log))
 
 
 def voting_labels(

@@ -6,7 +6,6 @@ mask, away from its ragged edge, is a clean witness.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import ndimage
@@ -24,28 +23,24 @@ DEPTH_BYTES = 1 << 29
 LoadMasks = Callable[[Camera], ViewMasks]
 
 
-@dataclass(frozen=True, eq=False)
 class DepthMaps:
-    """Depth maps of many views, thinned out so that all of them fit into `DEPTH_BYTES`."""
+    """Depth maps of many views, thinned out so that all of them fit into ``budget`` bytes."""
 
-    stride: int  # one depth for so many pixels along either side
-    by_view: dict[str, FloatArray] = field(default_factory=dict)  # 0 = nothing there
-
-    @staticmethod
-    def for_views(views: Sequence[Camera], budget: int = DEPTH_BYTES) -> "DepthMaps":
-        """Room for the maps of these views; `add` fills it."""
+    def __init__(self, views: Sequence[Camera], budget: int = DEPTH_BYTES) -> None:
         n_bytes = sum(4 * camera.width * camera.height for camera in views)
-        return DepthMaps(max(1, int(np.ceil(np.sqrt(n_bytes / budget)))))
+        # One depth for so many pixels along either side.
+        self.stride = max(1, int(np.ceil(np.sqrt(n_bytes / budget))))
+        self._by_view: dict[str, FloatArray] = {}  # 0 = nothing there
 
     def add(self, view: str, depth: FloatArray, alpha: FloatArray, alpha_min: float) -> None:
         """Keep the depths (H, W) of a view where it is opaque."""
         thin = slice(None, None, self.stride)
         there = alpha[thin, thin] >= alpha_min
-        self.by_view[view] = np.where(there, depth[thin, thin], np.float32(0))
+        self._by_view[view] = np.where(there, depth[thin, thin], np.float32(0))
 
     def at(self, view: str, rows: LongArray, columns: LongArray) -> FloatArray:
         """Depths at pixels (P,) of a view."""
-        depths: FloatArray = self.by_view[view][rows // self.stride, columns // self.stride]
+        depths: FloatArray = self._by_view[view][rows // self.stride, columns // self.stride]
         return depths
 
 

@@ -159,4 +159,4 @@ def _merged_bank(bank: MemoryBank, into: int, others: Sequence[int]) -> MemoryBa
     gone = set(others)
     log = tuple(replace(d, group=into) if d.group in gone else d for d in bank.log)
     group = np.where(np.isin(bank.group, np.array(others, np.int32)), into, bank.group)
-    return MemoryBank(group.astype(np.int32), bank.n_groups, log)
+    return replace(bank, group=group.astype(np.int32), log=log)

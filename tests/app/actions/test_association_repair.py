@@ -1,6 +1,7 @@
 """Repairs as a person does them: moved masks, split objects; quality, doubt and thumbnails."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,6 +94,24 @@ def test_overlaps_of_a_mask_are_looked_up_beside(associated: Session) -> None:
     assert next(iter(found)) == 3
     assert list(found.values()) == sorted(found.values(), reverse=True)
     assert 0.5 < found[3] <= 1
+
+
+def test_a_saved_bank_is_repaired_by_its_preset_whatever_the_order_of_its_views(
+    associated: Session,
+) -> None:
+    session, scene = associated, associated.scene
+    assert scene is not None
+    assert scene.bank is not None
+    views = [decision.view for decision in scene.bank.log]
+    assert views == sorted(views)
+    scene.bank = replace(scene.bank, preset="robust")
+    session.save()
+    assert session.jobs.wait()
+    session.open(session.project.path)  # type: ignore[union-attr,arg-type]
+    assert session.jobs.wait()
+    document = session.need()
+    assert association_repair.evidence_of(session, document).config.preset == "robust"
+    assert document.read.overlap_is_of_points()
 
 
 def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -> None:

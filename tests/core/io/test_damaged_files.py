@@ -28,7 +28,7 @@ def opened(path: Path) -> Project:
 
 def bank_of(n: int) -> MemoryBank:
     log = tuple(Decision(f"{i}.jpg", i, i % 5 + 1, i < 5, 0.3, 0, 0.1, 40) for i in range(60))
-    return MemoryBank((np.arange(n) % 5 + 1).astype(np.int32), 5, log)
+    return MemoryBank((np.arange(n) % 5 + 1).astype(np.int32), 5, log, preset="paper")
 
 
 def one_sentence_or_result(path: Path, read: Callable[[], object], seed: int) -> int:

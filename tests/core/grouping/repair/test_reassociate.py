@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
+from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.grouping.repair.reassociate import NEW, NONE, Move, Repair, reassociate_stage
-from gaga_core.grouping.repair.view_evidence import Evidence, preset_of
+from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -196,11 +198,32 @@ def test_views_are_drawn_once(made: tuple[Association, Evidence]) -> None:
     run_stage(stage)
 
 
-def test_the_preset_is_told_from_the_order_of_the_views(
+def test_views_in_the_order_of_names_are_repaired_as_the_preset_says(
+    made: tuple[Association, Evidence], tmp_path: Path
+) -> None:
+    found, evidence = made
+    log = tuple(sorted(found.bank.log, key=lambda d: d.view))
+    save_bank(tmp_path / "bank.npz", replace(found.bank, log=log))
+    bank = load_bank(tmp_path / "bank.npz")
+    assert AssociateConfig.of(bank.preset) == evidence.config
+    last = bank.log[-1].view
+    redone = _moved(made, Move(last, 2, NEW), bank).bank
+    assert redone.preset == bank.preset
+    if bank.preset == "robust":  # overlaps are shares of points: those that stay are kept
+        assert [d.overlap for d in redone.log if d.view < last] == [
+            d.overlap for d in bank.log if d.view < last
+        ]
+
+
+def test_an_older_bank_tells_its_preset_by_the_order_of_its_views(
     made: tuple[Association, Evidence],
 ) -> None:
     found, evidence = made
-    assert preset_of(found.bank) == evidence.config.preset
+    arrays = bank_arrays(found.bank)
+    del arrays["preset"]
+    assert bank_of(arrays).preset == evidence.config.preset
+    with pytest.raises(ValueError, match="preset"):
+        bank_of({**arrays, "preset": np.array("other")})
 
 
 def test_an_unknown_mask_is_a_plain_sentence(made: tuple[Association, Evidence]) -> None:

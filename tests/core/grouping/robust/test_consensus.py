@@ -192,7 +192,7 @@ def _centres(scene: Synthetic) -> DoubleArray:
 
 def _loaded(scene: Synthetic) -> tuple[Callable[[Camera], ViewMasks], DepthMaps]:
     maps = {camera.name: ViewMasks.of(true_map(scene, camera)) for camera in scene.cameras}
-    depths = DepthMaps.for_views(scene.cameras)
+    depths = DepthMaps(scene.cameras)
     for camera in scene.cameras:
         frame = choose().render(scene.gaussians, camera)
         depths.add(camera.name, frame.median_depth, frame.alpha, 0.5)

@@ -58,7 +58,7 @@ def test_few_points_and_unknown_normals_do_no_harm() -> None:
 def test_normals_of_balls_point_outwards() -> None:
     scene = objects_scene(n_objects=5, n_cameras=4, seed=4)
     maps = {camera.name: ViewMasks.of(true_map(scene, camera)) for camera in scene.cameras}
-    depths = DepthMaps.for_views(scene.cameras)
+    depths = DepthMaps(scene.cameras)
     for camera in scene.cameras:
         frame = choose().render(scene.gaussians, camera)
         depths.add(camera.name, frame.median_depth, frame.alpha, 0.5)

@@ -122,9 +122,10 @@ def test_the_gates_vote_goes_before_the_neighbours() -> None:
 def test_masks_take_the_group_of_most_of_their_points() -> None:
     log = tuple(Decision("a", mask, 9, True, 0.5, 0, 0.0, 40) for mask in (3, 8, 9))
     table = np.array([[0, 0, 0], [0, 1, 3], [0, 0, 0], [0, 0, 5]])
-    bank = MemoryBank(np.ones(6, np.int32), 9, log)
+    bank = MemoryBank(np.ones(6, np.int32), 9, log, preset="robust")
     decided = decide_masks(bank, {"a": table}, {"a": np.array([0, 3, 8, 9], np.int32)})
     assert decided.n_groups == 2
+    assert decided.preset == "robust"
     assert (decided.group == -1).all()
     assert [(d.mask, d.group, d.is_new) for d in decided.log] == [
         (3, 2, True),

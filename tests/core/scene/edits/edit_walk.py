@@ -77,7 +77,7 @@ def some_bank(rng: np.random.Generator, scene: Scene) -> MemoryBank:
         for v in range(3)
         for m in range(4)
     )
-    return MemoryBank(scene.labels.copy(), 7, log)
+    return MemoryBank(scene.labels.copy(), 7, log, preset="robust")
 
 
 def random_affine(rng: np.random.Generator) -> DoubleArray:

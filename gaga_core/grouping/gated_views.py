@@ -1,0 +1,89 @@
+"""The depth gate of section 3.2 over many views: each view's depth map is rendered once."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.gate import (
+    GateConfig,
+    ViewMasks,
+    depth_bounds,
+    gaussians_of_masks,
+    open_bounds,
+)
+from gaga_core.grouping.robust.surface_points import DepthMaps
+from gaga_core.grouping.views import load_labels
+from gaga_core.masks import MaskSet
+from gaga_core.raster.base import Rasterizer
+
+DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
+
+
+class GatedViews:
+    """Views with their masks, and the depths that each mask accepts once `render` has found them.
+
+    Of a depth map only the interval of each mask stays; label maps are loaded when they are needed.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        views: Sequence[Camera],  # all with masks
+        masks: MaskSet,
+        gate: GateConfig,
+        depth: DepthKind,
+    ) -> None:
+        self.gaussians = gaussians
+        self.views = tuple(views)
+        self.masks = masks
+        self.gate = gate
+        self.depth = depth
+        self.bounds: dict[str, DoubleArray] = {}  # by view: (M + 1, 2) accepted depths
+        self.resized: set[str] = set()  # views whose label maps had another size than the camera
+
+    def render(
+        self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
+    ) -> None:
+        """Splat the depth map of a view and find the accepted depths of its masks.
+
+        ``depths`` keeps the depth map, too.
+        """
+        masks = self.masks_of(camera)
+        if self.depth == "none":
+            self.bounds[camera.name] = open_bounds(masks)
+            return
+        # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
+        channels = np.zeros((len(self.gaussians), 1), np.float32)
+        frame = rasterizer.render(self.gaussians, camera, channels=channels)
+        depth = frame.median_depth if self.depth == "median" else frame.expected_depth
+        if depths is not None:
+            depths.add(camera.name, depth, frame.alpha, self.gate.alpha_min)
+        self.bounds[camera.name] = depth_bounds(masks, depth, frame.alpha, self.gate)
+
+    def masks_of(self, camera: Camera) -> ViewMasks:
+        """The masks of a view, ids made dense."""
+        labels, is_resized = load_labels(self.masks, camera)
+        if is_resized:
+            self.resized.add(camera.name)
+        return ViewMasks.of(labels)
+
+    def gaussians_of(
+        self, camera: Camera, means: FloatArray | None = None
+    ) -> tuple[ViewMasks, IntArray]:
+        """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none: G(m).
+
+        ``means`` (K, 3): of these centres only. The view must have been rendered.
+        """
+        masks = self.masks_of(camera)
+        centres = self.gaussians.means if means is None else means
+        return masks, gaussians_of_masks(centres, camera, masks, self.bounds[camera.name])
+
+    def only(self, views: Sequence[Camera]) -> "GatedViews":
+        """Some of the views; what is known and becomes known of them is shared."""
+        some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth)
+        some.bounds, some.resized = self.bounds, self.resized
+        return some
