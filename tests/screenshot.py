@@ -9,7 +9,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from gaga_studio.actions import files
+from gaga_studio.actions import files, objects
 from tests.app.window.driver import Driver, drive
 from tests.display import xvfb
 
@@ -38,7 +38,7 @@ def _show_an_object(driver: Driver) -> None:
         driver.settle()
     width, height = driver.size
     driver.click_picture(width * 0.44, height * 0.57)
-    driver.session.rename(driver.session.selected_groups()[0], "teapot")
+    objects.rename(driver.session, driver.session.selected_groups()[0], "teapot")
     driver.move_to(width * 0.75, -20)  # on an empty part of the tool bar: nothing is hovered
     # Notices are read once and fade; the picture shows the window at rest.
     driver.session.notices = ()

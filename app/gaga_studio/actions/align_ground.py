@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from gaga_studio.actions import objects
-from gaga_studio.session.notices import Level
+from gaga_core.arrays import DoubleArray
+from gaga_core.scene import edits
+from gaga_core.scene.arrange import ground_map
+from gaga_core.scene.selection import algebra
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName
 
@@ -43,7 +46,7 @@ def add(session: Session, point: Point | None) -> bool:
     if len(view.ground) < _N:
         return False
     points, view.ground = np.array(view.ground), ()
-    if not objects.align_to_ground(session, points):
+    if not align(session, points):
         return False
     leave(session)
     session.notify(Level.INFO, _told(session))
@@ -53,6 +56,19 @@ def add(session: Session, point: Point | None) -> bool:
 def take_back(session: Session) -> None:
     """Forget the newest point."""
     session.view.ground = session.view.ground[:-1]
+
+
+@notifies
+def align(session: Session, points: DoubleArray) -> bool:
+    """Turn and lift everything so that the plane of three ``points`` (3, 3) is the ground.
+
+    What is hidden or locked comes along, and so does the camera (see `CameraRig.follow`).
+    """
+    document = session.need()
+    moved = ground_map(points, session.rig.up, session.rig.seen_from)
+    scene = document.settled().scene
+    edit = edits.transform(scene, algebra.whole(scene), moved, "Align to ground")
+    return document.do(edit, turned=moved)
 
 
 def _told(session: Session) -> str:

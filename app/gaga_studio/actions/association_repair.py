@@ -15,10 +15,10 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import files
+from gaga_studio.actions import files, unchanged
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from gaga_core.grouping.repair.split_group import Halves
     from gaga_core.grouping.repair.view_evidence import Evidence
 
-NEW, NONE = (
-    -1,
-    0,
-)  # where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`
+# Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
+NEW, NONE = -1, 0
 _CHANGED = "The objects changed while this ran, so nothing is done. Try it again."
 _NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
 
@@ -37,19 +35,16 @@ _NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects
 # --- a mask that belongs elsewhere
 
 
+@notifies
 def move_mask(session: Session, decision: Decision, group: int) -> bool:
     """Put a mask into another object (or `NEW`, `NONE`), and redo what follows from its view on."""
-    return session.attempt(lambda: _move_mask(session, decision, group))
-
-
-def _move_mask(session: Session, decision: Decision, group: int) -> bool:
     document, bank = _with_bank(session)
     if group == decision.group:
         return False
     scene = document.settled().scene
     evidence = evidence_of(session, document)
     labels, sure = file_columns(scene)
-    is_same, (progress, end) = _watch(document, scene), files.watch_bank(session)
+    is_same, (progress, end) = _watch(session, document), files.watch_bank(session)
     free = edits.free_group(scene)
 
     def stage() -> "Stage[Repair]":
@@ -62,7 +57,7 @@ def _move_mask(session: Session, decision: Decision, group: int) -> bool:
         return (yield from after_warm_up(work))
 
     def done(repair: "Repair") -> None:
-        if not is_same(session):
+        if not is_same():
             return
         to = {NEW: "a new object", NONE: "no object"}.get(group, document.name_of(group))
         title = f"Move mask {decision.mask} of {decision.view} to {to}"
@@ -128,12 +123,9 @@ def _look(evidence: "Evidence", view: str) -> Stage[object]:
 # --- an object that is two
 
 
+@notifies
 def split_by_masks(session: Session) -> bool:
     """Take the selected object apart into the two things that its masks show."""
-    return session.attempt(lambda: _split_by_masks(session))
-
-
-def _split_by_masks(session: Session) -> bool:
     document, bank = _with_bank(session)
     groups = document.read.selected_groups()
     if len(groups) != 1:
@@ -144,7 +136,7 @@ def _split_by_masks(session: Session) -> bool:
     log = document.read.decisions(group, None)
     labels, _ = file_columns(scene)
     rows = np.flatnonzero(labels == group).astype(np.int32)
-    is_same = _watch(document, scene)
+    is_same = _watch(session, document)
 
     def stage() -> "Stage[Halves]":
         from gaga_core.grouping.repair.split_group import halves_stage
@@ -155,7 +147,7 @@ def _split_by_masks(session: Session) -> bool:
         return (yield from after_warm_up(work))
 
     def done(halves: "Halves") -> None:
-        if not is_same(session):
+        if not is_same():
             return
         from gaga_core.grouping.repair.split_group import split_bank
 
@@ -210,17 +202,11 @@ def _with_bank(session: Session) -> tuple[Document, MemoryBank]:
     return document, document.scene.bank
 
 
-def _watch(document: Document, scene: Scene) -> Callable[[Session], bool]:
-    """Asked later: whether the objects are the same still; if not, there is a notice."""
-    labels, bank = scene.labels, scene.bank
+def _watch(session: Session, document: Document) -> Callable[[], bool]:
+    labels, bank = document.scene.labels, document.scene.bank
 
-    def is_same(session: Session) -> bool:
-        if session.document is not document:
-            return False
+    def is_same() -> bool:
         now = document.settled().scene
-        if now.bank is bank and np.array_equal(now.labels[: len(labels)], labels):
-            return True
-        session.notify(Level.WARNING, _CHANGED)
-        return False
+        return now.bank is bank and np.array_equal(now.labels[: len(labels)], labels)
 
-    return is_same
+    return unchanged.watch(session, document, is_same, _CHANGED)

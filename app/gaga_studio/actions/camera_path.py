@@ -11,7 +11,7 @@ from gaga_core.pipeline.video import FilmConfig
 from gaga_core.progress import Stage
 from gaga_core.scene.camera_json import load_path, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, SplatLook
 
@@ -104,25 +104,17 @@ def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
     session.view.playback.is_playing = True
 
 
+@notifies
 def save_path_file(session: Session, file: Path) -> None:
     """Write the path as JSON, for ``gaga render --path``."""
-
-    def save() -> bool:
-        session.notify(Level.INFO, f"Saved the path to {save_path(path_of(session), file)}.")
-        return True
-
-    session.attempt(save)
+    session.notify(Level.INFO, f"Saved the path to {save_path(path_of(session), file)}.")
 
 
+@notifies
 def open_path_file(session: Session, file: Path) -> None:
     """Take the path of a JSON file in place of the present one."""
-
-    def take() -> bool:
-        _keep(session, load_path(file))
-        session.view.playback.chosen = 0
-        return True
-
-    session.attempt(take)
+    _keep(session, load_path(file))
+    session.view.playback.chosen = 0
 
 
 # --- preview
@@ -176,57 +168,51 @@ def choose(session: Session, index: int, *, goes: bool = True) -> None:
 # --- writing
 
 
+@notifies
 def export_film(session: Session, target: Path, config: FilmConfig) -> bool:
     """Write the path as a video, as a job; drawn by the graphics card where there is one."""
-
-    def start() -> bool:
-        document = session.need()
-        settled = document.settled()
-        easel, camera_path = session.easel, settled.film
-        painter: video.Painter | None = None
-        if easel is not None and easel.is_fast and max(config.video.size) <= easel.most:
-            painter = _painter(session, config)
-        looked = replace(config, antialiased=_look(session))
-        stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
-        return session.jobs.start(
-            f"Film {target.name}",
-            _warmed(stage) if painter is None else stage,
-            on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
-        )
-
-    return session.attempt(start)
+    document = session.need()
+    settled = document.settled()
+    easel, camera_path = session.easel, settled.film
+    painter: video.Painter | None = None
+    if easel is not None and easel.is_fast and max(config.video.size) <= easel.most:
+        painter = _painter(session, config)
+    looked = replace(config, antialiased=_look(session))
+    stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
+    return session.jobs.start(
+        f"Film {target.name}",
+        _warmed(stage) if painter is None else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
 
 
+@notifies
 def save_picture(
     session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
 ) -> bool:
     """Write what the camera sees at any size as .png or .jpg, as a job."""
-
-    def start() -> bool:
-        video.check_picture(target, size, transparent)
-        scene = session.need().settled().scene
-        view, easel = session.view, session.easel
-        camera = session.rig.shot().camera(*size)
-        what = WHATS.get(view.mode)
-        config = FilmConfig(what or "rgb", view.background, _look(session))
-        painter: video.Painter | None = None
-        if easel is not None and max(size) <= easel.most and (easel.is_fast or what is None):
-            painter = _painter(session, config, transparent=transparent, mode=view.mode)
-        elif what is None:
-            raise GagaError(
-                f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
-                "Color, Groups or Depth."
-            )
-        stage = video.picture_stage(
-            scene, camera, target, config, transparent=transparent, painter=painter
+    video.check_picture(target, size, transparent)
+    scene = session.need().settled().scene
+    view, easel = session.view, session.easel
+    camera = session.rig.shot().camera(*size)
+    what = WHATS.get(view.mode)
+    config = FilmConfig(what or "rgb", view.background, _look(session))
+    painter: video.Painter | None = None
+    if easel is not None and max(size) <= easel.most and (easel.is_fast or what is None):
+        painter = _painter(session, config, transparent=transparent, mode=view.mode)
+    elif what is None:
+        raise GagaError(
+            f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
+            "Color, Groups or Depth."
         )
-        return session.jobs.start(
-            f"Save {target.name}",
-            _warmed(stage) if painter is None else stage,
-            on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
-        )
-
-    return session.attempt(start)
+    stage = video.picture_stage(
+        scene, camera, target, config, transparent=transparent, painter=painter
+    )
+    return session.jobs.start(
+        f"Save {target.name}",
+        _warmed(stage) if painter is None else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+    )
 
 
 def _painter(

@@ -11,10 +11,10 @@ from gaga_core.progress import Stage
 from gaga_core.scene.cleanup import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import files
+from gaga_studio.actions import files, history, objects, unchanged
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
@@ -50,16 +50,22 @@ def start(session: Session) -> None:
     session.jobs.start(f"Clean {document.name_of(group)}", stage, on_done=done)
 
 
+@notifies
 def apply(session: Session) -> bool:
     """Clean as the preview shows: one entry of the history."""
-    return session.attempt(lambda: session.need().apply_cleaning())
+    document = session.need()
+    found = document.cleaning
+    if found is None:
+        return False
+    title = f"Clean {document.name_of(found.group)}"
+    return document.do(edits.cleaned_edit(document.settled().scene, found, title))
 
 
 def cancel(session: Session) -> bool:
     """End the preview, nothing is changed; False when there is none."""
     if shown(session) is None:
         return False
-    session.cancel_preview()
+    history.cancel_preview(session)
     return True
 
 
@@ -68,16 +74,16 @@ def cancel(session: Session) -> bool:
 
 def isolate_selected(session: Session) -> None:
     """Hide everything but the selection; whole objects are cleaned first if that is wanted."""
-    _edit(session, "Isolate", edits.isolate_cleaned, session.isolate_selected)
+    _clean_then(session, "Isolate", edits.isolate_cleaned, objects.isolate)
 
 
 def delete_selected(session: Session) -> None:
     """Delete the selection; whole objects are cleaned first if that is wanted."""
-    _edit(session, "Delete", edits.delete_cleaned, session.delete_selected)
+    _clean_then(session, "Delete", edits.delete_cleaned, objects.delete)
 
 
 def export(session: Session, what: stages.Export, path: Path, *, form: Form = Form.PLY) -> None:
-    """`stages.export`; whole selected objects are cleaned first if that is wanted."""
+    """`files.export`; whole selected objects are cleaned first if that is wanted."""
     groups = _to_clean(session)
     if not groups:
         files.export(session, what, path, form=form)
@@ -92,10 +98,12 @@ def export(session: Session, what: stages.Export, path: Path, *, form: Form = Fo
     files.start_export(session, path, stage())
 
 
-def _edit(session: Session, verb: str, build: Build, plain: Callable[[], bool]) -> None:
+def _clean_then(
+    session: Session, verb: str, build: Build, plain: Callable[[Session], bool]
+) -> None:
     groups = _to_clean(session)
     if not groups:
-        plain()
+        plain(session)
         return
     document = session.need()
     title = document.title_for(verb)
@@ -117,16 +125,9 @@ def _to_clean(session: Session) -> tuple[int, ...]:
 
 
 def _watch(session: Session, document: Document) -> Callable[[], bool]:
-    """Asked later: whether nothing was edited or dragged since; if not, there is a notice."""
     before = document.history.state_id
 
     def is_same() -> bool:
-        if session.document is not document:
-            return False
-        history = document.history
-        if history.state_id == before and not history.is_previewing:
-            return True
-        session.notify(Level.WARNING, _CHANGED)
-        return False
+        return document.history.state_id == before and not document.history.is_previewing
 
-    return is_same
+    return unchanged.watch(session, document, is_same, _CHANGED)

@@ -1,16 +1,67 @@
-"""The grade that sliders hold: many drags, one entry of the history.
+"""Recolor and grade the selection."""
 
-A grade counts from the colors that the selection had when its sliders were first moved. As long as
-its own entry is the newest one, the next drag replaces it.
-"""
+from collections.abc import Sequence
 
-from gaga_core.scene.grade import Grade
-from gaga_studio.actions import objects
+from gaga_core.arrays import IntArray
+from gaga_core.scene import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.grade import Grade, grade_affine
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.tint import mean_color, tint_affine
+from gaga_studio.actions import history
+from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
 
-class Grading:
-    """Values of the sliders, and the entry that they stand for."""
+@notifies
+def recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> bool:
+    """Give the selection this mean color, 0..1, and multiply its opacity."""
+    return session.need().edit_selected(
+        "Recolor", lambda scene, i, title: _recolored(scene, i, title, rgb, opacity)
+    )
+
+
+@notifies
+def preview_recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> None:
+    """Show the selection in this color, with its shading kept, while it is being chosen."""
+    document = session.need()
+    title = document.title_for("Recolor")
+    document.preview(lambda scene, i: _recolored(scene, i, title, rgb, opacity))
+
+
+@notifies
+def grade(session: Session, wanted: Grade) -> bool:
+    """Grade the colors of the selection."""
+    return session.need().edit_selected(
+        "Grade", lambda scene, i, title: _graded(scene, i, title, wanted)
+    )
+
+
+@notifies
+def preview_grade(session: Session, wanted: Grade) -> None:
+    """Show the selection graded while a slider is dragged."""
+    document = session.need()
+    title = document.title_for("Grade")
+    document.preview(lambda scene, i: _graded(scene, i, title, wanted))
+
+
+def _recolored(
+    scene: Scene, splats: IntArray, title: str, rgb: Sequence[float], opacity: float
+) -> Edit | None:
+    affine = tint_affine(mean_color(scene, splats), rgb)
+    return edits.recolor(scene, splats, affine, opacity, title)
+
+
+def _graded(scene: Scene, splats: IntArray, title: str, wanted: Grade) -> Edit | None:
+    return edits.recolor(scene, splats, grade_affine(wanted), wanted.opacity, title)
+
+
+class GradeSliders:
+    """Values of the sliders, and the entry that they stand for: many drags, one entry.
+
+    A grade counts from the colors that the selection had when its sliders were first moved. As
+    long as its own entry is the newest one, the next drag replaces it.
+    """
 
     def __init__(self) -> None:
         self.value = Grade()
@@ -27,15 +78,15 @@ class Grading:
         if self._entry != (document, document.history.state_id):
             self.value, self._entry = Grade(), None
 
-    def show(self, session: Session, grade: Grade) -> None:
+    def show(self, session: Session, wanted: Grade) -> None:
         """The selection in this grade, while a slider is dragged."""
         document = session.document
         if document is None or len(session.selected_indices()) == 0:
             return
         if not self._shows and self._entry == (document, document.history.state_id):
             document.undo()  # its place is taken by what is shown now
-        self.value, self._shows, self._entry = grade, True, None
-        objects.preview_grade(session, grade)
+        self.value, self._shows, self._entry = wanted, True, None
+        preview_grade(session, wanted)
 
     def keep(self, session: Session) -> None:
         """The slider was let go: one entry."""
@@ -43,7 +94,7 @@ class Grading:
         if document is None or not self._shows:
             return
         self._shows = False
-        if session.commit_preview():
+        if history.commit_preview(session):
             self._entry = (document, document.history.state_id)
 
     def reset(self, session: Session) -> None:
@@ -52,7 +103,7 @@ class Grading:
         self._shows = False
         if document is None:
             return
-        session.cancel_preview()
+        history.cancel_preview(session)
         if self._entry == (document, document.history.state_id):
             document.undo()
         self.value, self._entry = Grade(), None

@@ -1,42 +1,51 @@
-"""The long work that a person starts on the open scene: associate, export.
+"""Associate, export, add splats, save a script: what reads and writes files of the open scene.
 
-Each runs as a job; its result arrives as an edit or a notice.
+Long work runs as a job; its result arrives as an edit or a notice.
 """
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
+from gaga_core.io.files import atomic_write
 from gaga_core.io.splat_files import Form, form_of
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import read_added_stage
+from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
 from gaga_core.scene.export import What, export_losses, objects_losses
 from gaga_studio.session import stages
-from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level, Question, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode
 
 
+@notifies
 def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
     """Make groups from the masks of ``provider`` (default: the first), as one edit."""
-    chosen = provider or session.provider
-    session.attempt(lambda: _associate(session, chosen, preset or session.settings.preset))
-
-
-def _associate(session: Session, provider: str, preset: str) -> None:
-    document = session.need()
-    session.provider, session.masks = stages.masks_of(document.project, provider)
+    document, preset = session.need(), preset or session.settings.preset
+    found = stages.masks_of(document.project, provider or session.provider)
+    session.provider, session.masks = found
     stage = stages.associate_project_stage(document.project, session.masks, preset)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
-        session.notify(Level.INFO, f"Found {document.group(result)} objects.")
+        session.notify(Level.INFO, f"Found {_take_groups(document, result)} objects.")
         for note in result.notes:
             session.notify(Level.WARNING, note)
 
     session.jobs.start("Associate masks", stage, progress, done, end)
+
+
+def _take_groups(document: Document, found: Association) -> int:
+    """Make the groups of an association those of the scene; how many objects there are now."""
+    scene = document.settled().scene
+    labels = spread(scene, found.labels)  # duplicates follow their originals
+    names = names_of_added(scene, labels)
+    document.do(edits.set_grouping(scene, labels, found.bank, names, confidence=found.confidence))
+    return int((document.read.objects(None, False).ids > 0).sum())
 
 
 def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:
@@ -89,6 +98,7 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
     session.jobs.start(f"Export to {path.name}", stage, on_done=done)
 
 
+@notifies
 def when_agreed(
     session: Session,
     what: stages.Export,
@@ -100,16 +110,6 @@ def when_agreed(
 
     ``form`` is that of objects' files; else the name of the file says it.
     """
-    session.attempt(lambda: _ask_about_losses(session, what, path, then, form))
-
-
-def _ask_about_losses(
-    session: Session,
-    what: stages.Export,
-    path: Path,
-    then: Callable[[], object],
-    form: Form | None,
-) -> None:
     scene, form = session.need().settled().scene, form or form_of(path)
     if what == "objects":
         lost = objects_losses(scene, form, session.selected_groups() or None)
@@ -128,6 +128,18 @@ def _ask_about_losses(
 
     text = " ".join([first, *lost])
     session.pending_question = Question(text, ("Export", "Cancel"), chosen)
+
+
+@notifies
+def save_script(session: Session, path: Path) -> bool:
+    """Write every edit since the scene was opened as a script for ``gaga edit``."""
+    document = session.need()
+    document.settled()
+    recorded = document.history.recorded()
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(recorded, indent=1), encoding="utf-8")
+    session.notify(Level.INFO, f"Recorded {len(recorded)} edits in {path}.")
+    return True
 
 
 def add_splats(session: Session, path: Path) -> None:

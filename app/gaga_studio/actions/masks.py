@@ -19,7 +19,7 @@ from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.weights import models_folder, weights_at
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.notices import Level, Question, notifies
 from gaga_studio.session.session import Session
 
 Views = Literal["train", "all"]
@@ -145,6 +145,7 @@ def make(session: Session, wish: Wish | None = None) -> None:
     session.jobs.start("Make masks", _make_stage(_folder(document), wish), None, done, end)
 
 
+@notifies
 def try_one(session: Session, wish: Wish, view: str, on_done: Callable[[Trial], None]) -> None:
     """Make the masks of one photo without keeping them; a run with the same wish reuses them."""
     stage = _trial_stage(_folder(session.need()), wish, view)
@@ -207,18 +208,15 @@ def mask_folders(session: Session) -> tuple[str, ...]:
     return tuple(folder.mask_folders) if folder is not None else ()
 
 
+@notifies
 def choose(session: Session, name: str) -> bool:
     """Use the masks of this folder from now on; False, and a notice, when it is gone."""
-
-    def use() -> bool:
-        document = session.need()
-        _look_again(document)
-        if name not in mask_folders(session):
-            raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
-        session.provider, session.masks = stages.masks_of(document.project, name)
-        return True
-
-    return session.attempt(use)
+    document = session.need()
+    _look_again(document)
+    if name not in mask_folders(session):
+        raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
+    session.provider, session.masks = stages.masks_of(document.project, name)
+    return True
 
 
 def _look_again(document: Document) -> None:

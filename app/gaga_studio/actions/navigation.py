@@ -47,6 +47,14 @@ def frame_group(session: Session, group: int) -> None:
         _frame(session, group_indices(session.scene, group))
 
 
+def focus_at(session: Session, u: float, v: float, width: int, height: int) -> bool:
+    """Turn around the surface at a pixel from now on (double click)."""
+    found = session.pick(u, v, width, height)
+    if found is not None:
+        session.rig.set_pivot(found.point)
+    return found is not None
+
+
 def _frame(session: Session, indices: IntArray | None) -> None:
     scene = session.scene
     if scene is None or (indices is not None and len(indices) == 0):

@@ -9,18 +9,16 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.actions import association_repair, navigation
+from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import GroupQuality, Quality
 
 
+@notifies
 def measure(session: Session) -> bool:
     """Compare every object's picture with its masks, view by view."""
-    return session.attempt(lambda: _measure(session))
-
-
-def _measure(session: Session) -> bool:
     document = session.need()
     scene = document.settled().scene
     evidence, bank = association_repair.evidence_of(session, document), scene.bank

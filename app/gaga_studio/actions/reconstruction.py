@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage, mapped
-from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.notices import Level, Question, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import Live, Training
 
@@ -100,7 +100,7 @@ def make(session: Session, plan: Plan | None = None) -> None:
     def end() -> None:
         if session.training is training:
             session.training = None
-            session.attempt(lambda: _look_again(session, plan.scene))
+            _look_again(session, plan.scene)
 
     if session.jobs.start(title(session), _stage(found, plan), progress, done, end):
         session.training = training
@@ -114,6 +114,7 @@ def _ask(session: Session, plan: Plan, finding: str) -> None:
     session.pending_question = Question(finding, (_ANYWAY, _STOP), chosen)
 
 
+@notifies
 def _look_again(session: Session, scene: Path) -> None:
     """After a cancel or an error: what is finished is there, and offered to go on from."""
     from gaga_core.pipeline.photo_source import look_at_photos

@@ -23,7 +23,7 @@ from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, find_any, w
 from gaga_core.query.search import Answer
 from gaga_core.scene.edits.groups import name_groups
 from gaga_core.segmentation.weights import models_folder
-from gaga_studio.actions import navigation
+from gaga_studio.actions import navigation, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.search_state import look_up_stage, measure_stage
@@ -86,7 +86,7 @@ def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> 
     if not 0 <= search.at < len(search.hits):
         return False
     group = search.hits[search.at].group
-    session.select_group(group)
+    selection.select_groups(session, (group,))
     if flies:
         navigation.frame_group(session, group)
     return True
@@ -97,7 +97,7 @@ def take_all(session: Session) -> bool:
     meant = session.document.search.meant if session.document is not None else ()
     if not meant:
         return False
-    return session.attempt(lambda: session.need().select_groups(meant, "add"))
+    return selection.select_groups(session, meant, "add")
 
 
 # --- models
@@ -235,7 +235,7 @@ def name_all(session: Session) -> None:
     def done(names: dict[int, str]) -> None:
         if session.document is not document or document.history.state_id != before:
             session.notify(Level.WARNING, "The scene changed meanwhile, so nothing was named.")
-        elif session.do(name_groups(document.scene, names)):
+        elif document.do(name_groups(document.scene, names)):
             session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
         else:
             session.notify(Level.INFO, "The index is sure of no further name.")

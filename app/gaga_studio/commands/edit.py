@@ -1,6 +1,6 @@
 """Edit: undo, duplicate, delete, and what ends a gesture."""
 
-from gaga_studio.actions import cleanup, objects
+from gaga_studio.actions import cleanup, history, objects, transform
 from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command, ask
 
@@ -10,7 +10,7 @@ def _mirror(axis: int) -> Command:
         f"edit.mirror_{'xyz'[axis]}",
         f"Mirror across {'XYZ'[axis]}",
         "Edit",
-        lambda session: objects.mirror(session, axis),
+        lambda session: transform.mirror(session, axis),
         enabled=availability.no_selection,
     )
 
@@ -20,7 +20,7 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "edit.undo",
         "Undo",
         "Edit",
-        lambda s: s.undo(),
+        history.undo,
         "Ctrl+Z",
         enabled=availability.no_undo,
         describe=handlers.undo_title,
@@ -29,7 +29,7 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "edit.redo",
         "Redo",
         "Edit",
-        lambda s: s.redo(),
+        history.redo,
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
         enabled=availability.no_redo,
@@ -39,7 +39,7 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         "edit.duplicate",
         "Duplicate",
         "Edit",
-        lambda s: s.duplicate_selected(),
+        transform.duplicate,
         "Shift+D",
         enabled=availability.no_selection,
     ),

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.actions import align_ground, cleanup, navigation
+from gaga_studio.actions import align_ground, cleanup, history, navigation, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
@@ -34,7 +34,7 @@ def remove_title(session: Session) -> str:
 def cancel(session: Session) -> None:
     """End the innermost thing: a drag, flying, the tool, the selection."""
     if session.is_previewing:
-        session.cancel_preview()
+        history.cancel_preview(session)
     elif session.rig.is_flying:
         session.rig.is_flying = False
     elif session.view.outline is not None:
@@ -44,37 +44,7 @@ def cancel(session: Session) -> None:
     elif session.tool is not ToolName.PICK:
         session.tool = ToolName.PICK
     else:
-        select_none(session)
-
-
-def select_all(session: Session) -> None:
-    """Select everything visible."""
-    session.attempt(lambda: session.need().select_all())
-
-
-def select_none(session: Session) -> None:
-    """Select nothing."""
-    session.attempt(lambda: session.need().select_none())
-
-
-def select_inverse(session: Session) -> None:
-    """Select what is not selected."""
-    session.attempt(lambda: session.need().select_inverse())
-
-
-def merge(session: Session) -> None:
-    """Make the selected objects one."""
-    session.attempt(lambda: session.need().merge_selected())
-
-
-def frame_selected(session: Session) -> None:
-    """Show the selection."""
-    navigation.frame_selected(session)
-
-
-def frame_all(session: Session) -> None:
-    """Show everything."""
-    navigation.frame_all(session)
+        selection.select_none(session)
 
 
 def next_view(session: Session) -> None:

@@ -1,6 +1,15 @@
 """Object: what is done with objects."""
 
-from gaga_studio.actions import association_repair, cleanup, files, masks, objects, quality, search
+from gaga_studio.actions import (
+    association_repair,
+    cleanup,
+    files,
+    masks,
+    objects,
+    quality,
+    search,
+    selection,
+)
 from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command, ask
 
@@ -75,7 +84,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.hide",
         "Hide",
         "Object",
-        lambda s: s.hide_selected(),
+        objects.hide,
         "H",
         enabled=availability.no_selection,
     ),
@@ -91,7 +100,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.show_all",
         "Show all",
         "Object",
-        lambda s: s.show_all(),
+        objects.show_all,
         "Shift+H",
         ("Alt+H",),
         enabled=availability.nothing_hidden,
@@ -108,7 +117,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.merge",
         "Merge into one",
         "Object",
-        handlers.merge,
+        objects.merge,
         enabled=availability.not_several_objects,
     ),
     Command(
@@ -137,7 +146,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.uncertain",
         "Select uncertain splats",
         "Object",
-        objects.select_uncertain,
+        selection.select_uncertain,
         enabled=availability.no_confidence,
     ),
     Command(

@@ -1,7 +1,7 @@
 """Select: everything that changes the selection at once."""
 
-from gaga_studio.actions import objects
-from gaga_studio.commands import availability, handlers
+from gaga_studio.actions import named_selections, selection
+from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command
 
 SELECT_COMMANDS: tuple[Command, ...] = (
@@ -9,7 +9,7 @@ SELECT_COMMANDS: tuple[Command, ...] = (
         "select.all",
         "Select all",
         "Select",
-        handlers.select_all,
+        selection.select_all,
         "Ctrl+A",
         enabled=availability.no_scene,
     ),
@@ -17,7 +17,7 @@ SELECT_COMMANDS: tuple[Command, ...] = (
         "select.none",
         "Select nothing",
         "Select",
-        handlers.select_none,
+        selection.select_none,
         "Ctrl+Shift+A",
         ("Ctrl+D",),
         enabled=availability.no_selection,
@@ -26,24 +26,26 @@ SELECT_COMMANDS: tuple[Command, ...] = (
         "select.invert",
         "Invert selection",
         "Select",
-        handlers.select_inverse,
+        selection.select_inverse,
         "Ctrl+I",
         enabled=availability.no_scene,
     ),
-    Command("select.grow", "Grow", "Select", objects.grow, enabled=availability.no_selection),
-    Command("select.shrink", "Shrink", "Select", objects.shrink, enabled=availability.no_selection),
+    Command("select.grow", "Grow", "Select", selection.grow, enabled=availability.no_selection),
+    Command(
+        "select.shrink", "Shrink", "Select", selection.shrink, enabled=availability.no_selection
+    ),
     Command(
         "select.alike",
         "Grow to what is alike (identity)",
         "Select",
-        objects.grow_by_identity,
+        selection.grow_by_identity,
         enabled=availability.no_encodings,
     ),
     Command(
         "select.keep",
         "Keep the selection",
         "Select",
-        objects.keep_next,
+        named_selections.keep_next,
         enabled=availability.no_selection,
     ),
 )

@@ -1,5 +1,6 @@
 """View: how the scene is shown, and from where."""
 
+from gaga_studio.actions import navigation
 from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command
 from gaga_studio.commands.modes import MODE_COMMANDS
@@ -21,7 +22,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.frame_selected",
         "Focus the selection",
         "View",
-        handlers.frame_selected,
+        navigation.frame_selected,
         "F",
         enabled=availability.no_scene,
     ),
@@ -29,7 +30,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.frame_all",
         "Show the whole scene",
         "View",
-        handlers.frame_all,
+        navigation.frame_all,
         "Shift+F",
         ("Home",),
         enabled=availability.no_scene,

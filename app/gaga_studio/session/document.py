@@ -1,24 +1,19 @@
-"""The open scene and what is done to it: edits, previews, selection, and what panels read of it."""
+"""The open scene: its history, previews, its selection, and what panels read of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.errors import GagaError
-from gaga_core.grouping.associate import Association
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup import edits as cleanup_edits
 from gaga_core.scene.edits import Edit, How
-from gaga_core.scene.edits.append import names_of_added, spread
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.objects import group_indices, group_name
+from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection import algebra
-from gaga_core.scene.tint import mean_color, tint_affine
-from gaga_studio.session import motion
+from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.save_state import Changes
 from gaga_studio.session.scene_cache import Readings
 from gaga_studio.session.search_state import Search
@@ -28,14 +23,9 @@ if TYPE_CHECKING:
     from gaga_core.grouping.repair.view_evidence import Evidence
     from gaga_core.scene.cleanup.clean import CleanPreview
 
-NOTHING_SELECTED = "Nothing is selected. Click an object first."
-
 
 class Document:
-    """One open project. Edits of the selection raise ``GagaError`` when nothing is selected.
-
-    Every edit returns whether it changed anything, and is one entry of the history.
-    """
+    """One open project. The edits themselves are in ``gaga_studio.actions``."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
@@ -45,7 +35,7 @@ class Document:
         self.changes = Changes()
         self._worlds = {0: np.eye(4)}  # how the whole scene was turned, by History.state_id
         self.focus = 0  # group shown in the inspector; 0 = none
-        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset; see `repairing`
+        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.sure_below = 0.6  # confidence under which splats count as uncertain
         self.search = Search()
@@ -124,13 +114,13 @@ class Document:
 
     def preview(self, build: Callable[[Scene, IntArray], Edit | None]) -> None:
         """Show the edit that ``build`` makes for the selected splats, without an entry."""
-        indices = self._selected()
+        indices = self.selected()
         self.history.preview_with(lambda scene: build(scene, indices))
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
         if self.cleaning is not None:
-            return False  # its colors are only to look at: `apply_cleaning`
+            return False  # its colors are only to look at: see `actions.cleanup.apply`
         before, world = self.history.state_id, self.world
         done = self.history.commit_preview()
         self._note(before, True, world)
@@ -139,16 +129,6 @@ class Document:
     def cancel_preview(self) -> None:
         """Drop the preview: everything is as before the drag."""
         self.history.preview(None)
-
-    def preview_move(self, matrix: DoubleArray, verb: str = "Move") -> None:
-        """Show the selection moved by the world map ``matrix`` (3, 4), counted from the start."""
-        title = self.title_for(verb)
-        self.preview(lambda scene, indices: edits.transform(scene, indices, matrix, title))
-
-    def preview_recolor(self, rgb: Sequence[float], opacity: float = 1.0) -> None:
-        """Show the selection in this mean color, 0..1, with its shading kept."""
-        title = self.title_for("Recolor")
-        self.preview(lambda scene, indices: _recolored(scene, indices, rgb, opacity, title))
 
     def settled(self) -> Project:
         """What is open, without a preview: what a file must be written from."""
@@ -165,140 +145,31 @@ class Document:
 
     def show_cleaning(self, found: "CleanPreview") -> None:
         """Show what cleaning an object would change."""
-        tint = cleanup_edits.cleaning_tint(self._settled(), found)
+        tint = cleanup_edits.cleaning_tint(self.settled().scene, found)
         if tint is not None:
             self.history.preview(tint)
             self._cleaning = found, tint
 
-    def apply_cleaning(self) -> bool:
-        """Clean as the preview shows: one entry; False when there is no preview."""
-        found = self.cleaning
-        if found is None:
-            return False
-        title = f"Clean {self.name_of(found.group)}"
-        return self.do(cleanup_edits.cleaned_edit(self._settled(), found, title))
+    # --- the selection
 
-    # --- edits of the selection
-
-    def move_selected(self, matrix: DoubleArray, verb: str = "Move") -> bool:
-        """Move the selection by the world map ``matrix`` (3, 4)."""
-        return self._edit(verb, lambda s, i, title: edits.transform(s, i, matrix, title))
-
-    def recolor_selected(self, rgb: Sequence[float], opacity: float = 1.0) -> bool:
-        """Give the selection this mean color, 0..1, and multiply its opacity."""
-        return self._edit("Recolor", lambda s, i, title: _recolored(s, i, rgb, opacity, title))
-
-    def delete_selected(self) -> bool:
-        """Delete the selected splats."""
-        return self._edit("Delete", edits.delete)
-
-    def hide_selected(self) -> bool:
-        """Hide the selected splats."""
-        return self._edit("Hide", edits.hide)
-
-    def isolate_selected(self) -> bool:
-        """Hide everything but the selected splats."""
-        return self._edit("Isolate", edits.isolate)
-
-    def duplicate_selected(self, direction: DoubleArray) -> bool:
-        """Copy the selection beside itself, towards ``direction`` (3,); the copy is selected."""
-        lo, hi = self.selected_box() or (np.zeros(3), np.zeros(3))
-        step = motion.shift(float(np.abs(direction) @ (hi - lo)) * direction)
-        return self._edit("Duplicate", lambda s, i, title: edits.duplicate(s, i, step, title=title))
-
-    def merge_selected(self) -> bool:
-        """Make the selected objects one."""
-        groups = self.read.selected_groups()
-        return self._edit("Merge", lambda s, _, title: edits.merge_groups(s, groups, title))
-
-    def _edit(self, verb: str, build: Callable[[Scene, IntArray, str], Edit | None]) -> bool:
-        return self.do(build(self._settled(), self._selected(), self.title_for(verb)))
-
-    def _settled(self) -> Scene:
-        """The scene without a preview: what an edit must be built from."""
-        self.history.preview(None)
-        return self.scene
-
-    def _selected(self) -> IntArray:
+    def selected(self) -> IntArray:
+        """Selected splats (K,), at least one; ``NothingSelectedError`` when there is none."""
         indices = self.read.selected_indices()
         if len(indices) == 0:
-            raise GagaError(NOTHING_SELECTED)
+            raise NothingSelectedError
         return indices
 
-    # --- edits of objects
-
-    def show_all(self) -> bool:
-        """Show everything that is hidden."""
-        return self.do(edits.show_all(self._settled()))
-
-    def rename(self, group: int, name: str) -> bool:
-        """Name a group; an empty name gives it its number back."""
-        return self.do(edits.rename(self._settled(), group, name))
-
-    def set_color(self, group: int, rgb: Sequence[float] | None) -> bool:
-        """Give a group a color in lists and group pictures; None = the palette's."""
-        title = f"Color {self.name_of(group)}"
-        return self.do(edits.set_color(self._settled(), group, rgb, title))
-
-    def preview_color(self, group: int, rgb: Sequence[float]) -> None:
-        """Show a group's color while it is being chosen."""
-        title = f"Color {self.name_of(group)}"
-        self.history.preview_with(lambda scene: edits.set_color(scene, group, rgb, title))
-
-    def set_hidden(self, group: int, hidden: bool) -> bool:
-        """Hide or show one object (the eye in the list)."""
-        build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
-        indices = group_indices(self.scene, group)
-        return self.do(build(self._settled(), indices, f"{verb} {self.name_of(group)}"))
-
-    def set_locked(self, group: int, locked: bool) -> bool:
-        """Protect one object from being selected, or let it be again (the lock in the list)."""
-        build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
-        indices = group_indices(self.scene, group)
-        return self.do(build(self._settled(), indices, f"{verb} {self.name_of(group)}"))
-
-    def isolate_group(self, group: int) -> bool:
-        """Hide everything but one object; shows all again when that is so already."""
-        indices = group_indices(self.scene, group)
-        alone = edits.isolate(self._settled(), indices, f"Isolate {self.name_of(group)}")
-        return self.do(alone) if alone is not None else self.show_all()
-
-    def group(self, found: Association) -> int:
-        """Take the groups of an association over; how many objects there are now."""
-        labels = spread(self.scene, found.labels)  # duplicates follow their originals
-        names = names_of_added(self.scene, labels)
-        grouping = edits.set_grouping(
-            self._settled(), labels, found.bank, names, confidence=found.confidence
-        )
-        self.do(grouping)
-        return int((self.read.objects(None, False).ids > 0).sum())
-
-    # --- selecting
+    def edit_selected(
+        self, verb: str, build: Callable[[Scene, IntArray, str], Edit | None]
+    ) -> bool:
+        """Apply the edit that ``build`` makes of the scene, the selected splats and a title."""
+        scene = self.settled().scene
+        return self.do(build(scene, self.selected(), self.title_for(verb)))
 
     def select(self, indices: IntArray, how: How = "set", title: str = "Select") -> bool:
         """Change the selection by splats (K,)."""
-        return self.do(edits.select(self._settled(), indices, how, title), is_content=False)
-
-    def select_groups(self, groups: Sequence[int], how: How = "set") -> bool:
-        """Select whole objects, add or remove them; the first one comes into the inspector."""
-        what = self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
-        verb = "Deselect" if how == "remove" else "Select"
-        done = self.select(group_indices(self.scene, groups), how, f"{verb} {what}")
-        if how != "remove" and groups:
-            self.focus = int(groups[0])
-        return done
-
-    def select_all(self) -> bool:
-        """Select everything that is visible and not locked."""
-        return self.select(algebra.everything(self.scene), "set", "Select all")
-
-    def select_none(self) -> bool:
-        """Select nothing."""
-        return self.select(algebra.nothing(), "set", "Select nothing")
-
-    def select_inverse(self) -> bool:
-        """Select what is not selected."""
-        return self.select(algebra.inverted(self.scene), "set", "Invert selection")
+        edit = edits.select(self.settled().scene, indices, how, title)
+        return self.do(edit, is_content=False)
 
     # --- reading
 
@@ -307,7 +178,7 @@ class Document:
         return group_name(self.scene, group)
 
     def title_for(self, verb: str) -> str:
-        """Title of an edit of the selection: "Move mug", "Delete 3 objects"."""
+        """Title of an edit of the selection: "Move chair", "Delete 3 objects"."""
         groups = self.read.selected_groups()
         if len(groups) == 1:
             return f"{verb} {self.name_of(groups[0])}"
@@ -336,10 +207,3 @@ class Document:
         """Where the handles stand (3,), world; None when nothing is selected."""
         box = self.selected_box()
         return None if box is None else (box[0] + box[1]) / 2
-
-
-def _recolored(
-    scene: Scene, indices: IntArray, rgb: Sequence[float], opacity: float, title: str
-) -> Edit | None:
-    affine = tint_affine(mean_color(scene, indices), rgb)
-    return edits.recolor(scene, indices, affine, opacity, title)

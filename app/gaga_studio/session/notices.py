@@ -4,6 +4,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import wraps
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+from gaga_core.errors import GagaError
 
 
 class Level(StrEnum):
@@ -21,6 +25,44 @@ class Notice:
     level: Level
     text: str
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
+
+
+class NothingSelectedError(GagaError):
+    """An edit of the selection was asked for, and nothing is selected."""
+
+    def __init__(self) -> None:
+        super().__init__("Nothing is selected. Click an object first.")
+
+
+class Notifier(Protocol):
+    """Who shows notices: the session."""
+
+    def notify(self, level: Level, text: str) -> None:
+        """Tell the user one sentence."""
+        ...
+
+
+S = TypeVar("S", bound=Notifier)
+P = ParamSpec("P")
+
+
+def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenate[S, P], bool]:
+    """Decorate an action: what the user can correct becomes a notice, and it returns False.
+
+    Any other result becomes a bool: whether the action did something.
+    """
+
+    @wraps(action)
+    def notified(session: S, /, *args: P.args, **kwargs: P.kwargs) -> bool:
+        try:
+            return bool(action(session, *args, **kwargs))
+        except NothingSelectedError as error:
+            session.notify(Level.INFO, str(error))
+        except GagaError as error:
+            session.notify(Level.ERROR, str(error))
+        return False
+
+    return notified
 
 
 @dataclass(frozen=True, eq=False)

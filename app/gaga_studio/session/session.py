@@ -3,17 +3,16 @@
 Pull, not push: panels read it every frame. Main thread only; works without a window.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
-from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.project import Project
@@ -22,10 +21,10 @@ from gaga_core.scene.selection.bounds import splat_box
 from gaga_core.scene.selection.picking import Pick, pick
 from gaga_studio.session import next_stage, stages
 from gaga_studio.session.camera_rig import CameraRig
-from gaga_studio.session.document import NOTHING_SELECTED, Document
+from gaga_studio.session.document import Document
 from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
-from gaga_studio.session.notices import Level, Notice, Question, unsaved_question
+from gaga_studio.session.notices import Level, Notice, Question, notifies, unsaved_question
 from gaga_studio.session.render_requests import Easel
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import Training
@@ -92,16 +91,11 @@ class Session:
         self.view.background = settings.background_color
         if self.document is not None:
             self.document.history.set_budget(settings.undo_bytes)
-        self.attempt(lambda: save_settings(settings))
+        self._save_settings()
 
-    def attempt(self, action: Callable[[], object]) -> bool:
-        """Do ``action``; what a user can mend becomes a notice, and False is returned."""
-        try:
-            return bool(action())
-        except GagaError as error:
-            level = Level.INFO if str(error) == NOTHING_SELECTED else Level.ERROR
-            self.notify(level, str(error))
-            return False
+    @notifies
+    def _save_settings(self) -> None:
+        save_settings(self.settings)
 
     # --- the document
 
@@ -298,73 +292,6 @@ class Session:
             raise GagaError("No scene is open. Open one first.")
         return self.document
 
-    # --- edits: those of `Document`, with a notice where there is nothing to edit
-
-    def do(self, edit: Edit | None) -> bool:
-        """Apply an edit as one entry of the history; False when it is None."""
-        return self.attempt(lambda: self.need().do(edit))
-
-    def undo(self) -> str | None:
-        """Take the newest edit back; its title, None if there is none."""
-        return self.document.undo() if self.document is not None else None
-
-    def redo(self) -> str | None:
-        """Do the next undone edit again; its title, None if there is none."""
-        return self.document.redo() if self.document is not None else None
-
-    def move_selected(self, matrix: DoubleArray, verb: str = "Move") -> bool:
-        """Move the selection by the world map ``matrix`` (3, 4)."""
-        return self.attempt(lambda: self.need().move_selected(matrix, verb))
-
-    def preview_move(self, matrix: DoubleArray, verb: str = "Move") -> None:
-        """Show the selection moved by ``matrix`` (3, 4), counted from the drag's start."""
-        self.attempt(lambda: self.need().preview_move(matrix, verb))
-
-    def recolor_selected(self, rgb: Sequence[float], opacity: float = 1.0) -> bool:
-        """Give the selection this mean color, 0..1, and multiply its opacity."""
-        return self.attempt(lambda: self.need().recolor_selected(rgb, opacity))
-
-    def preview_recolor(self, rgb: Sequence[float], opacity: float = 1.0) -> None:
-        """Show the selection in this color while it is being chosen."""
-        self.attempt(lambda: self.need().preview_recolor(rgb, opacity))
-
-    def commit_preview(self) -> bool:
-        """End a drag: what it shows becomes one entry; False if nothing changed."""
-        return self.document is not None and self.document.commit_preview()
-
-    def cancel_preview(self) -> None:
-        """Drop a drag: everything is as it was before."""
-        if self.document is not None:
-            self.document.cancel_preview()
-
-    def duplicate_selected(self) -> bool:
-        """Copy the selection to its side in the picture; the copy is selected."""
-        return self.attempt(lambda: self.need().duplicate_selected(self.rig.sideways))
-
-    def delete_selected(self) -> bool:
-        """Delete the selected splats."""
-        return self.attempt(lambda: self.need().delete_selected())
-
-    def hide_selected(self) -> bool:
-        """Hide the selected splats."""
-        return self.attempt(lambda: self.need().hide_selected())
-
-    def isolate_selected(self) -> bool:
-        """Hide everything but the selected splats."""
-        return self.attempt(lambda: self.need().isolate_selected())
-
-    def show_all(self) -> bool:
-        """Show everything that is hidden."""
-        return self.attempt(lambda: self.need().show_all())
-
-    def rename(self, group: int, name: str) -> bool:
-        """Name a group; an empty name gives it its number back."""
-        return self.attempt(lambda: self.need().rename(group, name))
-
-    def select_group(self, group: int, how: How = "set") -> bool:
-        """Select a whole object, add it, or remove it; it comes into the inspector."""
-        return self.attempt(lambda: self.need().select_groups((group,), how))
-
     # --- pointing: at pixel (u, v) of the picture; pixel centres are at +0.5
 
     def pick(self, u: float, v: float, width: int, height: int) -> Pick | None:
@@ -373,27 +300,6 @@ class Session:
         if self.scene is None:
             return None
         return pick(self.scene, camera, u, v, antialiased=self.view.is_antialiased(self.scene))
-
-    def click(self, u: float, v: float, width: int, height: int, how: How = "set") -> int:
-        """Select the object at a pixel, add or remove it; its group, 0 for none.
-
-        To set the selection by a click on nothing, or on splats without a group, selects nothing.
-        """
-        found = self.pick(u, v, width, height)
-        group = found.group if found is not None else 0
-        self.hint = NO_GROUPS if found is not None and group == 0 else ""
-        if group:
-            self.select_group(group, how)
-        elif how == "set":
-            self.attempt(lambda: self.need().select_none())
-        return group
-
-    def focus_at(self, u: float, v: float, width: int, height: int) -> bool:
-        """Turn around the surface at a pixel from now on (double click)."""
-        found = self.pick(u, v, width, height)
-        if found is not None:
-            self.rig.set_pivot(found.point)
-        return found is not None
 
     def hover(self, u: float, v: float, width: int, height: int) -> None:
         """The mouse is at this pixel: `hovered_group` follows once it rests."""

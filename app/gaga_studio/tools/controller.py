@@ -1,6 +1,6 @@
 """Joins mouse, keys, tools and camera: one call a frame for the picture."""
 
-from gaga_studio.actions import align_ground
+from gaga_studio.actions import align_ground, navigation, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, Place, RectShape, Tool
@@ -98,7 +98,7 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
         if isinstance(tool, PolygonTool):
             tool.double_click(session, place)
         else:
-            session.focus_at(place.u, place.v, place.width, place.height)
+            navigation.focus_at(session, place.u, place.v, place.width, place.height)
     elif action.act is Act.CLICK:
         tool.click(session, place)
     elif action.act is Act.MENU:
@@ -128,7 +128,7 @@ def _menu(session: Session, place: Place) -> None:
     found = session.pick(place.u, place.v, place.width, place.height)
     view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])
     if found is not None and found.group and found.group not in session.selected_groups():
-        session.select_group(found.group)
+        selection.select_groups(session, (found.group,))
     session.request = "object_menu" if found is not None and found.group else "scene_menu"
 
 

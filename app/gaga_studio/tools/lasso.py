@@ -1,6 +1,7 @@
 """Draw an outline around what is to be selected."""
 
 from gaga_core.scene.selection import screen_masks
+from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, Place, region_hint
@@ -21,7 +22,7 @@ class LassoTool:
 
     def click(self, session: Session, place: Place) -> None:
         """An outline without area: the object under the mouse."""
-        session.click(place.u, place.v, place.width, place.height, place.how)
+        selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: Place) -> None:
         """The outline begins."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
+from gaga_studio.actions import history, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import Place, RectShape
@@ -48,21 +49,21 @@ class MoveTool:
         """The handles are dragged to this matrix (4, 4), world: show the selection there."""
         if self._start is not None:
             motion = (handles @ np.linalg.inv(self._start))[:3]
-            session.preview_move(motion, _VERBS[self.name])
+            transform.preview_move(session, motion, _VERBS[self.name])
 
     def finish(self, session: Session) -> bool:
         """The handle is let go: one edit, if anything moved."""
         self._start = None
-        return session.commit_preview()
+        return history.commit_preview(session)
 
     def cancel(self, session: Session) -> None:
         """Escape: the selection stands where it stood."""
         self._start = None
-        session.cancel_preview()
+        history.cancel_preview(session)
 
     def click(self, session: Session, place: Place) -> None:
         """Select the object under the mouse."""
-        session.click(place.u, place.v, place.width, place.height, place.how)
+        selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: Place) -> None:
         """Drags beside the handles are the camera's."""

@@ -1,5 +1,6 @@
 """Click an object to select it whole; drags orbit."""
 
+from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, Place
@@ -12,7 +13,7 @@ class PickTool(ClickTool):
 
     def click(self, session: Session, place: Place) -> None:
         """Select the object under the mouse."""
-        session.click(place.u, place.v, place.width, place.height, place.how)
+        selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def hint(self, session: Session) -> str:
         """What a click does now."""

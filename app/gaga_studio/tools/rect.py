@@ -1,6 +1,7 @@
 """Drag a rectangle: what lies in it is selected, whole objects or single splats."""
 
 from gaga_core.scene.selection import screen_masks
+from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import Place, RectShape, region_hint
@@ -20,7 +21,7 @@ class RectTool:
 
     def click(self, session: Session, place: Place) -> None:
         """A rectangle without area: the object under the mouse."""
-        session.click(place.u, place.v, place.width, place.height, place.how)
+        selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: Place) -> None:
         """First corner."""

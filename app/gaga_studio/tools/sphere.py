@@ -5,6 +5,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene import edits
 from gaga_core.scene.selection import by_volume
+from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -26,7 +27,7 @@ class SphereTool:
 
     def click(self, session: Session, place: Place) -> None:
         """A ball without size: the object under the mouse."""
-        session.click(place.u, place.v, place.width, place.height, place.how)
+        selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: Place) -> None:
         """The centre: the surface under the mouse."""

@@ -9,7 +9,7 @@ import pytest
 from gaga_core.io.splat_files import Form, read_splats, write_splats
 from gaga_core.scene.export import listed_files, objects_losses
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import cleanup
+from gaga_studio.actions import cleanup, history, selection
 from gaga_studio.actions import files as files_actions
 from gaga_studio.session.session import Session
 from tests.scenes import random_gaussians
@@ -25,7 +25,7 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
     assert np.array_equal(session.selected_indices(), np.arange(n, n + 50))
     assert "chair" in {session.need().name_of(g) for g in session.selected_groups()}
     assert session.unsaved
-    assert session.undo() == "Add chair.spz"
+    assert history.undo(session) == "Add chair.spz"
     assert len(scene) == n
     assert session.need().history.state_id == state
 
@@ -77,7 +77,7 @@ def test_objects_are_written_in_any_form_after_the_same_question(
 ) -> None:
     chosen = [int(group) for group in associated.objects().ids if group > 0][:2]
     for group in chosen:
-        associated.select_group(group, "add")
+        selection.select_groups(associated, (group,), "add")
     scene = associated.need().scene
     sh = scene.gaussians.sh.copy()
     sh[group_indices(scene, chosen[0]), 0] = 9.0  # more than the small forms hold

@@ -8,7 +8,7 @@ from gaga_core.io.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import files
+from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import command, for_shortcut, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -30,7 +30,7 @@ def _tilt(session: Session) -> None:
     c, s = np.cos(_TILT), np.sin(_TILT)
     turn = np.array([[1, 0, 0, 0.3], [0, c, -s, 0.2], [0, s, c, 2.0]])
     scene = scene_of(session)
-    assert session.do(edits.transform(scene, np.arange(len(scene)), turn))
+    assert session.need().do(edits.transform(scene, np.arange(len(scene)), turn))
     session.rig.pose = session.rig._carried(session.rig.pose, np.vstack([turn, [0, 0, 0, 1]]))
 
 
@@ -74,8 +74,8 @@ def test_three_clicks_lay_the_floor_level_as_one_undoable_edit(associated: Sessi
     _tilt(session)
     scene = scene_of(session)
     hidden, locked = _balls(session)[:2]
-    session.need().set_hidden(hidden, True)
-    session.need().set_locked(locked, True)
+    objects.set_hidden(session, hidden, True)
+    objects.set_locked(session, locked, True)
     session.tool = ToolName.LASSO
     assert run("tool.ground", session)
     hand, before = Hand(session), snapshot(scene)
@@ -94,7 +94,7 @@ def test_three_clicks_lay_the_floor_level_as_one_undoable_edit(associated: Sessi
     assert session.unsaved
     assert "level now" in session.notices[-1].text
     assert "photos stay" in session.notices[-1].text
-    session.undo()
+    history.undo(session)
     assert snapshot(scene) == before
 
 
@@ -195,7 +195,7 @@ def test_a_click_on_nothing_says_so_and_keeps_the_points(associated: Session) ->
 
 def test_backspace_takes_one_back_and_never_deletes(associated: Session) -> None:
     session = associated
-    session.select_group(objects_of(session)[0])
+    selection.select_groups(session, (objects_of(session)[0],))
     run("tool.ground", session)
     hand, before = Hand(session), snapshot(scene_of(session))
     for u, v in _spots(session)[:2]:

@@ -8,7 +8,16 @@ import pytest
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import Decision
-from gaga_studio.actions import association_repair, objects, quality, thumbnails
+from gaga_studio.actions import (
+    association_repair,
+    color_grade,
+    history,
+    objects,
+    quality,
+    selection,
+    thumbnails,
+    transform,
+)
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 
@@ -25,7 +34,7 @@ def _labels(session: Session) -> np.ndarray:
 def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> None:
     session = associated
     before, bank = _labels(session).copy(), session.scene.bank  # type: ignore[union-attr]
-    assert session.rename(2, "mug")
+    assert objects.rename(session, 2, "mug")
     cursor = session.history.cursor  # type: ignore[union-attr]
     moved = _decision(session, 3)
     live = []
@@ -45,7 +54,7 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     )
     assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
     assert not np.array_equal(_labels(session), before)
-    session.undo()
+    history.undo(session)
     assert np.array_equal(_labels(session), before)
     assert session.scene.bank is bank  # type: ignore[union-attr]
 
@@ -64,7 +73,7 @@ def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:
 def test_objects_that_change_meanwhile_win(associated: Session) -> None:
     session = associated
     assert association_repair.move_mask(session, _decision(session, 3), association_repair.NEW)
-    session.select_group(4)
+    selection.select_groups(session, (4,))
     assert objects.assign(session, 5)
     changed = _labels(session)
     assert session.jobs.wait()
@@ -74,8 +83,8 @@ def test_objects_that_change_meanwhile_win(associated: Session) -> None:
 
 def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:
     session = associated
-    session.select_group(3)
-    assert session.duplicate_selected()
+    selection.select_groups(session, (3,))
+    assert transform.duplicate(session)
     n, copy = len(session.scene), int(_labels(session).max())  # type: ignore[arg-type]
     assert association_repair.move_mask(session, _decision(session, 3, 0), association_repair.NEW)
     assert session.jobs.wait()
@@ -117,11 +126,11 @@ def test_a_saved_bank_is_repaired_by_its_preset_whatever_the_order_of_its_views(
 def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -> None:
     session = associated
     truth = _labels(session).copy()
-    session.select_group(2)
+    selection.select_groups(session, (2,))
     assert objects.assign(session, 3)  # whole objects: their masks go along
     assert len(session.decisions(2)) == 0
     n_masks = len(session.decisions(3))
-    session.select_group(3)
+    selection.select_groups(session, (3,))
     assert run("object.split_masks", session)
     assert session.jobs.wait()
     assert "is two now" in session.notices[-1].text
@@ -131,7 +140,7 @@ def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -
     wanted = truth == np.bincount(truth[part]).argmax()
     assert (part == wanted).mean() > 0.97
     assert len(session.decisions(new)) + len(session.decisions(3)) == n_masks
-    session.undo()
+    history.undo(session)
     assert (_labels(session) != new).all()
 
 
@@ -145,20 +154,20 @@ def test_quality_is_kept_for_each_state_of_the_groups(associated: Session) -> No
     assert found is not None
     assert is_now
     assert (quality.column(session, session.objects())[1:] > 0.6).all()
-    session.select_group(2)
+    selection.select_groups(session, (2,))
     assert run("object.worst_view", session)
     worst = found.groups[2].views[0].view
     assert session.cameras[session.active_view or 0].name == worst
     assert objects.assign(session, 3)
     assert quality.shown(session) == (found, False)
-    session.undo()
+    history.undo(session)
     assert quality.shown(session) == (found, True)
 
 
 def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
     session = associated
     document = session.need()
-    session.select_group(2)
+    selection.select_groups(session, (2,))
     document.sure_below = 0.9
     assert run("object.uncertain", session)
     column = session.scene.confidence_of()  # type: ignore[union-attr]
@@ -171,13 +180,12 @@ def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
 
 def test_a_group_color_is_an_edit(associated: Session) -> None:
     session = associated
-    document = session.need()
     first = session.objects().colors[2].copy()
     group = int(session.objects().ids[2])
-    assert document.set_color(group, (0.2, 0.4, 0.6))
+    assert objects.set_color(session, group, (0.2, 0.4, 0.6))
     np.testing.assert_allclose(session.objects().colors[2], [0.2, 0.4, 0.6])
     assert session.unsaved
-    session.undo()
+    history.undo(session)
     np.testing.assert_array_equal(session.objects().colors[2], first)
 
 
@@ -208,7 +216,7 @@ def test_thumbnails_come_from_photos_or_from_the_splats(
     assert all(key is not None and key[0].startswith("crop") for key in keys)
     shape = (thumbnails.SIDE, thumbnails.SIDE, 3)
     assert picture(2).shape == shape
-    session.select_group(2)
+    selection.select_groups(session, (2,))
     rows = session.selected_indices()
     session.need().select(rows[: len(rows) // 2])
     assert objects.separate(session)
@@ -220,8 +228,8 @@ def test_thumbnails_come_from_photos_or_from_the_splats(
     alone = first[1]()
     assert alone.shape == shape
     assert (np.abs(alone.astype(int) - 46).max(axis=2) > 8).mean() > 0.05
-    session.select_group(int(table.ids[made]))
-    assert session.recolor_selected((1.0, 0.0, 0.0))
+    selection.select_groups(session, (int(table.ids[made]),))
+    assert color_grade.recolor(session, (1.0, 0.0, 0.0))
     again = thumbnails.request(session, session.objects(), made)
     assert again is not None
     assert again[0] != first[0]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.actions import autosave as autosave_actions
+from gaga_studio.actions import objects, selection, transform
 from gaga_studio.actions.autosave import Autosave, left_over, offer
 from gaga_studio.session.session import Session
 from tests.app.looks import finish
@@ -23,8 +24,8 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _edit(session: Session) -> None:
     group = int(session.objects().ids[1])
-    session.select_group(group)
-    session.delete_selected()
+    selection.select_groups(session, (group,))
+    objects.delete(session)
 
 
 def _saved(session: Session) -> Autosave:
@@ -50,7 +51,7 @@ def test_without_edits_nothing_is_written(associated: Session) -> None:
     associated.save()
     finish(associated)
     autosave = _saved(associated)
-    associated.need().select_all()
+    selection.select_all(associated)
     autosave.tick(associated)
     assert not autosave_actions.root().exists()
 
@@ -126,8 +127,8 @@ def test_the_same_state_is_written_once_and_a_drag_never(associated: Session) ->
     autosave.wait()
     assert note.stat().st_mtime_ns == first
     group = int(associated.objects().ids[1])
-    associated.select_group(group)
-    associated.preview_move(np.eye(3, 4) + np.array([[0, 0, 0, 1.0]] * 3))
+    selection.select_groups(associated, (group,))
+    transform.preview_move(associated, np.eye(3, 4) + np.array([[0, 0, 0, 1.0]] * 3))
     autosave.tick(associated)
     autosave.wait()
     assert note.stat().st_mtime_ns == first

@@ -13,7 +13,7 @@ from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.actions import cleanup, files
+from gaga_studio.actions import cleanup, files, history, objects, selection, transform
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.motion import shift
@@ -44,7 +44,7 @@ def floating(new_session: Callable[[], Session], tmp_path: Path) -> tuple[Sessio
     write_ply(model, scene.gaussians)
     project = Project(model_path=model, scene=scene, path=tmp_path / "balls.gaga", folder=None)
     session.document = Document(project)
-    session.select_group(GROUP)
+    selection.select_groups(session, (GROUP,))
     return session, rows
 
 
@@ -85,7 +85,7 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
     np.testing.assert_array_equal(group_indices(scene, GROUP), found.after)
     np.testing.assert_array_equal(session.selected_indices(), found.after)
     assert (scene.placement == 0).all(), "the colors of the preview are gone"
-    session.undo()
+    session.need().undo()
     assert snapshot(scene) == before
     assert not session.unsaved
 
@@ -93,10 +93,10 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
 @pytest.mark.parametrize(
     "other",
     [
-        lambda s: s.select_group(1),
-        lambda s: s.undo(),
-        lambda s: s.hide_selected(),
-        lambda s: s.preview_move(shift(np.array([1.0, 0.0, 0.0]))),
+        lambda s: selection.select_groups(s, (1,)),
+        history.undo,
+        objects.hide,
+        lambda s: transform.preview_move(s, shift(np.array([1.0, 0.0, 0.0]))),
         lambda s: s.save(),
     ],
     ids=["select", "undo", "hide", "drag", "save"],
@@ -109,7 +109,7 @@ def test_whatever_is_done_next_ends_the_preview(
     other(session)
     assert cleanup.shown(session) is None
     assert command("object.clean_apply").enabled(session)
-    session.cancel_preview()
+    history.cancel_preview(session)
     assert (session.need().scene.placement == 0).all()
     session.jobs.wait()
 
@@ -120,7 +120,7 @@ def test_a_preview_never_becomes_an_entry_by_the_end_of_a_drag(
     session, _ = floating
     preview(session)
     cursor = session.need().history.cursor
-    assert not session.commit_preview()
+    assert not history.commit_preview(session)
     assert session.need().history.cursor == cursor
     assert cleanup.shown(session) is not None
 
@@ -128,7 +128,7 @@ def test_a_preview_never_becomes_an_entry_by_the_end_of_a_drag(
 def test_what_changed_meanwhile_is_not_cleaned(floating: tuple[Session, np.ndarray]) -> None:
     session, _ = floating
     run("object.clean", session)
-    session.select_group(1)
+    selection.select_groups(session, (1,))
     assert session.jobs.wait()
     assert cleanup.shown(session) is None
     assert "changed" in session.notices[-1].text
@@ -150,11 +150,11 @@ def test_a_clean_object_gets_a_sentence_and_no_preview(
 
 def test_it_needs_one_object(floating: tuple[Session, np.ndarray]) -> None:
     session, _ = floating
-    session.select_group(1, "add")
+    selection.select_groups(session, (1,), "add")
     assert "2 objects" in command("object.clean").enabled(session)
     cleanup.start(session)
     assert session.jobs.running is None
-    session.need().select_none()
+    selection.select_none(session)
     assert "Nothing is selected" in command("object.clean").enabled(session)
 
 
@@ -188,7 +188,7 @@ def test_objects_are_cleaned_first_as_one_entry(
     else:
         assert scene.has(State.DELETED)[rows].all(), "no floater is left in the air"
         assert len(group_indices(scene, GROUP)) == 0
-    session.undo()
+    session.need().undo()
     assert snapshot(scene) == before
 
 

@@ -14,7 +14,16 @@ from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import shown_colors
-from gaga_studio.actions import files, objects
+from gaga_studio.actions import (
+    align_ground,
+    color_grade,
+    files,
+    history,
+    named_selections,
+    objects,
+    selection,
+    transform,
+)
 from gaga_studio.commands import command, run
 from gaga_studio.session.session import Session
 
@@ -28,7 +37,7 @@ def _object(session: Session) -> int:
     """Select an object; its id."""
     table = session.objects()
     group = int(table.ids[1 + table.counts[1:].argmax()])
-    session.select_group(group)
+    selection.select_groups(session, (group,))
     return group
 
 
@@ -40,8 +49,8 @@ def test_growing_and_shrinking_change_the_selection_both_ways(associated: Sessio
     assert chosen < grown
     assert run("select.shrink", associated)
     assert set(associated.selected_indices().tolist()) < grown
-    associated.undo()
-    associated.undo()
+    history.undo(associated)
+    history.undo(associated)
     assert set(associated.selected_indices().tolist()) == chosen
 
 
@@ -62,7 +71,7 @@ def test_separating_makes_an_object_and_undo_takes_it_back(associated: Session) 
 def test_an_object_in_one_piece_says_so(associated: Session) -> None:
     _object(associated)
     objects.split(associated)
-    associated.need().select_none()
+    selection.select_none(associated)
     reason = command("object.split").enabled(associated)
     assert reason.startswith("Nothing is selected")
 
@@ -70,7 +79,7 @@ def test_an_object_in_one_piece_says_so(associated: Session) -> None:
 def test_locked_splats_cannot_be_selected_until_unlocked(associated: Session) -> None:
     group = _object(associated)
     assert run("object.lock", associated)
-    associated.select_group(group)
+    selection.select_groups(associated, (group,))
     assert len(associated.selected_indices()) == 0
     assert run("object.unlock_all", associated)
     assert not _scene(associated).has(State.LOCKED).any()
@@ -94,18 +103,18 @@ def test_a_grade_is_previewed_and_one_entry(associated: Session) -> None:
     before = shown_colors(_scene(associated))
     n = len(associated.need().history.entries())
     for saturation in (0.7, 0.3, 0.0):
-        objects.preview_grade(associated, Grade(saturation=saturation))
+        color_grade.preview_grade(associated, Grade(saturation=saturation))
     assert np.ptp(shown_colors(_scene(associated))[chosen], axis=1).max() < 1e-5
-    associated.cancel_preview()
+    history.cancel_preview(associated)
     assert np.array_equal(shown_colors(_scene(associated)), before)
-    assert objects.apply_grade(associated, Grade(saturation=0.0))
+    assert color_grade.grade(associated, Grade(saturation=0.0))
     assert len(associated.need().history.entries()) == n + 1
 
 
 def test_three_points_lay_the_scene_on_the_ground(associated: Session) -> None:
     scene = _scene(associated)
     points = world_means(scene)[[3, 200, 500]].astype(np.float64)
-    assert objects.align_to_ground(associated, points)
+    assert align_ground.align(associated, points)
     laid = world_means(_scene(associated))[[3, 200, 500]]
     assert np.abs(laid @ associated.rig.up).max() < 1e-4
 
@@ -115,12 +124,12 @@ def test_kept_selections_come_back_by_name(associated: Session) -> None:
     chosen = associated.selected_indices().tolist()
     assert run("select.keep", associated)
     assert run("select.none", associated)
-    assert objects.take_kept(associated, "set 1")
+    assert named_selections.select(associated, "set 1")
     assert associated.selected_indices().tolist() == chosen
-    assert objects.keep(associated, "mine")
-    assert objects.forget(associated, "set 1")
+    assert named_selections.keep(associated, "mine")
+    assert named_selections.forget(associated, "set 1")
     assert list(_scene(associated).sets) == ["mine"]
-    assert not objects.take_kept(associated, "set 1")
+    assert not named_selections.select(associated, "set 1")
     assert "no kept selection" in associated.notices[-1].text
 
 
@@ -129,14 +138,14 @@ def test_a_recorded_session_replays_to_the_same_file(associated: Session, tmp_pa
     path = session.need().project.model_path
     _object(session)
     run("edit.mirror_x", session)
-    session.duplicate_selected()
-    objects.apply_grade(session, Grade(temperature=0.5, opacity=0.8))
+    transform.duplicate(session)
+    color_grade.grade(session, Grade(temperature=0.5, opacity=0.8))
     run("select.grow", session)
     run("object.separate", session)
-    session.undo()
-    session.delete_selected()
+    history.undo(session)
+    objects.delete(session)
     script, live, again = tmp_path / "edits.json", tmp_path / "live.ply", tmp_path / "again.ply"
-    assert objects.save_script(session, script)
+    assert files.save_script(session, script)
     files.export(session, "scene", live)
     assert session.jobs.wait()
     session.tick(0.1)

@@ -11,6 +11,7 @@ from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.pipeline.search import train_views
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene.edits.groups import name_groups
+from gaga_studio.actions import history, objects, selection, transform
 from gaga_studio.actions import search as search_actions
 from gaga_studio.session.session import Session
 
@@ -84,7 +85,7 @@ def test_words_find_objects_without_any_model(associated: Session) -> None:
     assert len(search.meant) == 1
     by_name = _ask(associated, f"group {table.ids[2]}")
     assert by_name[0] == table.ids[2]
-    associated.rename(int(table.ids[2]), "blue teapot")
+    objects.rename(associated, int(table.ids[2]), "blue teapot")
     assert _ask(associated, "teapot") == (int(table.ids[2]),)
     assert _ask(associated, "eapo") == (int(table.ids[2]),), "a part of a name, too"
     assert _ask(associated, "") == ()
@@ -111,7 +112,7 @@ def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:
 def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None:
     ids = [int(group) for group in associated.objects().ids if group > 0]
     associated.need().do(name_groups(associated.need().scene, dict.fromkeys(ids[:3], "mug")))
-    associated.select_group(ids[4])
+    selection.select_groups(associated, (ids[4],))
     _ask(associated, "mug")
     assert set(associated.need().search.meant) == set(ids[:3])
     assert search_actions.take_all(associated)
@@ -125,14 +126,14 @@ def test_selecting_measures_nothing_anew_but_editing_does(associated: Session) -
     search, scene = associated.need().search, associated.need().scene
     cameras = train_views(associated.need().project)
     key, found = search.key(scene, cameras), search.measured
-    associated.select_group(groups[0])
+    selection.select_groups(associated, (groups[0],))
     assert search.key(scene, cameras) == key
     _ask(associated, "the smallest")
     assert search.measured is found
-    associated.delete_selected()
+    objects.delete(associated)
     assert search.key(scene, cameras) != key
     assert groups[0] not in _ask(associated, "the largest")
-    associated.undo()
+    history.undo(associated)
     assert _ask(associated, "the largest") == groups
 
 
@@ -172,8 +173,8 @@ def test_an_index_finds_any_noun_and_says_what_it_no_longer_knows(
     greens = rgb[:, 1] - np.maximum(rgb[:, 0], rgb[:, 2])
     assert found.facts.row(best) in np.argsort(-greens)[:2]
     assert "knows all" in search_actions.index_state(associated)
-    associated.select_group(best)
-    associated.move_selected(np.array([[1.0, 0, 0, 0.3], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    selection.select_groups(associated, (best,))
+    transform.move(associated, np.array([[1.0, 0, 0, 0.3], [0, 1, 0, 0], [0, 0, 1, 0]]))
     _ask(associated, "leaf")
     assert search_actions.index_state(associated).startswith("1 has changed")
     search_actions.index(associated)
@@ -199,16 +200,16 @@ def test_objects_are_named_in_one_edit(associated: Session, embedder: _Mean) -> 
     assert associated.jobs.wait()
     assert history.cursor - before in (0, 1)
     if history.cursor > before:
-        associated.undo()
+        associated.need().undo()
     assert associated.need().scene.names == names
 
 
 def test_naming_many_is_one_edit_that_reverts(associated: Session) -> None:
     document = associated.need()
     ids = [int(group) for group in associated.objects().ids if group > 0]
-    assert associated.do(name_groups(document.scene, {ids[0]: "mug", ids[1]: " big  bowl "}))
+    assert document.do(name_groups(document.scene, {ids[0]: "mug", ids[1]: " big  bowl "}))
     assert document.scene.names == {ids[0]: "mug", ids[1]: "big bowl"}
-    assert associated.undo() == "Name objects"
+    assert history.undo(associated) == "Name objects"
     assert document.scene.names == {}
     assert name_groups(document.scene, {}) is None
 

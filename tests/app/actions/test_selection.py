@@ -7,8 +7,8 @@ from gaga_core.scene.grade import Grade
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import column, shown_colors
-from gaga_studio.actions import selection
-from gaga_studio.actions.color_grade import Grading
+from gaga_studio.actions import history, selection, transform
+from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -25,7 +25,7 @@ def _scene(session: Session) -> Scene:
 @pytest.fixture
 def selected(associated: Session) -> Session:
     table = associated.objects()
-    associated.select_group(int(table.ids[1 + table.counts[1:].argmax()]))
+    selection.select_groups(associated, (int(table.ids[1 + table.counts[1:].argmax()]),))
     return associated
 
 
@@ -47,7 +47,7 @@ def test_a_range_selects_what_its_bars_show(associated: Session) -> None:
 def test_the_color_of_the_selection_finds_it_again(selected: Session) -> None:
     chosen = selected.selected_indices()
     rgb = selection.selected_color(selected)
-    selected.need().select_none()
+    selection.select_none(selected)
     assert selection.by_color(selected, rgb, 0.3)
     found = selected.selected_indices()
     assert len(np.intersect1d(found, chosen)) > 0
@@ -64,7 +64,7 @@ def test_a_crop_keeps_the_box_and_undo_brings_the_rest_back(selected: Session) -
     inside = ((world_means(scene) >= box[0]) & (world_means(scene) <= box[1])).all(axis=1)
     assert not kept[~inside].any()
     assert 0 < kept.sum() < len(scene)
-    selected.undo()
+    history.undo(selected)
     assert np.array_equal(_scene(selected).state, before)
 
 
@@ -75,7 +75,7 @@ def test_a_flat_box_still_has_a_volume() -> None:
 
 def test_many_drags_of_a_grade_are_one_entry(selected: Session) -> None:
     before = shown_colors(_scene(selected))
-    grading = Grading()
+    grading = GradeSliders()
     n = len(selected.need().history.entries())
     for saturation in (0.8, 0.4, 0.0):
         grading.follow(selected)
@@ -93,11 +93,11 @@ def test_many_drags_of_a_grade_are_one_entry(selected: Session) -> None:
 
 
 def test_a_grade_starts_anew_after_another_edit(selected: Session) -> None:
-    grading = Grading()
+    grading = GradeSliders()
     grading.show(selected, Grade(saturation=0.5))
     grading.keep(selected)
     n = len(selected.need().history.entries())
-    selected.duplicate_selected()
+    transform.duplicate(selected)
     grading.follow(selected)
     assert grading.value == Grade()
     grading.show(selected, Grade(brightness=0.1))
@@ -136,7 +136,7 @@ def test_handles_stand_at_the_pivot_and_along_the_objects_axes(selected: Session
     assert np.allclose(at[:3, 3], selected.rig.pose.pivot)
     run("tool.reset_pivot", selected)
     turned = np.array([[0, -1.0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]])
-    selected.move_selected(turned)
+    transform.move(selected, turned)
     run("tool.local_axes", selected)
     own = tool.handles(selected)
     assert own is not None

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from gaga_studio.actions import files
+from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import COMMANDS, GROUPS, Command, command, for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
@@ -79,16 +79,16 @@ def test_reasons_follow_the_selection(session: Session) -> None:
     first, second = session.objects().ids[1:3]
     assert "Nothing is selected" in command("edit.delete").enabled(session)
     assert command("object.merge").enabled(session)
-    session.select_group(int(first))
+    selection.select_groups(session, (int(first),))
     assert not command("edit.delete").enabled(session)
     assert not command("object.rename").enabled(session)
     assert "two objects" in command("object.merge").enabled(session)
-    session.select_group(int(second), "add")
+    selection.select_groups(session, (int(second),), "add")
     assert "2 objects" in command("object.rename").enabled(session)
     assert not command("object.merge").enabled(session)
     assert command("edit.undo").title_now(session).startswith("Undo Select")
     assert "hidden" in command("object.show_all").enabled(session)
-    session.hide_selected()
+    objects.hide(session)
     assert not command("object.show_all").enabled(session)
 
 
@@ -131,11 +131,11 @@ _NEEDS_MORE = {
 def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Command) -> None:
     session = associated
     for group in session.objects().ids[1:3]:
-        session.select_group(int(group), "add")
-    session.hide_selected()
-    session.undo()
+        selection.select_groups(session, (int(group),), "add")
+    objects.hide(session)
+    history.undo(session)
     if wanted.id in {"object.rename", "object.clean"}:
-        session.select_group(int(session.objects().ids[1]))
+        selection.select_groups(session, (int(session.objects().ids[1]),))
     reason = wanted.enabled(session)
     if reason:
         assert wanted.id in _NEEDS_MORE
@@ -163,7 +163,7 @@ def test_while_flying_the_fly_keys_are_not_shortcuts(associated: Session) -> Non
 
 def test_escape_ends_the_innermost_thing_first(associated: Session) -> None:
     session = associated
-    session.select_group(int(session.objects().ids[1]))
+    selection.select_groups(session, (int(session.objects().ids[1]),))
     run("tool.move", session)
     run("view.fly", session)
     run("edit.cancel", session)

@@ -13,8 +13,9 @@ from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
-from gaga_studio.actions import files
+from gaga_studio.actions import color_grade, files, history, objects, selection, transform
 from gaga_studio.session.motion import shift
+from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 
@@ -33,7 +34,7 @@ def test_a_click_takes_the_group_of_greatest_weight(associated: Session) -> None
         pixel = np.array([y * _W + x], np.int64)
         row = raster.weights(scene.gaussians, camera, pixel)
         votes = np.bincount(scene.labels[row.indices], weights=row.weights, minlength=1)
-        group = associated.click(x + 0.5, y + 0.5, _W, _H)
+        group = selection.click(associated, x + 0.5, y + 0.5, _W, _H)
         assert group == votes.argmax()
         assert associated.selected_groups() == ((group,) if group else ())
 
@@ -52,36 +53,36 @@ def test_the_whole_walk(
     finish(session)
     scene = scene_of(session)
     mug, bowl, doomed = objects_of(session)[:3]
-    session.select_group(mug)
-    session.rename(mug, "red mug")
-    session.isolate_selected()
+    selection.select_groups(session, (mug,))
+    objects.rename(session, mug, "red mug")
+    objects.isolate(session)
     assert set(np.unique(scene.labels[scene.visible])) == {mug}
-    session.show_all()
-    session.select_group(mug)
-    session.preview_recolor((0.2, 0.4, 0.9))
-    session.recolor_selected((0.9, 0.1, 0.1))
+    objects.show_all(session)
+    selection.select_groups(session, (mug,))
+    color_grade.preview_recolor(session, (0.2, 0.4, 0.9))
+    color_grade.recolor(session, (0.9, 0.1, 0.1))
     np.testing.assert_allclose(
         mean_color(scene, group_indices(scene, mug)), [0.9, 0.1, 0.1], atol=0.02
     )
     start = world_means(scene, group_indices(scene, mug))
-    session.move_selected(shift(np.array([0.0, 0.0, 0.5])))
+    transform.move(session, shift(np.array([0.0, 0.0, 0.5])))
     moved = world_means(scene, group_indices(scene, mug))
     np.testing.assert_allclose(moved - start, np.tile([0, 0, 0.5], (len(start), 1)), atol=1e-6)
-    session.duplicate_selected()
+    transform.duplicate(session)
     (copy,) = session.selected_groups()
     assert session.need().name_of(copy) == "red mug copy"
-    session.select_group(doomed)
-    session.delete_selected()
-    session.select_group(bowl)
-    session.hide_selected()
+    selection.select_groups(session, (doomed,))
+    objects.delete(session)
+    selection.select_groups(session, (bowl,))
+    objects.hide(session)
 
     final = snapshot(scene)
     n_edits = len(session.history.entries()) if session.history else 0
-    while session.undo() is not None:
+    while history.undo(session) is not None:
         pass
     assert not session.unsaved
     for _ in range(n_edits):
-        assert session.redo() is not None
+        assert history.redo(session) is not None
     assert snapshot(scene) == final
 
     target = tmp_path / "out" / "scene.ply"
@@ -95,7 +96,7 @@ def test_the_whole_walk(
     reds = _colors(written.sh)[groups == mug]
     np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
 
-    session.select_group(copy)
+    selection.select_groups(session, (copy,))
     files.export(session, "selected", tmp_path / "copy.ply")
     finish(session)
     assert len(read_ply(tmp_path / "copy.ply")) == len(group_indices(scene, copy))
@@ -119,53 +120,56 @@ def test_the_whole_walk(
 
 def test_edits_need_a_selection(associated: Session) -> None:
     for act in (
-        associated.delete_selected,
-        associated.hide_selected,
-        associated.isolate_selected,
-        associated.duplicate_selected,
+        objects.delete,
+        objects.hide,
+        objects.isolate,
+        objects.lock,
+        transform.duplicate,
     ):
         n = len(associated.notices)
-        assert not act()
-        assert "Nothing is selected" in associated.notices[n].text
+        assert not act(associated)
+        (notice,) = associated.notices[n:]
+        assert notice.level is Level.INFO, "a hint, nothing went wrong"
+        assert "Nothing is selected" in notice.text
     assert associated.history is not None
     assert not associated.history.can_undo
 
 
 def test_eye_lock_and_solo_of_the_list(associated: Session) -> None:
-    scene, document = scene_of(associated), associated.need()
+    scene = scene_of(associated)
     group, other = objects_of(associated)[:2]
-    document.set_hidden(group, True)
+    objects.set_hidden(associated, group, True)
     assert not scene.visible[group_indices(scene, group)].any()
-    document.set_hidden(group, False)
-    document.set_locked(group, True)
-    associated.select_group(group)
+    objects.set_hidden(associated, group, False)
+    objects.set_locked(associated, group, True)
+    selection.select_groups(associated, (group,))
     assert associated.selected_groups() == ()
-    document.set_locked(group, False)
-    document.isolate_group(other)
+    objects.set_locked(associated, group, False)
+    objects.isolate_group(associated, other)
     assert set(np.unique(scene.labels[scene.visible])) == {other}
-    document.isolate_group(other)
+    objects.isolate_group(associated, other)
     assert scene.visible.all()
 
 
 def test_merge_and_invert(associated: Session) -> None:
-    scene, document = scene_of(associated), associated.need()
+    scene = scene_of(associated)
     first, second = objects_of(associated)[:2]
     n = int(np.isin(scene.labels, [first, second]).sum())
-    document.select_groups((first, second))
-    document.merge_selected()
+    selection.select_groups(associated, (first, second))
+    objects.merge(associated)
     assert int((scene.labels == first).sum()) == n
-    document.select_inverse()
+    selection.select_inverse(associated)
     assert first not in associated.selected_groups()
-    document.select_all()
+    selection.select_all(associated)
     assert len(associated.selected_indices()) == len(scene)
 
 
 def test_inspector_follows_the_selection_through_undo(associated: Session) -> None:
     first, second = objects_of(associated)[:2]
-    associated.select_group(first)
-    associated.select_group(second)
+    selection.select_groups(associated, (first,))
+    selection.select_groups(associated, (second,))
     assert associated.focus == second
-    associated.undo()
+    history.undo(associated)
     assert associated.focus == first
 
 

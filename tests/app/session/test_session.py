@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.actions import files
+from gaga_studio.actions import files, history, objects, selection, transform
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
@@ -35,7 +35,7 @@ def test_open_a_folder(session: Session) -> None:
 
 
 def test_what_cannot_be_opened_loses_nothing(associated: Session, tmp_path: Path) -> None:
-    associated.select_group(objects_of(associated)[0])
+    selection.select_groups(associated, (objects_of(associated)[0],))
     document, before = associated.document, snapshot(scene_of(associated))
     broken = tmp_path / "broken.ply"
     broken.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n")
@@ -50,7 +50,7 @@ def test_what_cannot_be_opened_loses_nothing(associated: Session, tmp_path: Path
 
 def test_another_scene_starts_afresh(associated: Session, scene_folder: Path) -> None:
     group = objects_of(associated)[0]
-    associated.select_group(group)
+    selection.select_groups(associated, (group,))
     associated.filter = "mug"
     associated.open(scene_folder / "point_cloud.ply")
     finish(associated)
@@ -99,31 +99,31 @@ def test_a_folder_without_masks_offers_to_make_them(
 
 def test_a_selection_is_nothing_to_save(associated: Session) -> None:
     first, second = objects_of(associated)[:2]
-    associated.select_group(first)
+    selection.select_groups(associated, (first,))
     assert not associated.unsaved
-    associated.rename(first, "mug")
+    objects.rename(associated, first, "mug")
     assert associated.unsaved
     assert associated.title.endswith("*")
-    associated.select_group(second)
+    selection.select_groups(associated, (second,))
     assert associated.unsaved
-    associated.undo()
-    associated.undo()
+    history.undo(associated)
+    history.undo(associated)
     assert not associated.unsaved
-    associated.redo()
+    history.redo(associated)
     assert associated.unsaved
-    associated.undo()
-    associated.select_group(second)
+    history.undo(associated)
+    selection.select_groups(associated, (second,))
     assert not associated.unsaved
 
 
 def test_saved_edits_are_saved_until_one_is_undone(associated: Session) -> None:
-    associated.rename(objects_of(associated)[0], "mug")
+    objects.rename(associated, objects_of(associated)[0], "mug")
     associated.save()
     finish(associated)
     assert not associated.unsaved
-    associated.undo()
+    history.undo(associated)
     assert associated.unsaved
-    associated.redo()
+    history.redo(associated)
     assert not associated.unsaved
 
 
@@ -134,7 +134,7 @@ def test_closing_asks_about_unsaved_edits(
     group = objects_of(associated)[0]
     folder = associated.need().project.folder
     assert folder is not None
-    associated.rename(group, "mug")
+    objects.rename(associated, group, "mug")
     associated.close()
     question = associated.pending_question
     assert question is not None
@@ -151,7 +151,7 @@ def test_closing_asks_about_unsaved_edits(
 
 
 def test_quitting_and_opening_ask_too(associated: Session, scene_folder: Path) -> None:
-    associated.rename(objects_of(associated)[0], "mug")
+    objects.rename(associated, objects_of(associated)[0], "mug")
     associated.quit()
     associated.answer("Cancel")
     assert not associated.should_quit
@@ -165,7 +165,7 @@ def test_quitting_and_opening_ask_too(associated: Session, scene_folder: Path) -
 
 
 def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path: Path) -> None:
-    associated.rename(objects_of(associated)[0], "mug")
+    objects.rename(associated, objects_of(associated)[0], "mug")
     (tmp_path / "file").write_text("")
     associated.save(tmp_path / "file" / "project", then=associated.close)
     assert associated.jobs.wait()
@@ -206,10 +206,10 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     group = objects_of(session)[0]
     assert {d.group for d in session.decisions(group)} == {group}
     assert session.objects().n_views[session.objects().row(group)] > 0
-    session.undo()
+    history.undo(session)
     assert snapshot(scene) == before
     assert session.decisions(group) == ()
-    session.redo()
+    history.redo(session)
     assert len(objects_of(session)) == n_objects
 
 
@@ -227,8 +227,8 @@ def test_cancelled_association_leaves_everything(session: Session) -> None:
 
 
 def test_duplicates_follow_their_originals(associated: Session) -> None:
-    associated.select_group(objects_of(associated)[1])
-    associated.duplicate_selected()
+    selection.select_groups(associated, (objects_of(associated)[1],))
+    transform.duplicate(associated)
     scene = scene_of(associated)
     n_file = int(scene.source.max()) + 1
     assert len(scene) > n_file

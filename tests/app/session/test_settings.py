@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 
@@ -97,10 +98,10 @@ def test_the_bytes_that_undo_may_hold_are_those_of_the_settings(associated: Sess
     assert history is not None
     assert history.budget == associated.settings.undo_bytes == 1_024_000_000
     for group in associated.objects().ids[1:6]:
-        associated.select_group(int(group))
+        selection.select_groups(associated, (int(group),))
     n, latest = history.cursor, history.entries()[-1]
-    associated.undo()
-    associated.redo()
+    associated.need().undo()
+    associated.need().redo()
     history.set_budget(latest.nbytes)
     assert history.nbytes <= history.budget
     assert n > len(history.entries()) == history.cursor == 1

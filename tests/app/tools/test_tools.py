@@ -11,6 +11,7 @@ import pytest
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.actions import history, objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.controller import Pointing
@@ -103,7 +104,7 @@ def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Se
     hand = Hand(associated)
     group, at = _apart(associated)
     other = next(int(g) for g in _objects(associated) if g != group)
-    associated.select_group(other)
+    selection.select_groups(associated, (other,))
     hand.click_at(at, KeyState(shift=True))
     assert set(associated.selected_groups()) == {group, other}
     hand.click_at(at, KeyState(ctrl=True))
@@ -221,7 +222,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     tool = Pointing().move_tools[name]
     group, _ = _apart(associated)
     assert tool.handles(associated) is None
-    associated.select_group(group)
+    selection.select_groups(associated, (group,))
     scene, handles = associated.scene, tool.handles(associated)
     assert scene is not None
     assert handles is not None
@@ -246,14 +247,14 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     assert _titles(associated)[1:] == [f"{name.title()} group {group}"]
     wanted = start @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(world_means(scene, splats), wanted, atol=1e-5)
-    associated.undo()
+    history.undo(associated)
     assert _state(associated) == before
 
 
 def test_escape_while_a_handle_is_held_edits_nothing(associated: Session) -> None:
     tool = Pointing().move_tools[ToolName.MOVE]
     group, _ = _apart(associated)
-    associated.select_group(group)
+    selection.select_groups(associated, (group,))
     handles, before = tool.handles(associated), _state(associated)
     assert handles is not None
     tool.begin(associated)
@@ -280,7 +281,7 @@ def test_fly_keys_move_and_a_drag_then_looks(associated: Session) -> None:
 def test_status_tells_what_is_under_the_mouse(associated: Session) -> None:
     hand = Hand(associated)
     group, at = _apart(associated)
-    associated.rename(group, "red mug")
+    objects.rename(associated, group, "red mug")
     for _ in range(400):
         hand.play(u=at[0], v=at[1])
         associated.tick(1 / 60)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_studio.actions import files
+from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
@@ -26,17 +26,17 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     files.associate(session)
     finish(session)
     look()
-    session.select_group(1)
+    selection.select_groups(session, (1,))
     look()
-    session.select_group(2)
+    selection.select_groups(session, (2,))
     look()  # to select is no change
-    session.hide_selected()
+    objects.hide(session)
     look()
     files.export(session, "scene", tmp_path / "out.ply")
     finish(session)
     look()
     assert seen == [2, 3, 4, 4, 5, 0]
-    session.undo()
+    history.undo(session)
     look()
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
 

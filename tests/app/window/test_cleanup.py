@@ -9,7 +9,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.io.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup
+from gaga_studio.actions import cleanup, selection
 from gaga_studio.session.view_state import Mode
 from tests.app.actions.test_cleanup import GROUP, planted
 from tests.app.looks import snapshot
@@ -31,7 +31,7 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
 
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
-        assert d.on_main(lambda: session.select_group(GROUP))
+        assert d.on_main(lambda: selection.select_groups(session, (GROUP,)))
         d.on_main(lambda: setattr(session.view, "mode", Mode.DEPTH))
         before, plain = snapshot(document.scene), d.pixels()
 

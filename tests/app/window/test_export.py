@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.io.splat_files import Form, read_splats
+from gaga_studio.actions import selection
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -59,7 +60,7 @@ def test_objects_go_into_files_of_the_form_that_was_chosen(
             for entry in listed:
                 assert entry["file"].endswith(kind.suffix)
                 assert len(read_splats(tmp_path / kind / entry["file"])) == entry["count"]
-        session.select_group(int(session.objects().ids[1]))
+        selection.select_groups(session, (int(session.objects().ids[1]),))
         to_sheet(d)
         to_folder(d, "PLY", tmp_path / "ply")
         d.settle()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_studio import commands
+from gaga_studio.actions import selection
 from gaga_studio.session.view_state import Mode, SplatLook
 from tests.app.window.driver import Driver, drive
 
@@ -35,7 +36,7 @@ def test_modes_look_background_and_a_motion(
         _choose(d, "Next background color")
         assert d.session.view.background == (0.0, 0.0, 0.0)
         _choose(d, "Mask of the object")
-        d.on_main(lambda: d.session.select_group(int(d.session.objects().ids[1])))
+        d.on_main(lambda: selection.select_groups(d.session, (int(d.session.objects().ids[1]),)))
         mask = d.pixels()
         assert np.ptp(mask.astype(int), axis=2).max() <= 2  # white on black
         assert mask.max() > 150

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_studio.actions import history, objects, selection
 from gaga_studio.commands import run
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -28,18 +29,18 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.keys(KEY.escape)
         np.testing.assert_allclose(document.scene.colors[3], [1, 128 / 255, 0], atol=1e-3)
 
-        document.isolate_group(2)
+        objects.isolate_group(session, 2)
         assert session.objects().n_hidden.sum() > 0
-        document.show_all()
+        objects.show_all(session)
 
         n_masks = len(session.decisions(4)), len(session.decisions(5))
         d.engine.item_drag_and_drop(f"//{row.format(4, '##row')}", f"//{row.format(5, '##row')}")
         d.frames()
         assert not (document.scene.labels == 4).any()
         assert len(session.decisions(5)) == sum(n_masks)
-        session.undo()
+        history.undo(session)
 
-        d.on_main(lambda: session.select_group(3))
+        d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
         mask = session.decisions(3)[2]
         line = f"//Memory bank/**/{mask.view} {mask.mask}/##decision"
@@ -49,9 +50,9 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         assert moved is not None
         assert moved.group == 2
         assert moved.by_hand
-        session.undo()
+        history.undo(session)
 
-        d.on_main(lambda: session.select_group(3))
+        d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
         d.engine.item_click(line, 1)
         d.engine.item_click("//$FOCUSED/###New object")
@@ -59,11 +60,11 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         moved = document.read.decision_of(mask.view, mask.mask)
         assert moved is not None
         assert moved.group > 6
-        session.undo()
+        history.undo(session)
 
         assert run("object.quality", session)
         d.settle()
-        d.on_main(lambda: session.select_group(3))
+        d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
         d.click("Inspector/###Quality")
         d.click("Inspector/###Confidence")

@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import read_ply
 from gaga_core.scene.scene import State
-from gaga_studio.actions import files
+from gaga_studio.actions import color_grade, files, selection, transform
 from gaga_studio.actions.navigation import go_to_view
 from gaga_studio.session.settings import Settings
 from tests.app.window.driver import KEY, Driver, drive
@@ -50,9 +50,9 @@ def test_the_table_from_masks_to_an_edited_file(
         d.click("Inspector/###Isolate")
         assert set(np.unique(scene.labels[scene.visible])) == {groups[-1]}
         d.keys(KEY.mod_shift, KEY.h)
-        d.session.recolor_selected((0.9, 0.1, 0.1))
-        d.session.move_selected(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1]]))
-        d.session.select_group(groups[0], "set")
+        color_grade.recolor(d.session, (0.9, 0.1, 0.1))
+        transform.move(d.session, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1]]))
+        selection.select_groups(d.session, (groups[0],), "set")
         d.engine.item_click("//Viewport/##picture", 2)
         d.keys(KEY.delete)
         n = int(scene.has(State.DELETED).sum())

@@ -16,6 +16,7 @@ import pytest
 
 from gaga_core.scene.scene import Scene
 from gaga_studio import commands
+from gaga_studio.actions import color_grade, history, objects, selection, transform
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
@@ -98,20 +99,20 @@ class _Walk:
         session, rng = self.session, self.rng
         groups = session.objects().ids
         if len(groups) == 0:  # all is deleted
-            session.undo()
+            history.undo(session)
             return
         group = int(groups[int(rng.integers(len(groups)))])
         match int(rng.integers(6)):
             case 0:
-                session.select_group(group, "add")
+                selection.select_groups(session, (group,), "add")
             case 1:
-                session.rename(group, f"thing {int(rng.integers(9))}")
+                objects.rename(session, group, f"thing {int(rng.integers(9))}")
             case 2:
                 self._preview()
             case 3:
-                session.undo()
+                history.undo(session)
             case 4:
-                session.redo()
+                history.redo(session)
             case _:
                 session.tool = ToolName(rng.choice(list(ToolName)))
                 session.view.mode = Mode(rng.choice(list(Mode)))
@@ -124,13 +125,13 @@ class _Walk:
         is_move = bool(rng.random() < 0.5)
         for x, y, z in rng.random((3, 3)):
             if is_move:
-                session.preview_move(np.c_[np.eye(3), [0.1 * x, 0, 0]])
+                transform.preview_move(session, np.c_[np.eye(3), [0.1 * x, 0, 0]])
             else:
-                session.preview_recolor((x, y, z), 0.9)
+                color_grade.preview_recolor(session, (x, y, z), 0.9)
             self._draw()
         if rng.random() < 0.3:
-            session.cancel_preview()
-        session.commit_preview()
+            history.cancel_preview(session)
+        history.commit_preview(session)
 
     def _settle(self) -> None:
         """Answer what is asked, close what was opened, let jobs end, keep the scene small."""
@@ -140,7 +141,7 @@ class _Walk:
             session.answer(session.pending_question.choices[-1])
         session.take_request()
         assert session.scene is not None
-        while len(session.scene) > _MOST_SPLATS and session.undo() is not None:
+        while len(session.scene) > _MOST_SPLATS and history.undo(session) is not None:
             pass
 
     def _draw(self) -> None:
@@ -180,7 +181,7 @@ def test_two_thousand_random_commands(associated: Session, gl: Any) -> None:
     while walk.done.total() < _COMMANDS:
         for _ in range(_STEPS):
             walk.step()
-        session.cancel_preview()
+        history.cancel_preview(session)
         session.history.go_to(0)
         assert _contents(session.scene) == at_first
         session.history.clear()

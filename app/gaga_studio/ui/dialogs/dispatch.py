@@ -14,12 +14,10 @@ from gaga_studio.actions import (
     masks,
 )
 from gaga_studio.actions import (
-    objects as objects_actions,
-)
-from gaga_studio.actions import (
     search as search_actions,
 )
 from gaga_studio.session.document import Document
+from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs import export_options, file_dialog, make_masks
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, Kind
@@ -81,9 +79,7 @@ def _camera(
 
     if request == "film_file":
         dialog = ask("Save the film", f"{stem}.mp4", (".mp4", ".webm"))
-        return dialog, lambda path: session.attempt(
-            lambda: camera_path.export_film(session, path, wishes.config(session))
-        )
+        return dialog, lambda path: _export_film(session, path, wishes)
     if request == "picture_file":
         dialog = ask("Save the picture", f"{stem}.png", (".png", ".jpg"))
         size, clear = (wishes.width, wishes.height), wishes.transparent
@@ -200,7 +196,7 @@ def _writing(
             use_native=native,
             action="Save",
         )
-        return dialog, lambda path: objects_actions.save_script(session, path)
+        return dialog, lambda path: files.save_script(session, path)
     if request == "export_scene":
         dialog = _save_splats("Export what is visible", start, f"{stem} edited.ply", native)
 
@@ -232,3 +228,8 @@ def _start_folder(session: Session) -> Path:
         places.append(folder.root if folder is not None else session.project.model_path.parent)
     places += [Path(name).parent for name in session.settings.recent[:1]]
     return next((place for place in places if place.is_dir()), Path.home())
+
+
+@notifies
+def _export_film(session: Session, path: Path, wishes: export_options.Wishes) -> bool:
+    return camera_path.export_film(session, path, wishes.config(session))

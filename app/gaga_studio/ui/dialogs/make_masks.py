@@ -12,6 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_studio.actions import mask_settings, masks
 from gaga_studio.actions.masks import MaskForm, Trial, Views
+from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.modal import begin_modal, body_height
 from gaga_studio.ui.kit import icons, mask_images, photo_textures, theme, widgets
@@ -44,17 +45,13 @@ def draw(session: Session, ui: UiState) -> None:
         imgui.end_popup()
 
 
+@notifies
 def take_weights(session: Session, ui: UiState, path: Path) -> None:
     """The answer to "Another model…": a folder or a checkpoint."""
-
-    def add() -> bool:
-        entry = masks.entry_of(path)
-        ui.masks.own = (*(e for e in ui.masks.own if e.path != entry.path), entry)
-        ui.masks.entries = ()
-        _choose(ui.masks, entry)
-        return True
-
-    session.attempt(add)
+    entry = masks.entry_of(path)
+    ui.masks.own = (*(e for e in ui.masks.own if e.path != entry.path), entry)
+    ui.masks.entries = ()
+    _choose(ui.masks, entry)
 
 
 # --- making
@@ -239,7 +236,7 @@ def _trial(session: Session, dialog: MaskDialog) -> None:
         def done(trial: Trial) -> None:
             dialog.trial, dialog.n_trials = trial, dialog.n_trials + 1
 
-        session.attempt(lambda: masks.try_one(session, dialog.wish, dialog.view, done))
+        masks.try_one(session, dialog.wish, dialog.view, done)
     imgui.same_line()
     imgui.set_next_item_width(-1)
     changed, at = imgui.combo("##Photo", names.index(dialog.view), list(names))

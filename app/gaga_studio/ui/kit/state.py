@@ -7,7 +7,7 @@ from pathlib import Path
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.segmentation.choose import ProviderEntry
-from gaga_studio.actions.color_grade import Grading
+from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.actions.masks import MaskForm, Trial, Wish
 from gaga_studio.actions.reconstruction import Plan
 from gaga_studio.actions.selection import Histograms
@@ -94,7 +94,7 @@ class UiState:
     turn: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees
     scale: float = 1.0
     color: tuple[float, float, float] | None = None  # being chosen, not applied yet
-    grade: Grading = field(default_factory=Grading)
+    grade: GradeSliders = field(default_factory=GradeSliders)
     select_by: SelectBy = field(default_factory=SelectBy)
     repairs: Repairs = field(default_factory=Repairs)
 
@@ -109,7 +109,7 @@ class UiState:
         self.renaming = self.anchor = self.scroll_to = self.decision = self.color = None
         self.live_view, self.live_bank = "", None
         self.strip_seen, self.history_seen, self.last_selected = None, 0, ()
-        self.grade, self.select_by, self.repairs = Grading(), SelectBy(), Repairs()
+        self.grade, self.select_by, self.repairs = GradeSliders(), SelectBy(), Repairs()
         self.masks = MaskDialog(own=self.masks.own)
         self.find_at = 0
         self.renaming_mark, self.mark_started = None, False

@@ -5,6 +5,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
+from gaga_studio.actions import color_grade, history, transform
 from gaga_studio.session import motion
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
@@ -108,7 +109,7 @@ def _color(session: Session, document: Document, ui: UiState) -> None:
         widgets.escape_closes()
         imgui.end_popup()
     elif ui.color is not None:
-        session.commit_preview()  # the popup was closed with the mouse still down
+        history.commit_preview(session)  # the popup was closed with the mouse still down
         ui.color = None
 
 
@@ -120,9 +121,9 @@ def _picker(session: Session, ui: UiState, color: list[float]) -> None:
     changed, picked = imgui.color_picker3("##Picker", color, flags)
     if changed:
         ui.color = (picked[0], picked[1], picked[2])
-        session.preview_recolor(ui.color)
+        color_grade.preview_recolor(session, ui.color)
     if ui.color is not None and not imgui.is_any_item_active():
-        session.commit_preview()
+        history.commit_preview(session)
         ui.color = None
 
 
@@ -178,9 +179,9 @@ def _after(session: Session, document: Document, ui: UiState, changed: bool) -> 
     """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
     ended = imgui.is_item_deactivated_after_edit()
     if changed or ended:
-        session.preview_move(_motion(document, ui), _verb(ui))
+        transform.preview_move(session, _motion(document, ui), _verb(ui))
     if ended:
-        session.commit_preview()
+        history.commit_preview(session)
         ui.clear_placement()
 
 

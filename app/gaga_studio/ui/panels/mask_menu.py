@@ -4,7 +4,7 @@ from imgui_bundle import imgui
 
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio import commands
-from gaga_studio.actions import association_repair
+from gaga_studio.actions import association_repair, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -40,7 +40,7 @@ def items(session: Session, document: Document, ui: UiState, decision: Decision)
     if decision.runner_up and imgui.menu_item_simple(
         f"{icons.BOX}  Select {document.name_of(decision.runner_up)}, next best###Select next best"
     ):
-        document.select_groups((decision.runner_up,), "set")
+        selection.select_groups(session, (decision.runner_up,))
     if imgui.menu_item_simple(f"{icons.CAMERA}  Go to view###Go to view"):
         command_buttons.fly_to(session, decision.view)
 

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
-from gaga_studio.actions import association_repair, objects, thumbnails
+from gaga_studio.actions import association_repair, history, objects, selection, thumbnails
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -123,10 +123,10 @@ class _Row:
         anchor, shown = self.ui.anchor, self.rows.shown
         if io.key_shift and anchor in shown:
             a, b = sorted((shown.index(anchor), shown.index(self.group)))
-            self.document.select_groups(shown[a : b + 1], "set")
+            selection.select_groups(self.session, shown[a : b + 1], "set")
             return
         how = ("remove" if self.is_selected else "add") if io.key_ctrl else "set"
-        self.document.select_groups((self.group,), how)  # type: ignore[arg-type]  # a How
+        selection.select_groups(self.session, (self.group,), how)  # type: ignore[arg-type]  # a How
         self.ui.anchor = self.group
 
     def _dragging(self) -> None:
@@ -141,7 +141,7 @@ class _Row:
         dropped = imgui.accept_drag_drop_payload_py_id(OBJECT_DRAG)
         if dropped is not None and dropped.data_id != self.group:
             if dropped.data_id not in self.session.selected_groups():
-                self.document.select_groups((dropped.data_id,), "set")
+                selection.select_groups(self.session, (dropped.data_id,), "set")
             objects.assign(self.session, self.group)
         if imgui.accept_drag_drop_payload_py_id(MASK_DRAG) is not None:
             mask, self.ui.repairs.dragged = self.ui.repairs.dragged, None
@@ -157,7 +157,7 @@ class _Row:
             repairs.splats = None
             if not self.is_selected:
                 repairs.splats = self.session.selected_indices()
-                self.document.select_groups((self.group,), "set")
+                selection.select_groups(self.session, (self.group,), "set")
         if repairs.splats is not None and len(repairs.splats):
             text = f"{icons.JOINED}  Assign the selection to {self.name}###Assign here"
             if imgui.menu_item_simple(text):
@@ -172,7 +172,7 @@ class _Row:
         if self.group in self.document.scene.colors and imgui.menu_item_simple(
             f"{icons.RESET}  Color of its own number###Reset color"
         ):
-            self.document.set_color(self.group, None)
+            objects.set_color(self.session, self.group, None)
         imgui.separator()
         command_buttons.object_menu(self.session)
 
@@ -208,10 +208,10 @@ class _Row:
         own = self.document.scene.colors.get(self.group, self.color)
         changed, picked = imgui.color_picker3("##Picker", list(own), flags)
         if changed:
-            self.document.preview_color(self.group, picked)
+            objects.preview_color(self.session, self.group, picked)
             repairs.is_coloring = True
         if repairs.is_coloring and not imgui.is_any_item_active():
-            self.session.commit_preview()
+            history.commit_preview(self.session)
             repairs.is_coloring = False
 
     def _picture(self) -> None:
@@ -254,7 +254,7 @@ class _Row:
         entered, ui.rename_text = imgui.input_text("##Name", ui.rename_text, flags)
         imgui.pop_style_var()
         if entered or (ui.rename_started and imgui.is_item_deactivated_after_edit()):
-            self.session.rename(self.group, ui.rename_text.strip())
+            objects.rename(self.session, self.group, ui.rename_text.strip())
             ui.renaming = None
         elif ui.rename_started and imgui.is_item_deactivated():
             ui.renaming = None
@@ -287,16 +287,16 @@ class _Row:
         color = theme.TEXT if self.is_hidden else theme.FAINT
         if widgets.small_icon("Shown", icon, hint=hint, color=color):
             if imgui.get_io().key_alt:
-                self.document.isolate_group(self.group)
+                objects.isolate_group(self.session, self.group)
             else:
-                self.document.set_hidden(self.group, not self.is_hidden)
+                objects.set_hidden(self.session, self.group, not self.is_hidden)
 
     def _lock(self) -> None:
         icon = icons.LOCK if self.is_locked else icons.UNLOCK
         hint = "Unlock: it can be selected again" if self.is_locked else "Lock: clicks pass it by"
         color = theme.TEXT if self.is_locked else theme.FAINT
         if widgets.small_icon("Locked", icon, hint=hint, color=color):
-            self.document.set_locked(self.group, not self.is_locked)
+            objects.set_locked(self.session, self.group, not self.is_locked)
 
     def _solo(self) -> None:
         table = self.rows.table
@@ -305,7 +305,7 @@ class _Row:
         hint = "Show everything again" if is_alone else "Show only this object"
         color = theme.TEXT if is_alone else theme.FAINT
         if widgets.small_icon("Alone", icons.ISOLATE, hint=hint, color=color):
-            self.document.isolate_group(self.group)
+            objects.isolate_group(self.session, self.group)
 
 
 def compact(n: int) -> str:

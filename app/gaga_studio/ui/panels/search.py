@@ -5,7 +5,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio import commands
 from gaga_studio.actions import search as search_actions
-from gaga_studio.actions import thumbnails
+from gaga_studio.actions import selection, thumbnails
 from gaga_studio.session.document import Document
 from gaga_studio.session.search_state import Hit, Search
 from gaga_studio.session.session import Session
@@ -197,7 +197,7 @@ def _line(session: Session, ui: UiState, table: ObjectTable, at: int, high: floa
 def _clicked(session: Session, at: int) -> None:
     io, search = imgui.get_io(), session.need().search
     if io.key_ctrl or io.key_shift:
-        session.select_group(search.hits[at].group, "add")
+        selection.select_groups(session, (search.hits[at].group,), "add")
         search.at = at
         return
     search_actions.take_hit(

@@ -5,7 +5,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.edits import How
 from gaga_core.scene.selection.by_value import Histogram, column_names
-from gaga_studio.actions import objects, selection
+from gaga_studio.actions import named_selections, selection
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.state import UiState
@@ -135,7 +135,7 @@ def _kept(session: Session, ui: UiState) -> None:
     imgui.same_line()
     nothing = "" if len(session.selected_indices()) else "Nothing is selected."
     why_not = nothing or ("" if held.name.strip() else "Type a name first.")
-    if widgets.button("Keep", why_not=why_not) and objects.keep(session, held.name):
+    if widgets.button("Keep", why_not=why_not) and named_selections.keep(session, held.name):
         held.name = ""
     scene = session.need().scene
     for name, splats in scene.sets.items():
@@ -143,13 +143,13 @@ def _kept(session: Session, ui: UiState) -> None:
         room = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
         if imgui.selectable(f"{name}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
             how: How = "add" if imgui.get_io().key_shift else "set"
-            objects.take_kept(session, name, how)
+            named_selections.select(session, name, how)
         widgets.tooltip("Click selects it, Shift adds it")
         imgui.same_line()
         widgets.dim(f"{splats.count:,}")
         imgui.same_line(room - em(1.8))
         if widgets.icon_button("Forget", icons.CLOSE, hint="Forget this selection"):
-            objects.forget(session, name)
+            named_selections.forget(session, name)
         imgui.pop_id()
     if not scene.sets:
         widgets.dim("None yet.")

@@ -4,6 +4,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
+from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -92,7 +93,7 @@ def _pointing(
         found = document.read.decision_of(decision.view, mask)
         ui.decision = found or decision
         if found is not None and found.group and found.group != session.focus:
-            document.select_groups((found.group,), "set")
+            selection.select_groups(session, (found.group,))
         if found is not None and is_right:
             imgui.open_popup(f"Mask menu {position}")
     widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
