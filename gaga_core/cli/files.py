@@ -32,9 +32,9 @@ class Edit:
     def run(self) -> int:
         """Write what is visible after the edits."""
         from gaga_core.io.splat_files import form_of
-        from gaga_core.scene.edits.script import parse_script, run_script
         from gaga_core.scene.export import export_losses, export_scene_stage
         from gaga_core.scene.project import open_path_stage
+        from gaga_core.scene.script.run import parse_script, run_script
 
         form_of(self.output)  # a mistake is told before a large model is read
         script = _read_json(self.script)

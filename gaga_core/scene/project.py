@@ -34,8 +34,8 @@ from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entr
 from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.edits.append import with_added_stage
 from gaga_core.scene.edits.groups import as_bytes
+from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.scene import RGB, Added, Placements, Scene
-from gaga_core.scene.selection.index_set import IndexSet
 
 _FORMAT = 1
 _FILE = "project.json"

@@ -12,7 +12,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.scene.selection.index_set import IndexSet
+from gaga_core.scene.index_set import IndexSet
 
 _MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, check_shape
 from gaga_core.color import rgb_from_dc
+from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.index_set import sorted_indices
 
 _LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 weights
 _DARK = 0.15  # an object darker than this is not brightened by more than target / 0.15

@@ -27,9 +27,9 @@ from gaga_core.scene.cleanup import criteria as steps
 from gaga_core.scene.edits.groups import set_labels
 from gaga_core.scene.edits.state import select
 from gaga_core.scene.edits.values import FlipState, SetLabels
+from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.index_set import sorted_indices
 
 OURS = -1  # label of the object's splats while it is being cleaned
 

@@ -15,8 +15,8 @@ from gaga_core.scene.edits.append_values import AppendSplats, joined
 from gaga_core.scene.edits.duplicate import free_group
 from gaga_core.scene.edits.state import select
 from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.index_set import PackedInts
 from gaga_core.scene.scene import Added, Scene
-from gaga_core.scene.selection.index_set import PackedInts
 
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 

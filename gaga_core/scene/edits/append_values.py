@@ -9,8 +9,8 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.edits.values import check_length
+from gaga_core.scene.index_set import PackedInts
 from gaga_core.scene.scene import Added, Placements, Scene, State
-from gaga_core.scene.selection.index_set import PackedInts
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from gaga_core.scene.edits.placement import composed
 from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement, take_rows
 from gaga_core.scene.edits.state import select
 from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.index_set import IndexSet, PackedInts, sorted_indices
 
 
 def duplicate(

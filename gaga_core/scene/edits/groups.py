@@ -17,8 +17,8 @@ from gaga_core.scene.edits.values import (
     SetNames,
     together,
 )
+from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.index_set import IndexSet, PackedInts, sorted_indices
 
 
 def set_labels(

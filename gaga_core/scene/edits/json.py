@@ -31,8 +31,8 @@ from gaga_core.scene.edits.values import (
     SetLabels,
     SetNames,
 )
+from gaga_core.scene.index_set import Form, IndexSet, PackedInts
 from gaga_core.scene.scene import RGB, Added, Placements, State
-from gaga_core.scene.selection.index_set import Form, IndexSet, PackedInts
 
 Json = Mapping[str, object]
 _DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")

@@ -5,9 +5,9 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.values import SetKept
+from gaga_core.scene.index_set import IndexSet, sorted_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable
-from gaga_core.scene.selection.index_set import IndexSet, sorted_indices
 
 
 def keep_set(scene: Scene, name: str, indices: AnyArray) -> SetKept | None:

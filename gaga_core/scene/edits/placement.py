@@ -5,8 +5,8 @@ import numpy as np
 from gaga_core.arrays import AnyArray
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.placement_values import SetPlacement, take_rows
+from gaga_core.scene.index_set import IndexSet, sorted_indices
 from gaga_core.scene.scene import Placements, Scene
-from gaga_core.scene.selection.index_set import IndexSet, sorted_indices
 
 
 def transform(

@@ -8,8 +8,8 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.edits.values import check_length
+from gaga_core.scene.index_set import IndexSet, PackedInts
 from gaga_core.scene.scene import Placements, Scene, State
-from gaga_core.scene.selection.index_set import IndexSet, PackedInts
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.edits.duplicate import free_group
 from gaga_core.scene.edits.groups import rename, set_labels
 from gaga_core.scene.edits.values import Edit, SetBank, together
+from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.index_set import sorted_indices
 
 
 def separate(scene: Scene, indices: AnyArray, title: str = "Separate") -> Edit | None:

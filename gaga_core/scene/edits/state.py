@@ -6,8 +6,8 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, UInt8Array
 from gaga_core.scene.edits.values import FlipState
+from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.index_set import sorted_indices
 
 How = Literal["set", "add", "remove", "intersect"]
 _NOTHING = State(0)

@@ -13,8 +13,8 @@ import numpy as np
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.scene.index_set import IndexSet, PackedInts
 from gaga_core.scene.scene import RGB, Scene
-from gaga_core.scene.selection.index_set import IndexSet, PackedInts
 
 
 class Edit(Protocol):

@@ -17,10 +17,10 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.script import run_script
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import columns, snapshot
 from tests.scenes import random_gaussians
 

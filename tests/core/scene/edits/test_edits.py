@@ -10,10 +10,10 @@ from gaga_core.geometry import compose_affine
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import Edit
+from gaga_core.scene.index_set import Form, IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.objects import group_indices, selected_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.index_set import Form, IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.tint import mean_color, tint_affine
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
 

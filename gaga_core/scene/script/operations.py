@@ -12,7 +12,9 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.script_fields import (
+from gaga_core.scene.objects import group_indices, group_name, selected_groups, selected_indices
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.script.fields import (
     Check,
     Value,
     color,
@@ -27,8 +29,6 @@ from gaga_core.scene.edits.script_fields import (
     share,
     vector,
 )
-from gaga_core.scene.objects import group_indices, group_name, selected_groups, selected_indices
-from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.tint import mean_color, tint_affine
 

@@ -9,7 +9,10 @@ from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.arrange import ground_map, mirror_map
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.script_fields import (
+from gaga_core.scene.grade import Grade, grade_affine
+from gaga_core.scene.objects import selected_indices
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.script.fields import (
     Check,
     color,
     group_list,
@@ -22,10 +25,7 @@ from gaga_core.scene.edits.script_fields import (
     signed_share,
     vector,
 )
-from gaga_core.scene.edits.script_ops import Kind, Op, about, groups_of, splats_of, vector_of
-from gaga_core.scene.grade import Grade, grade_affine
-from gaga_core.scene.objects import selected_indices
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.script.operations import Kind, Op, about, groups_of, splats_of, vector_of
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
 from gaga_core.scene.selection.components import floaters
 

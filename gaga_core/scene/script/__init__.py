@@ -1,0 +1,1 @@
+"""Edits as JSON that a person or a program can write: what ``gaga edit`` runs."""
