@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Benchmark:
+class BenchmarkCommand:
     """Run the method over every scene of a data set and print the paper's table with ours."""
 
     dataset: Positional[Literal["replica", "scannet", "lerf-mask", "3d-ovs", "mipnerf360"]]

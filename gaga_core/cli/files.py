@@ -15,7 +15,7 @@ from gaga_core.scene.project import Project
 
 
 @dataclass(frozen=True)
-class Edit:
+class EditCommand:
     """Apply recorded edits to a model and write the edited one."""
 
     input: Positional[Path]
@@ -49,7 +49,7 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportCommand:
     """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
     scene: Positional[Path]
@@ -75,7 +75,7 @@ class Export:
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
-        from gaga_core.io.splat_files import Form, form_of
+        from gaga_core.io.splat_files import SplatFormat, form_of
         from gaga_core.scene.export import (
             export_losses,
             export_objects_stage,
@@ -85,7 +85,7 @@ class Export:
         )
         from gaga_core.scene.project import open_path_stage
 
-        form = Form(self.form) if self.form else Form.PLY
+        form = SplatFormat(self.form) if self.form else SplatFormat.PLY
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.follow(open_path_stage(self.scene))
@@ -126,7 +126,7 @@ class Export:
 
 
 @dataclass(frozen=True)
-class Info:
+class InfoCommand:
     """Say what a file of splats, scene folder or project holds."""
 
     file: Positional[Path]
@@ -143,7 +143,7 @@ class Info:
 
 
 @dataclass(frozen=True)
-class Doctor:
+class DoctorCommand:
     """Check what this machine can do, and what is missing."""
 
     json: bool = False
@@ -160,7 +160,7 @@ class Doctor:
 
 
 @dataclass(frozen=True)
-class Demo:
+class DemoCommand:
     """Make the demo scene: a furnished room with photos, masks and true instance maps."""
 
     folder: Positional[Path]

@@ -14,31 +14,37 @@ from tyro.conf import arg, subcommand
 
 import gaga_core
 from gaga_core.cli import output as out
-from gaga_core.cli.benchmark import Benchmark
-from gaga_core.cli.files import Demo, Doctor, Edit, Export, Info
-from gaga_core.cli.masks import Masks
-from gaga_core.cli.query import Query
-from gaga_core.cli.reconstruct import Reconstruct
-from gaga_core.cli.run import Run
-from gaga_core.cli.scene import Associate, Compare, Evaluate, Lift, Render
+from gaga_core.cli.benchmark import BenchmarkCommand
+from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, ExportCommand, InfoCommand
+from gaga_core.cli.masks import MasksCommand
+from gaga_core.cli.query import QueryCommand
+from gaga_core.cli.reconstruct import ReconstructCommand
+from gaga_core.cli.run import RunCommand
+from gaga_core.cli.scene import (
+    AssociateCommand,
+    CompareCommand,
+    EvaluateCommand,
+    LiftCommand,
+    RenderCommand,
+)
 from gaga_core.errors import GagaError
 
-Command = (
-    Annotated[Reconstruct, subcommand("reconstruct")]
-    | Annotated[Associate, subcommand("associate")]
-    | Annotated[Lift, subcommand("lift")]
-    | Annotated[Render, subcommand("render")]
-    | Annotated[Evaluate, subcommand("evaluate")]
-    | Annotated[Compare, subcommand("compare")]
-    | Annotated[Benchmark, subcommand("benchmark")]
-    | Annotated[Query, subcommand("query")]
-    | Annotated[Masks, subcommand("masks")]
-    | Annotated[Edit, subcommand("edit")]
-    | Annotated[Export, subcommand("export")]
-    | Annotated[Run, subcommand("run")]
-    | Annotated[Info, subcommand("info")]
-    | Annotated[Doctor, subcommand("doctor")]
-    | Annotated[Demo, subcommand("demo")]
+AnyCommand = (
+    Annotated[ReconstructCommand, subcommand("reconstruct")]
+    | Annotated[AssociateCommand, subcommand("associate")]
+    | Annotated[LiftCommand, subcommand("lift")]
+    | Annotated[RenderCommand, subcommand("render")]
+    | Annotated[EvaluateCommand, subcommand("evaluate")]
+    | Annotated[CompareCommand, subcommand("compare")]
+    | Annotated[BenchmarkCommand, subcommand("benchmark")]
+    | Annotated[QueryCommand, subcommand("query")]
+    | Annotated[MasksCommand, subcommand("masks")]
+    | Annotated[EditCommand, subcommand("edit")]
+    | Annotated[ExportCommand, subcommand("export")]
+    | Annotated[RunCommand, subcommand("run")]
+    | Annotated[InfoCommand, subcommand("info")]
+    | Annotated[DoctorCommand, subcommand("doctor")]
+    | Annotated[DemoCommand, subcommand("demo")]
 )
 
 
@@ -46,7 +52,7 @@ Command = (
 class Main:
     """Group any Gaussians: associate, render, evaluate, edit and export 3D Gaussian scenes."""
 
-    command: Annotated[Command, arg(name="")]
+    command: Annotated[AnyCommand, arg(name="")]
 
 
 def main(arguments: list[str] | None = None) -> int:

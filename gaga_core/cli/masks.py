@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Masks:
+class MasksCommand:
     """Make 2D masks of a scene's photos with a model, or without any (regions)."""
 
     scene: Positional[Path | None] = None

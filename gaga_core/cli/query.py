@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Query:
+class QueryCommand:
     """Find groups by name, color, size, place, or meaning: "the largest red one"."""
 
     scene: Positional[Path]

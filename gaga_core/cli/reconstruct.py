@@ -10,7 +10,7 @@ from gaga_core.cli import output as out
 
 
 @dataclass(frozen=True)
-class Reconstruct:
+class ReconstructCommand:
     """Make a scene folder of a folder of photos or of a video: place the photos, train splats."""
 
     photos: Positional[Path]

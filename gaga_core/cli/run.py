@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunCommand:
     """From photos to objects: splats, masks, groups, encodings, pictures; whatever is missing."""
 
     scene: Positional[Path]

@@ -11,7 +11,7 @@ from gaga_core.errors import GagaError
 
 
 @dataclass(frozen=True)
-class Associate:
+class AssociateCommand:
     """Associate the 2D masks of all views: every Gaussian and pixel gets a group id."""
 
     scene: Positional[Path]
@@ -52,7 +52,7 @@ class Associate:
 
 
 @dataclass(frozen=True)
-class Lift:
+class LiftCommand:
     """Give every Gaussian a 16-d identity encoding whose classifier names its group."""
 
     scene: Positional[Path]
@@ -78,7 +78,7 @@ class Lift:
 
 
 @dataclass(frozen=True)
-class Render:
+class RenderCommand:
     """Render views of a scene, or a film along a camera path: color, groups, depth."""
 
     scene: Positional[Path]
@@ -155,7 +155,7 @@ class Render:
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class EvaluateCommand:
     """Compare predicted group maps with true instance maps (Algorithm 1 of the paper)."""
 
     pred: Path
@@ -200,7 +200,7 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
-class Compare:
+class CompareCommand:
     """Run all variants of the association on one scene: presets, ablations, bounds, few views."""
 
     scene: Positional[Path]

@@ -5,23 +5,24 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.demo.patches import Patch, ellipsoid, pose, revolve, rounded_box, tube
 from gaga_core.demo.sampling import Discs
-from gaga_core.demo.surface import Finish, Paint, Part, moved, parts
+from gaga_core.demo.surface import Material, Paint, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, noise, plain, rgb, step
 
-Parts = list[Part]
 _PAPER = rgb("efe6d2")
 GOLD = rgb("d8b45a")
 
 
-def book(size: tuple[float, float, float], cloth: Color, accent: Color, seed: int = 0) -> Parts:
+def book(
+    size: tuple[float, float, float], cloth: Color, accent: Color, seed: int = 0
+) -> list[Part]:
     """A bound book lying flat: size along x (spine to edge), y (spine length), z (thickness).
 
     The spine faces -x. Cloth boards, a block of pages set back from them, bands on the spine.
     """
     w, d, h = size
     board = 0.0035
-    cover = Finish(_cloth(cloth, accent, size, seed), 0.10, 10.0)
-    found: Parts = []
+    cover = Material(_cloth(cloth, accent, size, seed), 0.10, 10.0)
+    found: list[Part] = []
     slab = rounded_box((w, d, board), 0.0012)
     rims = [slab[k] for k in ("+x", "-y", "+y")]
     for z, outside, inside in ((h - board / 2, "+z", "-z"), (board / 2, "-z", "+z")):
@@ -31,7 +32,7 @@ def book(size: tuple[float, float, float], cloth: Color, accent: Color, seed: in
         found += moved(parts(rims, cover, (0.0045, 0.0095)), place)
     found += _spine(size, cloth, accent)
     pages = rounded_box((w - 0.009, d - 0.014, h - 2 * board), 0.0006)
-    leaves = Finish(_leaves())
+    leaves = Material(_leaves())
     place = pose((0, 0, h / 2))
     found += moved(parts([pages["+x"]], leaves, (0.0095, 0.0038)), place)
     return found + moved(parts([pages["-y"], pages["+y"]], leaves, (0.0038, 0.0095)), place)
@@ -53,7 +54,7 @@ def _cloth(cloth: Color, accent: Color, size: tuple[float, float, float], seed: 
     return paint
 
 
-def _spine(size: tuple[float, float, float], cloth: Color, accent: Color) -> Parts:
+def _spine(size: tuple[float, float, float], cloth: Color, accent: Color) -> list[Part]:
     w, d, h = size
 
     def paint(p: Discs) -> DoubleArray:
@@ -72,7 +73,7 @@ def _spine(size: tuple[float, float, float], cloth: Color, accent: Color) -> Par
         x = -w / 2 - bulge * (1 - s * s) + 0.0015
         return np.stack([x, (v - 0.5) * d, half + s * half], axis=1)
 
-    return parts([Patch(position)], Finish(paint, 0.12, 10.0), (0.0065, 0.0075))
+    return parts([Patch(position)], Material(paint, 0.12, 10.0), (0.0065, 0.0075))
 
 
 def _leaves() -> Paint:
@@ -83,13 +84,13 @@ def _leaves() -> Paint:
     return paint
 
 
-def die(color: Color, pip: Color, edge: float = 0.036) -> Parts:
+def die(color: Color, pip: Color, edge: float = 0.036) -> list[Part]:
     """A large wooden die; opposite faces sum to seven."""
     layout = {"+z": 1, "-z": 6, "+x": 2, "-x": 5, "+y": 3, "-y": 4}
     box = rounded_box((edge, edge, edge), 0.2 * edge)
-    found: Parts = []
+    found: list[Part] = []
     for face, patch in box.items():
-        finish = Finish(_pips(layout[face], color, pip), 0.5, 30.0)
+        finish = Material(_pips(layout[face], color, pip), 0.5, 30.0)
         found += parts([patch], finish, 0.0030)
     return moved(found, pose((0, 0, edge / 2)))
 
@@ -112,7 +113,7 @@ def _pips(count: int, color: Color, pip: Color) -> Paint:
     return paint
 
 
-def block(color: Color, edge: float = 0.05) -> Parts:
+def block(color: Color, edge: float = 0.05) -> list[Part]:
     """A toy block: pale wood with a colored frame and a disc on each face."""
 
     def paint(p: Discs) -> DoubleArray:
@@ -122,12 +123,12 @@ def block(color: Color, edge: float = 0.05) -> Parts:
         grain = 0.94 + 0.12 * fractal(p.points * [40, 300, 300], 2, 5)
         return mix(rgb("e8c998"), color, np.maximum(frame, disc)) * grain[:, None]
 
-    finish = Finish(paint, 0.15, 14.0)
+    finish = Material(paint, 0.15, 14.0)
     faces = list(rounded_box((edge, edge, edge), 0.1 * edge).values())
     return moved(parts(faces, finish, 0.0038), pose((0, 0, edge / 2)))
 
 
-def globe() -> Parts:
+def globe() -> list[Part]:
     """A globe on a brass meridian and a wooden foot."""
     radius, height = 0.085, 0.155
 
@@ -142,9 +143,9 @@ def globe() -> Parts:
         lines = np.minimum(np.abs(turn % 1 - 0.5) * ring, np.abs((q[:, 2] * 3) % 1 - 0.5))
         return mix(color, rgb("2f5c70"), 0.35 * (1 - step(lines, 0.015, 0.05)))
 
-    ball = parts([ellipsoid((radius,) * 3)], Finish(paint, 0.55, 30.0), 0.0064)
-    brass = Finish(plain(rgb("c0913f"), mottle=0.04), 1.0, 25.0)
-    wooden = Finish(plain(rgb("6b4226"), mottle=0.10, scale=0.01), 0.4, 20.0)
+    ball = parts([ellipsoid((radius,) * 3)], Material(paint, 0.55, 30.0), 0.0064)
+    brass = Material(plain(rgb("c0913f"), mottle=0.04), 1.0, 25.0)
+    wooden = Material(plain(rgb("6b4226"), mottle=0.10, scale=0.01), 0.4, 20.0)
     arc = [
         (0.098 * np.sin(a), 0.0, height - 0.098 * np.cos(a)) for a in np.linspace(-0.05, 3.0, 12)
     ]

@@ -7,10 +7,8 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.demo.patches import Patch, pose, revolve, tube
 from gaga_core.demo.sampling import Discs
-from gaga_core.demo.surface import Finish, Part, moved, parts
+from gaga_core.demo.surface import Material, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, noise, plain, rgb, step
-
-Parts = list[Part]
 
 
 def _bumpy(patch: Patch, height: float, scale: float, seed: int) -> Patch:
@@ -25,7 +23,7 @@ def _bumpy(patch: Patch, height: float, scale: float, seed: int) -> Patch:
     return replace(patch, position=position)
 
 
-def apple(red: Color, yellow: Color, seed: int) -> Parts:
+def apple(red: Color, yellow: Color, seed: int) -> list[Part]:
     """An apple 7.5 cm across, redder on its sunny side."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -49,12 +47,12 @@ def apple(red: Color, yellow: Color, seed: int) -> Parts:
     ]
     stem = tube([(0, 0, 0.058), (0.002, 0, 0.070), (0.006, 0.002, 0.080)], [0.0016, 0.0014, 0.0020])
     return [
-        *parts([_bumpy(revolve(profile), 0.004, 0.04, seed)], Finish(paint, 0.55, 28.0), 0.0048),
-        *parts([stem], Finish(plain(rgb("5d4426"))), 0.004),
+        *parts([_bumpy(revolve(profile), 0.004, 0.04, seed)], Material(paint, 0.55, 28.0), 0.0048),
+        *parts([stem], Material(plain(rgb("5d4426"))), 0.004),
     ]
 
 
-def orange(seed: int) -> Parts:
+def orange(seed: int) -> list[Part]:
     """An orange with pitted skin."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -75,10 +73,10 @@ def orange(seed: int) -> Parts:
         (0.0, 0.0725),
     ]
     skin = _bumpy(revolve(profile), 0.002, 0.03, seed)
-    return parts([skin], Finish(paint, 0.35, 12.0), 0.0048)
+    return parts([skin], Material(paint, 0.35, 12.0), 0.0048)
 
 
-def lemon(seed: int) -> Parts:
+def lemon(seed: int) -> list[Part]:
     """A lemon lying on its side."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -98,10 +96,10 @@ def lemon(seed: int) -> Parts:
         (0.0, 0.045),
     ]
     lying = pose((0, 0, 0.028), tilt=90)
-    return moved(parts([revolve(profile)], Finish(paint, 0.4, 16.0), 0.0046), lying)
+    return moved(parts([revolve(profile)], Material(paint, 0.4, 16.0), 0.0046), lying)
 
 
-def bananas() -> Parts:
+def bananas() -> list[Part]:
     """Three bananas of one bunch."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -112,7 +110,7 @@ def bananas() -> Parts:
         color = mix(mix(rgb("f2cb3d"), rgb("b7bd4a"), green), rgb("7a5524"), 0.55 * speck)
         return mix(color, rgb("4f3a1f"), tip)
 
-    found: Parts = []
+    found: list[Part] = []
     for k, yaw in enumerate((-26, 0, 24)):
         lift = 0.004 * (k == 1)
         path = [
@@ -124,14 +122,14 @@ def bananas() -> Parts:
             (0.172, 0, 0.072 + lift),
         ]
         peel = tube(path, [0.006, 0.009, 0.0172, 0.0178, 0.0125, 0.0045])
-        found += moved(parts([peel], Finish(paint, 0.2, 10.0), 0.0050), pose(yaw=yaw))
+        found += moved(parts([peel], Material(paint, 0.2, 10.0), 0.0050), pose(yaw=yaw))
     return found
 
 
-def doughnut(icing: Color, seed: int) -> Parts:
+def doughnut(icing: Color, seed: int) -> list[Part]:
     """A doughnut with icing that runs down unevenly, and sugar sprinkles."""
-    dough = Finish(plain(rgb("c98b4b"), mottle=0.10, scale=0.012), 0.06, 8.0)
-    glaze = Finish(plain(icing, mottle=0.02), 0.7, 30.0)
+    dough = Material(plain(rgb("c98b4b"), mottle=0.10, scale=0.012), 0.06, 8.0)
+    glaze = Material(plain(icing, mottle=0.02), 0.7, 30.0)
     big, small = 0.032, 0.0215
     ring = [
         (big + small * np.sin(a), small * (1 - 0.92 * np.cos(a)))
@@ -158,10 +156,10 @@ def _icing(big: float, small: float, seed: int) -> Patch:
     return Patch(position, closed=True)
 
 
-def _sprinkles(big: float, small: float, seed: int) -> Parts:
+def _sprinkles(big: float, small: float, seed: int) -> list[Part]:
     rng = np.random.default_rng(seed)
     colors = [rgb("fff6e8"), rgb("f4c542"), rgb("5aa9c9"), rgb("7fb069")]
-    found: Parts = []
+    found: list[Part] = []
     for k in range(30):
         turn, angle, yaw = rng.uniform(0, 360), rng.uniform(-0.9, 1.0), rng.uniform(0, 180)
         radius = big + 1.07 * small * np.sin(angle)
@@ -176,6 +174,6 @@ def _sprinkles(big: float, small: float, seed: int) -> Parts:
             yaw=turn,
             tilt=tilt,
         )
-        finish = Finish(plain(colors[k % 4]), 0.3, 20.0)
+        finish = Material(plain(colors[k % 4]), 0.3, 20.0)
         found += moved(moved(parts([body], finish, (0.0055, 0.0036)), pose(yaw=yaw)), place)
     return found

@@ -14,25 +14,24 @@ from gaga_core.demo.patches import (
     tube,
 )
 from gaga_core.demo.sampling import Discs
-from gaga_core.demo.surface import Finish, Paint, Part, moved, parts
+from gaga_core.demo.surface import Material, Paint, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, plain, rgb, step, weave, wood
 
-Parts = list[Part]
 TABLE_TOP = 0.74  # height of its surface
 OAK = wood(rgb("c79260"), rgb("85552e"), axis=0, seed=1)
 OAK_UP = wood(rgb("c08b58"), rgb("80522d"), axis=2, seed=2)
 
 
-def table(length: float = 1.50, depth: float = 0.86) -> Parts:
+def table(length: float = 1.50, depth: float = 0.86) -> list[Part]:
     """A wooden table with rounded edges."""
     top = rounded_box((length, depth, 0.036), 0.012)
-    varnish = Finish(OAK, 0.30, 14.0)
+    varnish = Material(OAK, 0.30, 14.0)
     place = pose((0, 0, TABLE_TOP - 0.018))
     found = moved(parts([top["+z"]], varnish, (0.0140, 0.0088)), place)
     found += moved(parts([top["-z"]], varnish, 0.04), place)
     found += moved(parts([top["-x"], top["+x"]], varnish, (0.0125, 0.008)), place)
     found += moved(parts([top["-y"], top["+y"]], varnish, (0.008, 0.014)), place)
-    legs = Finish(OAK_UP, 0.15, 12.0)
+    legs = Material(OAK_UP, 0.15, 12.0)
     leg = list(rounded_box((0.062, 0.062, TABLE_TOP - 0.036), 0.008).values())[:4]
     for x in (-1, 1):
         for y in (-1, 1):
@@ -43,17 +42,17 @@ def table(length: float = 1.50, depth: float = 0.86) -> Parts:
     z = TABLE_TOP - 0.036 - 0.0425
     for y in (-1, 1):
         at = pose((0, y * (depth / 2 - 0.085), z))
-        found += moved(parts([rail[k] for k in ("-y", "+y", "-z")], Finish(OAK), 0.022), at)
+        found += moved(parts([rail[k] for k in ("-y", "+y", "-z")], Material(OAK), 0.022), at)
     for x in (-1, 1):
         at = pose((x * (length / 2 - 0.085), 0, z))
-        found += moved(parts([side[k] for k in ("-x", "+x", "-z")], Finish(OAK), 0.022), at)
+        found += moved(parts([side[k] for k in ("-x", "+x", "-z")], Material(OAK), 0.022), at)
     return found
 
 
-def chair(seat_color: Color) -> Parts:
+def chair(seat_color: Color) -> list[Part]:
     """A chair that faces +y, with a woven seat."""
-    frame = Finish(OAK_UP, 0.2, 14.0)
-    found: Parts = []
+    frame = Material(OAK_UP, 0.2, 14.0)
+    found: list[Part] = []
     for x in (-0.185, 0.185):
         front = [(x, 0.19, 0.0), (x, 0.185, 0.2), (x, 0.18, 0.435)]
         back = [(1.04 * x, -0.24, 0.0), (x, -0.19, 0.42), (x, -0.20, 0.65), (x, -0.25, 0.93)]
@@ -70,13 +69,13 @@ def chair(seat_color: Color) -> Parts:
     cloth = weave(plain(seat_color, mottle=0.04), thread=0.022, depth=0.22)
     seat = rounded_box((0.42, 0.41, 0.045), 0.02)
     at = pose((0, -0.005, 0.445))
-    found += moved(parts([seat["+z"]], Finish(cloth), 0.0135), at)
+    found += moved(parts([seat["+z"]], Material(cloth), 0.0135), at)
     rest = [seat[k] for k in ("-x", "+x", "-y", "+y")]
-    found += moved(parts(rest, Finish(cloth), 0.014), at)
-    return found + moved(parts([seat["-z"]], Finish(cloth), 0.03), at)
+    found += moved(parts(rest, Material(cloth), 0.014), at)
+    return found + moved(parts([seat["-z"]], Material(cloth), 0.03), at)
 
 
-def rug(length: float = 2.3, depth: float = 1.6) -> Parts:
+def rug(length: float = 2.3, depth: float = 1.6) -> list[Part]:
     """A flat woven rug with a border and rows of diamonds."""
     ground, line, accent = rgb("e9dcc3"), rgb("b4553a"), rgb("33566b")
 
@@ -94,12 +93,12 @@ def rug(length: float = 2.3, depth: float = 1.6) -> Parts:
         return weave(paint, thread=0.03, depth=0.16)(d)
 
     slab = rounded_box((length, depth, 0.014), 0.006)
-    found = parts([slab["+z"]], Finish(knotted), 0.0255)
+    found = parts([slab["+z"]], Material(knotted), 0.0255)
     sides = [slab[k] for k in ("-x", "+x", "-y", "+y")]
-    return moved(found + parts(sides, Finish(knotted), 0.02), pose((0, 0, 0.007)))
+    return moved(found + parts(sides, Material(knotted), 0.02), pose((0, 0, 0.007)))
 
 
-def runner(length: float, depth: float, top: float) -> Parts:
+def runner(length: float, depth: float, top: float) -> list[Part]:
     """A linen runner across the table that hangs over both long edges."""
     bands = [
         (rgb("ece3d0"), 0.030),
@@ -134,10 +133,10 @@ def runner(length: float, depth: float, top: float) -> Parts:
         x = (u - 0.5) * length * (1 + 0.01 * fall / hang)
         return np.stack([x, y + side * sway, z], axis=1)
 
-    return parts([Patch(position)], Finish(paint, soft=0.2), (0.0068, 0.0115))
+    return parts([Patch(position)], Material(paint, soft=0.2), (0.0068, 0.0115))
 
 
-def lamp(foot: Color, shade: Color) -> Parts:
+def lamp(foot: Color, shade: Color) -> list[Part]:
     """A table lamp with a linen shade that glows."""
     base = [
         (0.0, 0.0),
@@ -152,7 +151,7 @@ def lamp(foot: Color, shade: Color) -> Parts:
         (0.012, 0.25),
         (0.0, 0.252),
     ]
-    brass = Finish(plain(rgb("b98b3e")), 0.9, 25.0)
+    brass = Material(plain(rgb("b98b3e")), 0.9, 25.0)
     rod = tube([(0, 0, 0.24), (0, 0, 0.33)], [0.007, 0.007])
     low, high, z0, z1 = 0.140, 0.095, 0.27, 0.46
 
@@ -167,19 +166,19 @@ def lamp(foot: Color, shade: Color) -> Parts:
     inner = revolve([(high - 0.004, z1), (low - 0.004, z0)], smooth=False)
     bulb = ellipsoid((0.028, 0.028, 0.035), (0, 0, 0.36))
     return [
-        *parts([revolve(base)], Finish(plain(foot, mottle=0.04), 0.9, 40.0), 0.0058),
+        *parts([revolve(base)], Material(plain(foot, mottle=0.04), 0.9, 40.0), 0.0058),
         *parts([rod], brass, 0.006),
-        *parts([outer], Finish(linen, glow=0.55, soft=0.5), 0.0092),
-        *parts([inner], Finish(plain(rgb("fff0d0")), glow=1.4), 0.014),
-        *parts([bulb], Finish(plain(rgb("fff2d6")), glow=4.0), 0.008),
+        *parts([outer], Material(linen, glow=0.55, soft=0.5), 0.0092),
+        *parts([inner], Material(plain(rgb("fff0d0")), glow=1.4), 0.014),
+        *parts([bulb], Material(plain(rgb("fff2d6")), glow=4.0), 0.008),
     ]
 
 
-def shelf(length: float = 0.95) -> Parts:
+def shelf(length: float = 0.95) -> list[Part]:
     """A wall shelf 20 cm deep on two brackets; its back is at y = 0, its top at z = 0."""
     plank = list(rounded_box((length, 0.20, 0.026), 0.006).values())
-    found = moved(parts(plank, Finish(OAK, 0.15, 12.0), 0.015), pose((0, -0.10, -0.013)))
-    iron = Finish(plain(rgb("3b3a3a")), 0.3, 15.0)
+    found = moved(parts(plank, Material(OAK, 0.15, 12.0), 0.015), pose((0, -0.10, -0.013)))
+    iron = Material(plain(rgb("3b3a3a")), 0.3, 15.0)
     for x in (-0.36, 0.36):
         arm = tube(
             [(x, -0.01, -0.15), (x, -0.02, -0.14), (x, -0.15, -0.04), (x, -0.155, -0.026)],
@@ -189,11 +188,11 @@ def shelf(length: float = 0.95) -> Parts:
     return found
 
 
-def picture(width: float, height: float, art: Paint, frame: Color) -> Parts:
+def picture(width: float, height: float, art: Paint, frame: Color) -> list[Part]:
     """A framed picture that hangs in the xz-plane and faces -y."""
     rim = 0.026
-    moulding = Finish(wood(frame, tuple(0.7 * c for c in frame), axis=0, seed=9), 0.3, 16.0)
-    bars: Parts = []
+    moulding = Material(wood(frame, tuple(0.7 * c for c in frame), axis=0, seed=9), 0.3, 16.0)
+    bars: list[Part] = []
     for z in (-1, 1):
         bar = rounded_box((width + 2 * rim, 0.028, rim), 0.006)
         bars += moved(
@@ -207,10 +206,10 @@ def picture(width: float, height: float, art: Paint, frame: Color) -> Parts:
             pose((x * (width + rim) / 2, 0, 0)),
         )
     canvas = rectangle((-width / 2, -0.004, -height / 2), (width, 0, 0), (0, 0, height))
-    return bars + parts([canvas], Finish(art, 0.06, 10.0), 0.0105)
+    return bars + parts([canvas], Material(art, 0.06, 10.0), 0.0105)
 
 
-def clock(radius: float = 0.145) -> Parts:
+def clock(radius: float = 0.145) -> list[Part]:
     """A wall clock that faces -y and shows ten past ten."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -232,9 +231,9 @@ def clock(radius: float = 0.145) -> Parts:
         (radius + 0.016, 0.0),
     ]
     face = revolve([(radius, 0.012), (0.0, 0.012)], smooth=False)
-    brass = Finish(plain(rgb("c0913f"), mottle=0.04), 0.9, 22.0)
+    brass = Material(plain(rgb("c0913f"), mottle=0.04), 0.9, 22.0)
     outer = revolve(rim[::-1])
-    flat = parts([face], Finish(paint, 0.1, 20.0), 0.0072) + parts([outer], brass, 0.0072)
+    flat = parts([face], Material(paint, 0.1, 20.0), 0.0072) + parts([outer], brass, 0.0072)
     return moved(flat, pose(roll=90))
 
 

@@ -2,7 +2,7 @@
 
 from gaga_core.demo import books, food, furniture, plants, tableware
 from gaga_core.demo.furniture import TABLE_TOP
-from gaga_core.demo.patches import Point, pose
+from gaga_core.demo.patches import Coordinates, pose
 from gaga_core.demo.room import BACK, LEFT
 from gaga_core.demo.surface import Item, Part, moved
 from gaga_core.demo.textures import rgb
@@ -17,7 +17,7 @@ def items() -> list[Item]:
     return [*_furniture(), *_breakfast(), *_fruit(), *_left_end(), *_shelf()]
 
 
-def _item(name: str, found: list[Part], at: Point, yaw: float = 0.0, **turn: float) -> Item:
+def _item(name: str, found: list[Part], at: Coordinates, yaw: float = 0.0, **turn: float) -> Item:
     return Item(name, tuple(found), pose(at, yaw=yaw, **turn))
 
 

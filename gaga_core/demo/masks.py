@@ -28,7 +28,7 @@ class Faults:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class SimulatedMask:
     """A mask inside a window of the picture, with some room around it."""
 
     window: tuple[slice, slice]  # rows, columns
@@ -44,7 +44,7 @@ def segmenter_masks(
     parts = room_parts(camera)
     things = np.where(truth > 0, truth, np.where(parts > 0, n_objects + parts, 0))
     things = _merged(things, n_objects, f, rng)
-    found: list[Segment] = []
+    found: list[SimulatedMask] = []
     for thing in _segments(things):
         if rng.random() < f.miss:
             continue
@@ -53,14 +53,14 @@ def segmenter_masks(
     return _painted(found, truth.shape, f, rng)
 
 
-def _segments(things: IntArray) -> list[Segment]:
+def _segments(things: IntArray) -> list[SimulatedMask]:
     found = []
     for k, (rows, columns) in _windows(things):
         window = (
             slice(max(rows.start - 3, 0), rows.stop + 3),
             slice(max(columns.start - 3, 0), columns.stop + 3),
         )
-        found.append(Segment(window, things[window] == k))
+        found.append(SimulatedMask(window, things[window] == k))
     return found
 
 
@@ -112,7 +112,7 @@ def _merged(things: IntArray, n_objects: int, f: Faults, rng: np.random.Generato
     return result
 
 
-def _parts(thing: Segment, rng: np.random.Generator) -> list[Segment]:
+def _parts(thing: SimulatedMask, rng: np.random.Generator) -> list[SimulatedMask]:
     """The segment cut by one or two straight lines near its middle; slivers are lost."""
     rows, columns = np.nonzero(thing.mask)
     v, u = np.mgrid[0 : thing.mask.shape[0], 0 : thing.mask.shape[1]]
@@ -123,11 +123,11 @@ def _parts(thing: Segment, rng: np.random.Generator) -> list[Segment]:
         at_v = rows.mean() + rng.normal(0, 0.35) * rows.std()
         side = (u - at_u) * np.cos(angle) + (v - at_v) * np.sin(angle) > 0
         pieces = [half for piece in pieces for half in (piece & side, piece & ~side)]
-    return [Segment(thing.window, p) for p in pieces if p.sum() > 0.12 * len(rows)]
+    return [SimulatedMask(thing.window, p) for p in pieces if p.sum() > 0.12 * len(rows)]
 
 
 def _painted(
-    segments: list[Segment], shape: tuple[int, ...], f: Faults, rng: np.random.Generator
+    segments: list[SimulatedMask], shape: tuple[int, ...], f: Faults, rng: np.random.Generator
 ) -> IntArray:
     """Segments with ragged edges, painted over each other in random order, crumbs removed."""
     labels = np.zeros(shape, np.int32)

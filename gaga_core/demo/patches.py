@@ -12,7 +12,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 
 Position = Callable[[DoubleArray, DoubleArray], DoubleArray]  # (N,), (N,) -> (N, 3)
-Point = Sequence[float]
+Coordinates = Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Patch:
     closed: bool = False
 
 
-def rectangle(origin: Point, edge_u: Point, edge_v: Point) -> Patch:
+def rectangle(origin: Coordinates, edge_u: Coordinates, edge_v: Coordinates) -> Patch:
     """Flat parallelogram; its outside is where edge_u x edge_v points."""
     o, a, b = (np.asarray(x, np.float64) for x in (origin, edge_u, edge_v))
 
@@ -52,7 +52,7 @@ def revolve(profile: Sequence[tuple[float, float]], *, smooth: bool = True) -> P
     return Patch(position, closed=True)
 
 
-def ellipsoid(radii: Point, centre: Point = (0, 0, 0)) -> Patch:
+def ellipsoid(radii: Coordinates, centre: Coordinates = (0, 0, 0)) -> Patch:
     """Ellipsoid with its poles on z."""
     r, c = np.asarray(radii, np.float64), np.asarray(centre, np.float64)
 
@@ -66,7 +66,7 @@ def ellipsoid(radii: Point, centre: Point = (0, 0, 0)) -> Patch:
     return Patch(position, closed=True)
 
 
-def tube(path: Sequence[Point], radii: Sequence[float], *, flat: float = 1.0) -> Patch:
+def tube(path: Sequence[Coordinates], radii: Sequence[float], *, flat: float = 1.0) -> Patch:
     """Round rod along a smooth path; a radius of 0 at an end closes it.
 
     ``flat`` scales the section across the path's own plane (a mug's handle is a strap).
@@ -90,7 +90,7 @@ def tube(path: Sequence[Point], radii: Sequence[float], *, flat: float = 1.0) ->
     return Patch(position, closed=True)
 
 
-def rod(path: Sequence[Point], radii: Sequence[float], *, flat: float = 1.0) -> Patch:
+def rod(path: Sequence[Coordinates], radii: Sequence[float], *, flat: float = 1.0) -> Patch:
     """A `tube` with round ends."""
     p, r = np.asarray(path, np.float64), np.asarray(radii, np.float64)
     first, last = p[0] - p[1], p[-1] - p[-2]
@@ -106,7 +106,7 @@ def rod(path: Sequence[Point], radii: Sequence[float], *, flat: float = 1.0) -> 
     )
 
 
-def rounded_box(size: Point, radius: float) -> dict[str, Patch]:
+def rounded_box(size: Coordinates, radius: float) -> dict[str, Patch]:
     """The six faces ``-x +x -y +y -z +z`` of a box around the origin, each with its half of the
     rounded edges: a face of the sharp box is pulled onto the inner box grown by ``radius``."""
     half = np.asarray(size, np.float64) / 2
@@ -148,7 +148,7 @@ def placed(patch: Patch, matrix: DoubleArray) -> Patch:
 
 
 def pose(
-    offset: Point = (0, 0, 0),
+    offset: Coordinates = (0, 0, 0),
     *,
     yaw: float = 0.0,
     tilt: float = 0.0,

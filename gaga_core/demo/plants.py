@@ -5,10 +5,8 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.demo.patches import Patch, ellipsoid, pose, revolve, tube
 from gaga_core.demo.sampling import Discs
-from gaga_core.demo.surface import Finish, Paint, Part, moved, parts
+from gaga_core.demo.surface import Material, Paint, Part, moved, parts
 from gaga_core.demo.textures import Color, fractal, mix, noise, plain, rgb, step
-
-Parts = list[Part]
 
 
 def blade(length: float, width: float, *, bend: float = 0.3, fold: float = 0.15) -> Patch:
@@ -36,7 +34,7 @@ def _leaf_paint(light: Color, dark: Color, seed: int) -> Paint:
     return paint
 
 
-def _blossom(color: Color, heart: Color, size: float, petals: int, seed: int) -> Parts:
+def _blossom(color: Color, heart: Color, size: float, petals: int, seed: int) -> list[Part]:
     """Two wheels of petals around a heart, opening upwards."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -45,19 +43,19 @@ def _blossom(color: Color, heart: Color, size: float, petals: int, seed: int) ->
         inner = mix(color, heart, 0.55 * (1 - step(along, 0.05, 0.45)))
         return inner * (0.88 + 0.2 * streak)[:, None]
 
-    finish = Finish(paint, soft=0.75)
-    found: Parts = []
+    finish = Material(paint, soft=0.75)
+    found: list[Part] = []
     for wheel, (lift, scale) in enumerate(((-18, 1.0), (-48, 0.78))):
         petal = blade(size * scale, 0.62 * size, bend=0.7, fold=0.25)
         for k in range(petals):
             yaw = 360 / petals * (k + 0.5 * wheel)
             found += moved(parts([petal], finish, 0.0085), pose(yaw=yaw, tilt=lift))
     core = ellipsoid((0.30 * size, 0.30 * size, 0.22 * size), (0, 0, 0.08 * size))
-    middle = Finish(plain(heart, mottle=0.25, scale=0.004), soft=0.3)
+    middle = Material(plain(heart, mottle=0.25, scale=0.004), soft=0.3)
     return found + parts([core], middle, 0.0040)
 
 
-def bouquet(seed: int = 4) -> Parts:
+def bouquet(seed: int = 4) -> list[Part]:
     """Blossoms and leaves on stems that come out of the vase's neck at z = 0."""
     rng = np.random.default_rng(seed)
     kinds = [
@@ -66,9 +64,9 @@ def bouquet(seed: int = 4) -> Parts:
         (rgb("eda73c"), rgb("7a4a1e"), 0.044, 8),
         (rgb("e99a94"), rgb("c24d4d"), 0.045, 7),
     ]
-    green = Finish(plain(rgb("5f7f3c"), mottle=0.1, scale=0.01), soft=0.3)
-    leaf = Finish(_leaf_paint(rgb("8fae5a"), rgb("4d7035"), 2), 0.1, 10.0, 0.0, 0.7)
-    found: Parts = []
+    green = Material(plain(rgb("5f7f3c"), mottle=0.1, scale=0.01), soft=0.3)
+    leaf = Material(_leaf_paint(rgb("8fae5a"), rgb("4d7035"), 2), 0.1, 10.0, 0.0, 0.7)
+    found: list[Part] = []
     for k in range(9):
         yaw = 360 * k * 0.382 + rng.uniform(-12, 12)
         lean = 0.20 + 0.55 * (k / 8) ** 0.8
@@ -87,11 +85,11 @@ def bouquet(seed: int = 4) -> Parts:
     return found
 
 
-def rubber_plant(seed: int = 8) -> Parts:
+def rubber_plant(seed: int = 8) -> list[Part]:
     """Large glossy leaves around a stem that starts at z = 0."""
     rng = np.random.default_rng(seed)
-    leaf = Finish(_leaf_paint(rgb("6f9a4e"), rgb("2f5a34"), 6), 0.35, 12.0, 0.0, 0.45)
-    bark = Finish(plain(rgb("6a5138"), mottle=0.15, scale=0.02))
+    leaf = Material(_leaf_paint(rgb("6f9a4e"), rgb("2f5a34"), 6), 0.35, 12.0, 0.0, 0.45)
+    bark = Material(plain(rgb("6a5138"), mottle=0.15, scale=0.02))
     trunk = [(0, 0, -0.05), (0.02, 0.01, 0.25), (-0.01, 0.02, 0.55), (0.02, 0.0, 0.95)]
     found = parts([tube(trunk, [0.016, 0.013, 0.010, 0.006])], bark, (0.014, 0.02))
     for k in range(17):
@@ -107,10 +105,10 @@ def rubber_plant(seed: int = 8) -> Parts:
     return found
 
 
-def pot(color: Color, size: float = 1.0) -> Parts:
+def pot(color: Color, size: float = 1.0) -> list[Part]:
     """A terracotta pot with earth in it; 30 cm high at size 1."""
-    clay = Finish(plain(color, mottle=0.08, scale=0.05), 0.05, 8.0)
-    earth = Finish(plain(rgb("4a3626"), mottle=0.35, scale=0.012))
+    clay = Material(plain(color, mottle=0.08, scale=0.05), 0.05, 8.0)
+    earth = Material(plain(rgb("4a3626"), mottle=0.35, scale=0.012))
     wall = [
         (0.0, 0.0),
         (0.11, 0.0),
@@ -129,7 +127,7 @@ def pot(color: Color, size: float = 1.0) -> Parts:
     return [*parts([revolve(points)], clay, fine), *parts([revolve(soil)], earth, fine)]
 
 
-def cactus() -> Parts:
+def cactus() -> list[Part]:
     """A ribbed ball with pale spines, for a small pot; its foot is at z = 0."""
 
     def position(u: DoubleArray, v: DoubleArray) -> DoubleArray:
@@ -145,6 +143,6 @@ def cactus() -> Parts:
         dots = ((d.uv[:, 1] * 14) % 1 > 0.55) & (ridge > 0.9)
         return mix(mix(rgb("3f6b41"), rgb("7fa25c"), ridge), rgb("f3ecd2"), dots)
 
-    finish = Finish(paint, 0.05, 8.0, 0.0, 0.2)
+    finish = Material(paint, 0.05, 8.0, 0.0, 0.2)
     bloom = _blossom(rgb("e86a8a"), rgb("f4d35e"), 0.024, 7, 3)
     return parts([Patch(position, closed=True)], finish, 0.0040) + moved(bloom, pose((0, 0, 0.083)))

@@ -6,14 +6,14 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.demo.patches import pose, rectangle, rounded_box
-from gaga_core.demo.surface import Finish, Item, Part, Surface, cover, joined, moved, parts
+from gaga_core.demo.surface import Item, Material, Part, Surface, cover, joined, moved, parts
 from gaga_core.demo.textures import plain, rgb, wood
 
 LEFT, RIGHT, FRONT, BACK, TOP = -1.75, 1.95, -1.75, 1.3, 2.25
 LAMP = np.array([-0.52, 0.22, 1.12])  # where the lamp's bulb is
-_OAK = Finish(wood(rgb("b98a5c"), rgb("8a5f3b"), axis=0, board=0.16, seed=3), 0.10, 12.0)
-_PAINT = Finish(plain(rgb("93a58f"), mottle=0.025, scale=0.35))
-_TRIM = Finish(plain(rgb("efe9dc"), mottle=0.01), 0.08, 20.0)
+_OAK = Material(wood(rgb("b98a5c"), rgb("8a5f3b"), axis=0, board=0.16, seed=3), 0.10, 12.0)
+_PAINT = Material(plain(rgb("93a58f"), mottle=0.025, scale=0.35))
+_TRIM = Material(plain(rgb("efe9dc"), mottle=0.01), 0.08, 20.0)
 # Splats are drawn by the depth of their centres, so a wide one close behind a picture or a rug
 # would show through it. There the room is covered more finely and a little deeper.
 _DEPTH = 0.05

@@ -13,7 +13,7 @@ Paint = Callable[[Discs], DoubleArray]  # -> (N, 3) gamma-space albedo 0..1
 
 
 @dataclass(frozen=True)
-class Finish:
+class Material:
     """What a part looks like."""
 
     paint: Paint
@@ -28,7 +28,7 @@ class Part:
     """A patch with its finish; ``step`` is the distance of its discs along u and along v."""
 
     patch: Patch
-    finish: Finish
+    finish: Material
     step: tuple[float, float]
 
 
@@ -58,7 +58,7 @@ class Surface:
 
 
 def parts(
-    patches: Sequence[Patch], finish: Finish, step: float | tuple[float, float]
+    patches: Sequence[Patch], finish: Material, step: float | tuple[float, float]
 ) -> list[Part]:
     """Several patches of one finish."""
     both = (step, step) if isinstance(step, float) else step

@@ -5,12 +5,11 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.demo.patches import ellipsoid, revolve, tube
 from gaga_core.demo.sampling import Discs
-from gaga_core.demo.surface import Finish, Paint, Part, parts
+from gaga_core.demo.surface import Material, Paint, Part, parts
 from gaga_core.demo.textures import Color, fractal, mix, noise, plain, rgb, step
 
 CREAM = rgb("f3ead7")
 CLAY = rgb("b5764f")
-Parts = list[Part]
 
 
 def glaze(
@@ -34,9 +33,9 @@ def glaze(
     return paint
 
 
-def mug(color: Color, inside: Color = CREAM) -> Parts:
+def mug(color: Color, inside: Color = CREAM) -> list[Part]:
     """A mug 9.5 cm high; its handle points to +x."""
-    finish = Finish(glaze(color, inside), 0.9, 50.0)
+    finish = Material(glaze(color, inside), 0.9, 50.0)
     wall = [
         (0.0, 0.0),
         (0.034, 0.0),
@@ -59,23 +58,23 @@ def mug(color: Color, inside: Color = CREAM) -> Parts:
         (0.058, 0, 0.024),
         (0.038, 0, 0.022),
     ]
-    handle = Finish(glaze(color, color), 0.9, 50.0)
+    handle = Material(glaze(color, color), 0.9, 50.0)
     return [
         *parts([revolve(wall)], finish, 0.0050),
         *parts([tube(strap, [0.0055] * 6, flat=1.5)], handle, 0.0050),
     ]
 
 
-def tea(radius: float, height: float) -> Parts:
+def tea(radius: float, height: float) -> list[Part]:
     """The surface of a drink."""
-    finish = Finish(plain(rgb("5a2e14"), mottle=0.04), 0.8, 60.0)
+    finish = Material(plain(rgb("5a2e14"), mottle=0.04), 0.8, 60.0)
     return parts([revolve([(radius, height), (0.0, height)], smooth=False)], finish, 0.006)[::1]
 
 
-def teapot(color: Color) -> Parts:
+def teapot(color: Color) -> list[Part]:
     """A round pot; its spout points to +x."""
-    finish = Finish(glaze(color, color, bare=0.012, dots=True), 1.0, 45.0)
-    smooth = Finish(glaze(color, color), 1.0, 45.0)
+    finish = Material(glaze(color, color, bare=0.012, dots=True), 1.0, 45.0)
+    smooth = Material(glaze(color, color), 1.0, 45.0)
     body = [
         (0.0, 0.0),
         (0.05, 0.0),
@@ -106,7 +105,7 @@ def teapot(color: Color) -> Parts:
         (-0.118, 0, 0.045),
         (-0.078, 0, 0.042),
     ]
-    knob = Finish(glaze(rgb("d9a441"), CREAM), 1.0, 45.0)
+    knob = Material(glaze(rgb("d9a441"), CREAM), 1.0, 45.0)
     return [
         *parts([revolve(body)], finish, 0.0064),
         *parts([revolve(lid)], knob, 0.0050),
@@ -115,9 +114,9 @@ def teapot(color: Color) -> Parts:
     ]
 
 
-def bowl(color: Color) -> Parts:
+def bowl(color: Color) -> list[Part]:
     """A wide footed bowl, 30 cm across."""
-    finish = Finish(glaze(color, rgb("e8dcc0"), bare=0.006), 0.8, 35.0)
+    finish = Material(glaze(color, rgb("e8dcc0"), bare=0.006), 0.8, 35.0)
     wall = [
         (0.0, 0.0),
         (0.055, 0.0),
@@ -135,7 +134,7 @@ def bowl(color: Color) -> Parts:
     return parts([revolve(wall)], finish, 0.0074)
 
 
-def plate(color: Color, rim: Color) -> Parts:
+def plate(color: Color, rim: Color) -> list[Part]:
     """A plate 19 cm across with a colored rim."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -155,10 +154,10 @@ def plate(color: Color, rim: Color) -> Parts:
         (0.045, 0.009),
         (0.0, 0.009),
     ]
-    return parts([revolve(profile)], Finish(paint, 0.8, 45.0), 0.0062)
+    return parts([revolve(profile)], Material(paint, 0.8, 45.0), 0.0062)
 
 
-def bottle(glass: Color) -> Parts:
+def bottle(glass: Color) -> list[Part]:
     """A dark oil bottle with a paper label and a cork."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -187,12 +186,12 @@ def bottle(glass: Color) -> Parts:
     ]
     cork = [(0.0125, 0.274), (0.0125, 0.294), (0.011, 0.296), (0.0, 0.296)]
     return [
-        *parts([revolve(body)], Finish(paint, 0.9, 60.0), 0.0048),
-        *parts([revolve(cork)], Finish(plain(rgb("c49a6a"), mottle=0.12, scale=0.006)), 0.0048),
+        *parts([revolve(body)], Material(paint, 0.9, 60.0), 0.0048),
+        *parts([revolve(cork)], Material(plain(rgb("c49a6a"), mottle=0.12, scale=0.006)), 0.0048),
     ]
 
 
-def vase(color: Color) -> Parts:
+def vase(color: Color) -> list[Part]:
     """A tall vase with a speckled matt glaze."""
 
     def paint(d: Discs) -> DoubleArray:
@@ -215,12 +214,12 @@ def vase(color: Color) -> Parts:
         (0.030, 0.205),
         (0.040, 0.17),
     ]
-    return parts([revolve(wall)], Finish(paint, 0.45, 18.0), 0.0062)
+    return parts([revolve(wall)], Material(paint, 0.45, 18.0), 0.0062)
 
 
-def candle(wax: Color, height: float) -> Parts:
+def candle(wax: Color, height: float) -> list[Part]:
     """A candle burning in a small brass dish."""
-    brass = Finish(plain(rgb("b98b3e"), mottle=0.05), 1.0, 25.0)
+    brass = Material(plain(rgb("b98b3e"), mottle=0.05), 1.0, 25.0)
     dish = [
         (0.0, 0.0),
         (0.036, 0.0),
@@ -243,7 +242,7 @@ def candle(wax: Color, height: float) -> Parts:
     flame = ellipsoid((0.0052, 0.0052, 0.0145), (0, 0, height + 0.016))
     return [
         *parts([revolve(dish)], brass, 0.0042),
-        *parts([revolve(stick)], Finish(plain(wax, mottle=0.02), 0.25, 12.0, 0.10, 0.7), 0.0048),
-        *parts([wick], Finish(plain(rgb("3a3029"))), 0.003),
-        *parts([flame], Finish(plain(rgb("ffd27a")), glow=6.0), 0.0034),
+        *parts([revolve(stick)], Material(plain(wax, mottle=0.02), 0.25, 12.0, 0.10, 0.7), 0.0048),
+        *parts([wick], Material(plain(rgb("3a3029"))), 0.003),
+        *parts([flame], Material(plain(rgb("ffd27a")), glow=6.0), 0.0034),
     ]

@@ -15,7 +15,7 @@ from gaga_core.arrays import IntArray, UInt8Array, check_shape
 from gaga_core.io.files import atomic_write
 from gaga_core.io.rle import compress_counts, encode_labels
 
-Json = dict[str, object]
+CocoJson = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ def segments_of(labels: IntArray) -> tuple[Segment, ...]:
     return tuple(found)
 
 
-def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> Json:
+def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> CocoJson:
     """COCO's instance format; ``names`` by group id make the categories."""
-    annotations: list[Json] = []
+    annotations: list[CocoJson] = []
     for image_id, picture in enumerate(pictures, start=1):
         for segment in picture.segments:
             annotations.append(
@@ -85,9 +85,9 @@ def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, 
     }
 
 
-def panoptic_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> Json:
+def panoptic_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> CocoJson:
     """COCO's panoptic format; the pictures beside it are written by `panoptic_picture`."""
-    annotations: list[Json] = []
+    annotations: list[CocoJson] = []
     for image_id, picture in enumerate(pictures, start=1):
         segments = [
             {
@@ -116,13 +116,13 @@ def panoptic_picture(labels: IntArray) -> UInt8Array:
     return np.stack(channels, axis=2).astype(np.uint8)
 
 
-def write_json(path: Path, content: Json) -> None:
+def write_json(path: Path, content: CocoJson) -> None:
     """Write ``content`` whole or not at all."""
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(content, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _image(image_id: int, picture: LabelledPicture) -> Json:
+def _image(image_id: int, picture: LabelledPicture) -> CocoJson:
     return {
         "id": image_id,
         "file_name": picture.file_name,
@@ -131,7 +131,7 @@ def _image(image_id: int, picture: LabelledPicture) -> Json:
     }
 
 
-def _categories(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> list[Json]:
+def _categories(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> list[CocoJson]:
     present = sorted({s.group for picture in pictures for s in picture.segments})
     return [
         {"id": group, "name": names.get(group, f"group {group}"), "supercategory": "object"}

@@ -16,7 +16,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_array, read_arrays
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
-from gaga_core.io.mask_import_base import SCORE_KEYS, MaskList, MaskSource, ViewMasks
+from gaga_core.io.mask_import_base import SCORE_KEYS, ImportedMasks, MaskList, MaskSource
 from gaga_core.io.mask_import_json import recognise_json, recognise_json_folder
 from gaga_core.io.masks import list_label_files, read_labels
 
@@ -148,7 +148,7 @@ def _arrays(files: Iterable[Path], source: Path) -> MaskSource:
     return MaskSource("numpy", said, views)
 
 
-def _read_array_file(path: Path) -> ViewMasks:
+def _read_array_file(path: Path) -> ImportedMasks:
     """Label map or masks of a .npy or .npz; ``GagaError`` when it holds Python objects."""
     cure = "Save masks as plain arrays: np.savez(file, masks=masks, scores=scores)."
     if path.suffix.lower() == ".npy":

@@ -18,7 +18,7 @@ class MaskList:
     scores: tuple[float, ...]  # M; 1 where the file has none
 
 
-ViewMasks = IntArray | MaskList  # a label map (H, W) int32, 0 = none, or masks that may overlap
+ImportedMasks = IntArray | MaskList  # a label map (H, W) int32, 0 = none, or masks that may overlap
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,5 +27,5 @@ class MaskSource:
 
     form: str  # "label maps", "SAM lists", ...
     said: str  # one sentence for people
-    views: Mapping[str, Callable[[], ViewMasks]]  # by the stem (or number) that names the view
+    views: Mapping[str, Callable[[], ImportedMasks]]  # by the stem (or number) that names the view
     name: str = "imported"  # a good name for the masks

@@ -14,10 +14,10 @@ import numpy as np
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.io.mask_import_base import SCORE_KEYS, MaskList, MaskSource, ViewMasks
+from gaga_core.io.mask_import_base import SCORE_KEYS, ImportedMasks, MaskList, MaskSource
 from gaga_core.io.rle import decode_rle
 
-Entry = Mapping[str, object]  # one mask of a file
+MaskEntry = Mapping[str, object]  # one mask of a file
 _FORM = "JSON"
 _MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
 
@@ -48,7 +48,7 @@ def recognise_json_folder(files: Sequence[Path], folder: Path) -> MaskSource:
                 f"{len(first.views)} pictures. Choose one of the files."
             )
         return first
-    views: dict[str, Callable[[], ViewMasks]] = {
+    views: dict[str, Callable[[], ImportedMasks]] = {
         path.stem: partial(_read_list, path) for path in files
     }
     said = f"{len(files)} JSON lists of masks, one a picture, in {folder.name}."
@@ -66,7 +66,7 @@ def read_json(path: Path) -> object:
     return content
 
 
-def _entries(path: Path, content: object) -> list[Entry]:
+def _entries(path: Path, content: object) -> list[MaskEntry]:
     """The masks of a file for one picture: a list, or SA-1B's {"image", "annotations"}."""
     found = content.get("annotations") if isinstance(content, dict) else content
     if not isinstance(found, list) or not all(
@@ -98,13 +98,15 @@ def _read_list(path: Path) -> MaskList:
     return _mask_list(path.name, _entries(path, content), size)
 
 
-def _coco_views(path: Path, content: Mapping[str, object]) -> dict[str, Callable[[], ViewMasks]]:
+def _coco_views(
+    path: Path, content: Mapping[str, object]
+) -> dict[str, Callable[[], ImportedMasks]]:
     images, entries = content["images"], _entries(path, content)
     if not isinstance(images, list) or not all(
         isinstance(i, dict) and "id" in i and "file_name" in i for i in images
     ):
         raise GagaError(f"{path.name}: every image needs an id and a file_name. Write it again.")
-    by_image: dict[str, list[Entry]] = {str(image["id"]): [] for image in images}
+    by_image: dict[str, list[MaskEntry]] = {str(image["id"]): [] for image in images}
     for entry in entries:
         name = str(entry.get("image_id"))
         if name not in by_image:
@@ -118,8 +120,10 @@ def _coco_views(path: Path, content: Mapping[str, object]) -> dict[str, Callable
     }
 
 
-def _result_views(path: Path, entries: Sequence[Entry]) -> dict[str, Callable[[], ViewMasks]]:
-    by_image: dict[str, list[Entry]] = {}
+def _result_views(
+    path: Path, entries: Sequence[MaskEntry]
+) -> dict[str, Callable[[], ImportedMasks]]:
+    by_image: dict[str, list[MaskEntry]] = {}
     for entry in entries:
         name = str(entry["image_id"])
         by_image.setdefault(Path(name).stem, []).append(entry)
@@ -137,7 +141,7 @@ def _size_of(image: object) -> tuple[int, int] | None:
 
 
 def _mask_list(
-    file: str, entries: Sequence[Entry], size: tuple[int, int] | None = None
+    file: str, entries: Sequence[MaskEntry], size: tuple[int, int] | None = None
 ) -> MaskList:
     """The masks of one picture; polygons need to be told its ``size`` (H, W)."""
     for entry in entries:
@@ -194,7 +198,7 @@ def _fill(file: str, polygons: Sequence[object], size: tuple[int, int]) -> BoolA
     return mask
 
 
-def _score(entry: Entry) -> float:
+def _score(entry: MaskEntry) -> float:
     for key in SCORE_KEYS:
         value = entry.get(key)
         if isinstance(value, int | float):

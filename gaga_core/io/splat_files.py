@@ -29,7 +29,7 @@ _NORMALS = ("nx", "ny", "nz")
 _NAMED = 4  # columns that a sentence names; the others are counted
 
 
-class Form(StrEnum):
+class SplatFormat(StrEnum):
     """Kinds of files that are written; the value is how a command names them."""
 
     PLY = "ply"
@@ -44,10 +44,10 @@ class Form(StrEnum):
         return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
 
 
-def form_of(path: Path) -> Form:
+def form_of(path: Path) -> SplatFormat:
     """The form that a name asks for; ``GagaError`` when it asks for none that is written."""
     name = Path(path).name.lower()
-    for form in (Form.COMPRESSED_PLY, Form.PLY, Form.SPLAT, Form.SPZ):
+    for form in (SplatFormat.COMPRESSED_PLY, SplatFormat.PLY, SplatFormat.SPLAT, SplatFormat.SPZ):
         if name.endswith(form.suffix):
             return form
     raise GagaError(
@@ -100,12 +100,14 @@ def _start_of(path: Path) -> bytes:
         raise GagaError(explain_os_error(error, path)) from error
 
 
-def write_splats(path: Path, gaussians: Gaussians, form: Form | None = None) -> None:
+def write_splats(path: Path, gaussians: Gaussians, form: SplatFormat | None = None) -> None:
     """Write a file of splats; see `write_splats_stage`."""
     run_stage(write_splats_stage(path, gaussians, form))
 
 
-def write_splats_stage(path: Path, gaussians: Gaussians, form: Form | None = None) -> Stage[None]:
+def write_splats_stage(
+    path: Path, gaussians: Gaussians, form: SplatFormat | None = None
+) -> Stage[None]:
     """Write splats in ``form`` (default: what the name asks for) with progress.
 
     `losses` says beforehand what the form does not keep. Nothing is left when it fails. Raises
@@ -115,27 +117,27 @@ def write_splats_stage(path: Path, gaussians: Gaussians, form: Form | None = Non
     form = form_of(path) if form is None else form
     if len(gaussians) == 0:
         raise GagaError(f"There is nothing to write to {path.name}: no splats are visible.")
-    if form is Form.PLY:
+    if form is SplatFormat.PLY:
         yield from write_ply_stage(path, gaussians)
-    elif form is Form.COMPRESSED_PLY:
+    elif form is SplatFormat.COMPRESSED_PLY:
         yield from write_compressed_ply_stage(path, gaussians)
-    elif form is Form.SPLAT:
+    elif form is SplatFormat.SPLAT:
         yield from write_splat_stage(path, gaussians)
     else:
-        yield from write_spz_stage(path, gaussians, 4 if form is Form.SPZ4 else 3)
+        yield from write_spz_stage(path, gaussians, 4 if form is SplatFormat.SPZ4 else 3)
 
 
-def losses(gaussians: Gaussians, form: Form) -> tuple[str, ...]:
+def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
     """What writing ``gaussians`` in ``form`` does not keep, a sentence each; nothing for a .ply."""
-    return () if form is Form.PLY else tuple(_losses(gaussians, form))
+    return () if form is SplatFormat.PLY else tuple(_losses(gaussians, form))
 
 
-def _losses(gaussians: Gaussians, form: Form) -> Iterator[str]:
+def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
     yield _precision(gaussians, form)
     degree = gaussians.sh_degree
-    if form is Form.SPLAT and degree:
+    if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."
-    if form is Form.COMPRESSED_PLY and degree > 3:
+    if form is SplatFormat.COMPRESSED_PLY and degree > 3:
         yield "The SH of degree 4 are left out."
     columns = [name for name in gaussians.extra if name not in _NORMALS]
     normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
@@ -145,7 +147,7 @@ def _losses(gaussians: Gaussians, form: Form) -> Iterator[str]:
         more = len(columns) - _NAMED
         named = ", ".join(columns[:_NAMED]) + (f" and {more} more" if more > 0 else "")
         yield f"Other columns are left out: {named}."
-    if form is Form.SPLAT and gaussians.is_antialiased:
+    if form is SplatFormat.SPLAT and gaussians.is_antialiased:
         yield "That the splats are to be drawn antialiased is not kept."
     clipped = _clipped(gaussians, form)
     if clipped:
@@ -153,10 +155,10 @@ def _losses(gaussians: Gaussians, form: Form) -> Iterator[str]:
         yield f"Colors or sizes out of range are clipped: those of {clipped:,} splat{s}."
 
 
-def _precision(gaussians: Gaussians, form: Form) -> str:
-    if form is Form.SPLAT:
+def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
+    if form is SplatFormat.SPLAT:
         return "Colors, opacities and rotations are rounded to 8 bits a number."
-    if form is Form.COMPRESSED_PLY:
+    if form is SplatFormat.COMPRESSED_PLY:
         return (
             "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
             "and SH to 8 bits), and the splats are put in another order."
@@ -168,15 +170,17 @@ def _precision(gaussians: Gaussians, form: Form) -> str:
     )
 
 
-def _clipped(gaussians: Gaussians, form: Form) -> int:
+def _clipped(gaussians: Gaussians, form: SplatFormat) -> int:
     """Splats with a color or size that the form has no room for."""
-    limit = {Form.SPLAT: 0.5 / SH_C0, Form.COMPRESSED_PLY: np.inf}.get(form, 0.5 / spz.COLOR_SCALE)
+    limit = {SplatFormat.SPLAT: 0.5 / SH_C0, SplatFormat.COMPRESSED_PLY: np.inf}.get(
+        form, 0.5 / spz.COLOR_SCALE
+    )
     out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
-    if gaussians.sh_degree and form is not Form.SPLAT:
-        most = compressed_ply.SH_RANGE if form is Form.COMPRESSED_PLY else 1.0
+    if gaussians.sh_degree and form is not SplatFormat.SPLAT:
+        most = compressed_ply.SH_RANGE if form is SplatFormat.COMPRESSED_PLY else 1.0
         rest = gaussians.sh[:, 1:].reshape(len(out), -1)
         out |= (rest.max(axis=1) > most) | (rest.min(axis=1) < -most)
-    if form in (Form.SPZ, Form.SPZ4):
+    if form in (SplatFormat.SPZ, SplatFormat.SPZ4):
         sizes = gaussians.log_scales
         out |= (sizes.min(axis=1) < -10) | (sizes.max(axis=1) > 255 / 16 - 10)
     return int(out.sum())

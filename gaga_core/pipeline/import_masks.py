@@ -10,7 +10,7 @@ from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.mask_import import recognise
-from gaga_core.io.mask_import_base import MaskList, MaskSource, ViewMasks
+from gaga_core.io.mask_import_base import ImportedMasks, MaskList, MaskSource
 from gaga_core.io.masks import write_labels
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
@@ -127,7 +127,9 @@ def _check_target(source: Path, target: Path, *, replace: bool) -> None:
         )
 
 
-def _import_view(work: _Work, folder: Path, camera: Camera, load: Callable[[], ViewMasks]) -> None:
+def _import_view(
+    work: _Work, folder: Path, camera: Camera, load: Callable[[], ImportedMasks]
+) -> None:
     """Write the label map of one view; remember what was odd."""
     labels = _one_map(load(), work.config)
     if labels.shape != (camera.height, camera.width):
@@ -143,7 +145,7 @@ def _import_view(work: _Work, folder: Path, camera: Camera, load: Callable[[], V
     work.counts[camera.name] = len(ids) - 1
 
 
-def _one_map(masks: ViewMasks, config: FlattenConfig) -> IntArray:
+def _one_map(masks: ImportedMasks, config: FlattenConfig) -> IntArray:
     if isinstance(masks, MaskList):
         scored = scored_masks(masks.masks, masks.scores, masks.height, masks.width)
         return flatten(scored, config)

@@ -18,7 +18,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import colorize_labels
 from gaga_core.errors import GagaError
 from gaga_core.io.coco import (
-    Json,
+    CocoJson,
     LabelledPicture,
     instances_document,
     panoptic_document,
@@ -184,9 +184,9 @@ def _write_tables(
 
 def _groups_document(
     pictures: Sequence[LabelledPicture], names: Mapping[int, str], own: Mapping[int, RGB]
-) -> Json:
+) -> CocoJson:
     colors = group_colors(np.array(list(names), np.int32), own)
-    groups: list[Json] = []
+    groups: list[CocoJson] = []
     for (group, name), color in zip(names.items(), colors, strict=True):
         areas = [s.area for picture in pictures for s in picture.segments if s.group == group]
         groups.append(

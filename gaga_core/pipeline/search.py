@@ -19,16 +19,16 @@ from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.associate import splat_groups
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.auto_names import NameConfig, name_by_nouns
+from gaga_core.query.box_voting import vote_boxes
 from gaga_core.query.detector import DetectConfig, Detector
 from gaga_core.query.embed import Embedder
-from gaga_core.query.grounding import vote_boxes
 from gaga_core.query.group_facts import facts_of
 from gaga_core.query.group_hashes import group_digests
 from gaga_core.query.index import (
     GroupIndex,
     IndexConfig,
+    IndexedViews,
     TextVectors,
-    Views,
     index_stage,
     load_index,
     n_stale,
@@ -175,7 +175,7 @@ def index_scene(
         return splat_groups(engine, gaussians, camera, labels)
 
     seen = [_at_most(camera, LONGEST_SIDE) for camera in _spread(cameras, MAX_VIEWS)]
-    views = Views(seen, labels_of, picture_of)
+    views = IndexedViews(seen, labels_of, picture_of)
     stage = index_stage(groups, digests, views, embedder, previous=previous, config=config)
     return (yield from stage)
 

@@ -21,7 +21,7 @@ _LONGEST_RUN = 5
 _TYPO_LENGTH = 5  # shorter words are never taken for misspelt ones
 _TYPO_RATIO = 0.83
 
-Kind = Literal["color", "scale", "noun"]
+TraitKind = Literal["color", "scale", "noun"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Trait:
     Several colors are alternatives, or wanted at once when ``together``.
     """
 
-    kind: Kind
+    kind: TraitKind
     words: tuple[str, ...]  # colors by name; else the text
     negated: bool = False
     together: bool = False

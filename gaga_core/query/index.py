@@ -29,7 +29,7 @@ _TEMPLATE = "a photo of a {}"
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class IndexedViews:
     """What an index looks at."""
 
     cameras: Sequence[Camera]
@@ -67,7 +67,7 @@ class GroupIndex:
 def index_stage(
     groups: IntArray,
     digests: LongArray,
-    views: Views,
+    views: IndexedViews,
     embedder: Embedder,
     *,
     previous: GroupIndex | None = None,
@@ -202,7 +202,7 @@ def _known(previous: GroupIndex | None, model: str) -> dict[int, tuple[FloatArra
 
 def _look_at(
     groups: Sequence[int],
-    views: Views,
+    views: IndexedViews,
     embedder: Embedder,
     config: IndexConfig,
 ) -> Stage[dict[int, tuple[FloatArray, UInt8Array]]]:

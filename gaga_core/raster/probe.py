@@ -32,11 +32,11 @@ _TOLERANCE = 1e-2  # fast math; and a contribution near 1/255 may fall either si
 _NO_CUDA_IN_TORCH = "the installed torch is a build without CUDA (see pytorch.org for one with it)"
 
 _log = logging.getLogger(__name__)
-_tried: dict[str, "Verdict"] = {}  # this process's answers that are not worth keeping on disk
+_tried: dict[str, "SelfTest"] = {}  # this process's answers that are not worth keeping on disk
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SelfTest:
     """Whether CUDA can draw here."""
 
     usable: bool
@@ -44,7 +44,7 @@ class Verdict:
     final: bool = True  # False: asking again may give another answer
 
 
-def verdict(*, wait: bool = True, fresh: bool = False, may_compile: bool = False) -> Verdict:
+def verdict(*, wait: bool = True, fresh: bool = False, may_compile: bool = False) -> SelfTest:
     """The verdict on this machine: at once when it is known, else from the self-test.
 
     ``wait=False`` never starts a process. ``fresh`` asks again whatever is known. ``may_compile``
@@ -52,14 +52,14 @@ def verdict(*, wait: bool = True, fresh: bool = False, may_compile: bool = False
     """
     obstacle = find_obstacle()
     if obstacle:
-        return Verdict(False, obstacle)
+        return SelfTest(False, obstacle)
     key = machine_key()
     if not fresh:
         known = _read(key) or (None if may_compile else _tried.get(key))
         if known is not None and (known.usable or not may_compile):
             return known
     if not wait:
-        return Verdict(False, "not tried yet (gaga doctor tries it)", final=False)
+        return SelfTest(False, "not tried yet (gaga doctor tries it)", final=False)
     found = _ask_child(may_compile, COMPILE_SECONDS if may_compile else QUICK_SECONDS)
     _tried[key] = found
     if found.final:
@@ -97,7 +97,7 @@ def cache_file() -> Path:
     return user_cache() / "cuda.json"
 
 
-def self_test(*, may_compile: bool) -> Verdict:
+def self_test(*, may_compile: bool) -> SelfTest:
     """Draw four Gaussians with CUDA and the reference, and compare every operator.
 
     Runs in the child: it imports torch and gsplat, and may crash or hang.
@@ -105,11 +105,11 @@ def self_test(*, may_compile: bool) -> Verdict:
     import torch
 
     if torch.version.cuda is None:
-        return Verdict(False, _NO_CUDA_IN_TORCH)
+        return SelfTest(False, _NO_CUDA_IN_TORCH)
     if not torch.cuda.is_available():
-        return Verdict(False, "no CUDA device answers", final=False)
+        return SelfTest(False, "no CUDA device answers", final=False)
     if not may_compile and not _is_compiled():
-        return Verdict(
+        return SelfTest(
             False,
             "gsplat is not compiled for this machine yet (run a command with --backend cuda once:"
             " it takes some minutes and needs the CUDA toolkit and a C++ compiler)",
@@ -118,13 +118,13 @@ def self_test(*, may_compile: bool) -> Verdict:
     # gsplat 1.5 leaves None here when it finds no compiler.
     backend = importlib.import_module("gsplat.cuda._backend")
     if getattr(backend, "_C", backend) is None:
-        return Verdict(False, "gsplat found no CUDA toolkit (nvcc) to compile with", final=False)
+        return SelfTest(False, "gsplat found no CUDA toolkit (nvcc) to compile with", final=False)
     from gaga_core.raster.cuda import CudaRasterizer
 
     error = largest_error(CudaRasterizer())
     if not error < _TOLERANCE:
-        return Verdict(False, f"the self-test drew another picture (off by {error:.3g})")
-    return Verdict(True, f"{torch.cuda.get_device_name(0)}, gsplat {_version('gsplat')}")
+        return SelfTest(False, f"the self-test drew another picture (off by {error:.3g})")
+    return SelfTest(True, f"{torch.cuda.get_device_name(0)}, gsplat {_version('gsplat')}")
 
 
 def largest_error(rasterizer: "Rasterizer") -> float:
@@ -162,12 +162,12 @@ def main(arguments: list[str]) -> int:
     """Write the verdict as one line of JSON."""
     obstacle = find_obstacle()
     may_compile = "--compile" in arguments
-    found = Verdict(False, obstacle) if obstacle else self_test(may_compile=may_compile)
+    found = SelfTest(False, obstacle) if obstacle else self_test(may_compile=may_compile)
     sys.stdout.write(json.dumps(asdict(found)) + "\n")
     return 0
 
 
-def _ask_child(may_compile: bool, seconds: float) -> Verdict:
+def _ask_child(may_compile: bool, seconds: float) -> SelfTest:
     """Run the self-test in a process of its own, and end it and its compilers at the limit."""
     command = [sys.executable, "-m", "gaga_core.raster.probe", *["--compile"] * may_compile]
     # Files, not pipes: a compiler that outlives its parent would keep a pipe open for ever.
@@ -175,11 +175,11 @@ def _ask_child(may_compile: bool, seconds: float) -> Verdict:
         try:
             child = subprocess.Popen(command, stdout=out, stderr=err, start_new_session=True)
         except OSError as error:
-            return Verdict(False, f"the self-test could not start ({error})", final=False)
+            return SelfTest(False, f"the self-test could not start ({error})", final=False)
         try:
             status = child.wait(seconds)
         except subprocess.TimeoutExpired:
-            return Verdict(
+            return SelfTest(
                 False, f"the self-test did not finish within {seconds:.0f} s", final=False
             )
         finally:
@@ -188,11 +188,11 @@ def _ask_child(may_compile: bool, seconds: float) -> Verdict:
         err.seek(0)
         said, complaint = _lines(out.read()), _lines(err.read())
     try:
-        found = Verdict(**json.loads(said[-1]))
+        found = SelfTest(**json.loads(said[-1]))
     except (ValueError, TypeError, IndexError):
         _log.warning("CUDA self-test, exit status %s: %s", status, "\n".join(complaint))
         why = complaint[-1][:200] if complaint else f"exit status {status}"
-        return Verdict(False, f"the self-test failed: {why}")
+        return SelfTest(False, f"the self-test failed: {why}")
     return found
 
 
@@ -254,15 +254,15 @@ def _version(package: str) -> str:
         return "none"
 
 
-def _read(key: str) -> Verdict | None:
+def _read(key: str) -> SelfTest | None:
     try:
         kept = json.loads(cache_file().read_text(encoding="utf-8"))
-        return Verdict(**kept["verdict"]) if kept["key"] == key else None
+        return SelfTest(**kept["verdict"]) if kept["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _write(key: str, found: Verdict) -> None:
+def _write(key: str, found: SelfTest) -> None:
     from gaga_core.io.files import atomic_write
 
     try:

@@ -25,7 +25,7 @@ from gaga_core.reconstruct.exposure import Exposures
 from gaga_core.reconstruct.optimizer import Splats, camera_extent, with_degree
 from gaga_core.reconstruct.settings import TrainConfig
 from gaga_core.reconstruct.team import SINGLE_WORKER, Team
-from gaga_core.reconstruct.view_quality import Quality, quality_stage
+from gaga_core.reconstruct.view_quality import HeldOutQuality, quality_stage
 from gaga_core.reconstruct.views import TrainView, TrainViews
 
 STAGE = "Train splats"
@@ -58,7 +58,7 @@ class Trained:
     """The end of a training."""
 
     gaussians: Gaussians
-    quality: Quality | None  # on held-out views; None without any
+    quality: HeldOutQuality | None  # on held-out views; None without any
     losses: FloatArray  # (iterations,)
     measured: tuple[Measured, ...]
 
@@ -178,7 +178,7 @@ def _remove_leftovers(checkpoint: Path, team: Team) -> None:
             part.unlink(missing_ok=True)
 
 
-def _note(state: TrainState, quality: Quality | None) -> None:
+def _note(state: TrainState, quality: HeldOutQuality | None) -> None:
     if quality is not None:
         row = (state.iteration, quality.psnr, quality.ssim)
         state.measured = np.concatenate([state.measured, [row]])

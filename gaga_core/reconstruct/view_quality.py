@@ -16,7 +16,7 @@ STAGE = "Measure on held-out views"
 
 
 @dataclass(frozen=True)
-class ViewQuality:
+class HeldOutView:
     """One view: the picture against the photo."""
 
     name: str
@@ -25,12 +25,12 @@ class ViewQuality:
 
 
 @dataclass(frozen=True)
-class Quality:
+class HeldOutQuality:
     """Means over the views, and each of them."""
 
     psnr: float  # dB, mean over views
     ssim: float
-    views: tuple[ViewQuality, ...]
+    views: tuple[HeldOutView, ...]
 
 
 def quality_stage(
@@ -38,7 +38,7 @@ def quality_stage(
     views: Sequence[TrainView],
     rasterizer: Rasterizer,
     background: DoubleArray | FloatArray,
-) -> Stage[Quality | None]:
+) -> Stage[HeldOutQuality | None]:
     """PSNR and SSIM of ``views``, colors clipped to 0..1; None when there are none."""
     found = []
     for i, view in enumerate(views):
@@ -46,10 +46,10 @@ def quality_stage(
         image = rasterizer.render(gaussians, view.camera, background=background).image
         image = np.clip(image, 0, 1)
         target = view.target()
-        found.append(ViewQuality(view.camera.name, psnr(image, target), ssim(image, target)))
+        found.append(HeldOutView(view.camera.name, psnr(image, target), ssim(image, target)))
     if not found:
         return None
-    return Quality(
+    return HeldOutQuality(
         float(np.mean([v.psnr for v in found])),
         float(np.mean([v.ssim for v in found])),
         tuple(found),

@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splat_files import Form, form_of, losses, write_splats_stage
+from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage, with_groups
@@ -22,7 +22,7 @@ from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 
 T = TypeVar("T")
-What = Literal["visible", "selected"]
+ExportWhat = Literal["visible", "selected"]
 MANIFEST = "groups.json"
 MANIFEST_VERSION = 1
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
@@ -32,9 +32,9 @@ def export_scene_stage(
     scene: Scene,
     path: Path,
     *,
-    what: What = "visible",
+    what: ExportWhat = "visible",
     groups: bool = False,
-    form: Form | None = None,
+    form: SplatFormat | None = None,
 ) -> Stage[int]:
     """Write the visible (or selected and visible) splats to one file; returns their number.
 
@@ -50,10 +50,10 @@ def export_scene_stage(
 
 
 def export_losses(
-    scene: Scene, form: Form, *, what: What = "visible", groups: bool = False
+    scene: Scene, form: SplatFormat, *, what: ExportWhat = "visible", groups: bool = False
 ) -> tuple[str, ...]:
     """What an export in ``form`` does not keep, a sentence each (see `splat_files.losses`)."""
-    if form is Form.PLY:
+    if form is SplatFormat.PLY:
         return ()
     splats = exported_indices(scene, what)
     gaussians = _taken(scene, splats)
@@ -61,10 +61,10 @@ def export_losses(
 
 
 def objects_losses(
-    scene: Scene, form: Form, groups: Sequence[int] | None = None
+    scene: Scene, form: SplatFormat, groups: Sequence[int] | None = None
 ) -> tuple[str, ...]:
     """What `export_objects_stage` of these groups in ``form`` does not keep, a sentence each."""
-    if form is Form.PLY:
+    if form is SplatFormat.PLY:
         return ()
     shown = exported_indices(scene)
     labels = scene.labels[shown]
@@ -76,7 +76,9 @@ def _taken(scene: Scene, splats: IntArray) -> Gaussians:
     return scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
 
 
-def _export_scene(scene: Scene, path: Path, how: tuple[What, bool, Form]) -> Stage[int]:
+def _export_scene(
+    scene: Scene, path: Path, how: tuple[ExportWhat, bool, SplatFormat]
+) -> Stage[int]:
     what, groups, form = how
     splats = exported_indices(scene, what)
     if len(splats) == 0:
@@ -89,7 +91,7 @@ def _export_scene(scene: Scene, path: Path, how: tuple[What, bool, Form]) -> Sta
     return len(splats)
 
 
-def exported_indices(scene: Scene, what: What = "visible") -> IntArray:
+def exported_indices(scene: Scene, what: ExportWhat = "visible") -> IntArray:
     """Splats (K,) that an export of ``what`` writes."""
     if what not in ("visible", "selected"):
         raise ValueError(f"what: expected visible or selected, got {what!r}")
@@ -114,7 +116,7 @@ def export_objects_stage(
     groups: Sequence[int] | None = None,
     *,
     source: str = "",
-    form: Form = Form.PLY,
+    form: SplatFormat = SplatFormat.PLY,
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
@@ -128,7 +130,7 @@ def export_objects_stage(
 
 
 def _export_objects(
-    scene: Scene, folder: Path, groups: Sequence[int] | None, how: tuple[str, Form]
+    scene: Scene, folder: Path, groups: Sequence[int] | None, how: tuple[str, SplatFormat]
 ) -> Stage[Path]:
     source, form = how
     objects = _objects(scene, groups, form.suffix)

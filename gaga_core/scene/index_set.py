@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, BoolArray, IntArray, LongArray
 
 
-class Form(Enum):
+class Storage(Enum):
     """How an `IndexSet` is stored."""
 
     RUNS = "runs"  # (R, 2) int32 start, stop
@@ -28,7 +28,7 @@ class IndexSet:
 
     n: int
     count: int
-    form: Form
+    form: Storage
     data: AnyArray
 
     @staticmethod
@@ -36,13 +36,13 @@ class IndexSet:
         """The set of ``indices`` (K,), which are sorted, unique and in 0..n-1."""
         count = len(indices)
         starts = np.flatnonzero(np.diff(indices, prepend=-2) != 1)
-        sizes = {Form.RUNS: 8 * len(starts), Form.LIST: 4 * count, Form.BITS: (n + 7) // 8}
+        sizes = {Storage.RUNS: 8 * len(starts), Storage.LIST: 4 * count, Storage.BITS: (n + 7) // 8}
         form = min(sizes, key=lambda f: sizes[f])
-        if form is Form.RUNS:
+        if form is Storage.RUNS:
             lasts = np.append(starts[1:], count)[: len(starts)] - 1
             data: AnyArray = np.stack([indices[starts], indices[lasts] + 1], axis=1)
             return IndexSet(n, count, form, data.astype(np.int32))
-        if form is Form.LIST:
+        if form is Storage.LIST:
             return IndexSet(n, count, form, indices.astype(np.int32))
         mask = np.zeros(n, np.bool_)
         mask[indices] = True
@@ -55,11 +55,11 @@ class IndexSet:
 
     def mask(self) -> BoolArray:
         """The set as (n,) bool."""
-        if self.form is Form.BITS:
+        if self.form is Storage.BITS:
             bits: BoolArray = np.unpackbits(self.data, count=self.n).view(np.bool_)
             return bits
         mask = np.zeros(self.n, np.bool_)
-        if self.form is Form.RUNS and len(self.data) < 64:
+        if self.form is Storage.RUNS and len(self.data) < 64:
             for start, stop in self.data:
                 mask[start:stop] = True
         else:
@@ -68,10 +68,10 @@ class IndexSet:
 
     def indices(self) -> IntArray:
         """The set as sorted (K,) int32."""
-        if self.form is Form.LIST:
+        if self.form is Storage.LIST:
             listed: IntArray = self.data
             return listed
-        if self.form is Form.BITS:
+        if self.form is Storage.BITS:
             return np.flatnonzero(self.mask()).astype(np.int32)
         # Steps of one inside a run, a jump at each start: the cumulative sum is the list.
         steps = np.ones(self.count, np.int32)

@@ -24,7 +24,7 @@ from gaga_core.demo.layout import items
 from gaga_core.demo.masks import Faults, room_parts, segmenter_masks
 from gaga_core.demo.patches import ellipsoid, pose, revolve, rounded_box
 from gaga_core.demo.splats import gaussians_of
-from gaga_core.demo.surface import Finish, Item, Part, Surface, cover, joined
+from gaga_core.demo.surface import Item, Material, Part, Surface, cover, joined
 from gaga_core.demo.textures import plain
 from gaga_core.gaussians import Gaussians
 from gaga_core.masks import MaskSet
@@ -32,7 +32,7 @@ from gaga_core.raster import choose
 
 Kind = Literal["room", "table"]
 FAULTS = Faults(split=0.30, merge=0.12, miss=0.10)
-_FINISH = Finish(plain((0.6, 0.55, 0.5)))
+_FINISH = Material(plain((0.6, 0.55, 0.5)))
 _FLOATERS = 0.025  # of the splats under test
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.arrays import IntArray
-from gaga_core.io.splat_files import Form
+from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene.cleanup import edits
 from gaga_core.scene.edits import Edit
@@ -82,7 +82,9 @@ def delete_selected(session: Session) -> None:
     _clean_then(session, "Delete", edits.delete_cleaned, objects.delete)
 
 
-def export(session: Session, what: stages.Export, path: Path, *, form: Form = Form.PLY) -> None:
+def export(
+    session: Session, what: stages.Export, path: Path, *, form: SplatFormat = SplatFormat.PLY
+) -> None:
     """`files.export`; whole selected objects are cleaned first if that is wanted."""
     groups = _to_clean(session)
     if not groups:

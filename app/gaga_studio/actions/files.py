@@ -10,11 +10,11 @@ from pathlib import Path
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
 from gaga_core.io.files import atomic_write
-from gaga_core.io.splat_files import Form, form_of
+from gaga_core.io.splat_files import SplatFormat, form_of
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
-from gaga_core.scene.export import What, export_losses, objects_losses
+from gaga_core.scene.export import ExportWhat, export_losses, objects_losses
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Question, notifies
@@ -74,7 +74,7 @@ def export(
     path: Path,
     *,
     groups: bool = False,
-    form: Form = Form.PLY,
+    form: SplatFormat = SplatFormat.PLY,
 ) -> None:
     """Write what is visible, the selection, or one file per (selected, else any) object.
 
@@ -104,7 +104,7 @@ def when_agreed(
     what: stages.Export,
     path: Path,
     then: Callable[[], object],
-    form: Form | None = None,
+    form: SplatFormat | None = None,
 ) -> None:
     """Do ``then``, which exports to ``path``; when that loses something, ask first.
 
@@ -115,7 +115,7 @@ def when_agreed(
         lost = objects_losses(scene, form, session.selected_groups() or None)
         first = f"Files that end in {form.suffix} do not keep everything."
     else:
-        kind: What = "selected" if what == "selected" else "visible"
+        kind: ExportWhat = "selected" if what == "selected" else "visible"
         lost = export_losses(scene, form, what=kind)
         first = f"{path.name} does not keep everything."
     if not lost:

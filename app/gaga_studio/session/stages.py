@@ -13,7 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.io.masks import mask_folder
 from gaga_core.io.scene_folder import find_model
-from gaga_core.io.splat_files import Form
+from gaga_core.io.splat_files import SplatFormat
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
@@ -118,7 +118,7 @@ def export_stage(
     *,
     chosen: Sequence[int] = (),
     groups: bool = False,
-    form: Form = Form.PLY,
+    form: SplatFormat = SplatFormat.PLY,
 ) -> Stage[str]:
     """Export, and the sentence that says what was written. ``form`` is that of objects' files."""
     if what == "objects":

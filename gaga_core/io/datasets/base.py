@@ -68,7 +68,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class DatasetViews:
     """What a reader found out about the views of a scene."""
 
     cameras: Sequence[Camera]
@@ -81,7 +81,7 @@ def scene_of(
     root: Path,
     model: Path | None,
     layout: str,
-    views: Views,
+    views: DatasetViews,
     *,
     truth: Mapping[str, Loader] | None = None,
     prompts: PromptTruth | None = None,

@@ -11,8 +11,8 @@ from gaga_core.io.scene_folder import find_model
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A data set and the layouts in which people have it."""
+class KnownDataset:
+    """A data set that can be read, and the layouts in which people have it."""
 
     title: str
     protocol: Protocol
@@ -20,14 +20,16 @@ class Kind:
     scenes: tuple[str, ...] = ()  # in the order of the published tables, where known
 
 
-KINDS: Mapping[str, Kind] = {
-    "replica": Kind("Replica", "instance", replica.LAYOUTS),
-    "scannet": Kind("ScanNet", "instance", scannet.LAYOUTS),
-    "lerf-mask": Kind(
+DATASETS: Mapping[str, KnownDataset] = {
+    "replica": KnownDataset("Replica", "instance", replica.LAYOUTS),
+    "scannet": KnownDataset("ScanNet", "instance", scannet.LAYOUTS),
+    "lerf-mask": KnownDataset(
         "LERF-Mask", "lerf-mask", lerf_mask.LAYOUTS, ("figurines", "ramen", "teatime")
     ),
-    "3d-ovs": Kind("3D-OVS", "3d-ovs", ovs3d.LAYOUTS, ("bed", "bench", "room", "sofa", "lawn")),
-    "mipnerf360": Kind("Mip-NeRF 360", "instance", mipnerf360.LAYOUTS),
+    "3d-ovs": KnownDataset(
+        "3D-OVS", "3d-ovs", ovs3d.LAYOUTS, ("bed", "bench", "room", "sofa", "lawn")
+    ),
+    "mipnerf360": KnownDataset("Mip-NeRF 360", "instance", mipnerf360.LAYOUTS),
 }
 
 
@@ -70,14 +72,14 @@ def open_dataset(
     return Dataset(name, kind.title, kind.protocol, root, tuple(opened), failed)
 
 
-def kind_of(name: str) -> Kind:
+def kind_of(name: str) -> KnownDataset:
     """A known data set; ``GagaError`` that lists them otherwise."""
-    if name not in KINDS:
-        raise GagaError(f"There is no data set {name!r}. Choose one of {', '.join(KINDS)}.")
-    return KINDS[name]
+    if name not in DATASETS:
+        raise GagaError(f"There is no data set {name!r}. Choose one of {', '.join(DATASETS)}.")
+    return DATASETS[name]
 
 
-def _find_scenes(root: Path, kind: Kind) -> dict[str, tuple[Path, Layout]]:
+def _find_scenes(root: Path, kind: KnownDataset) -> dict[str, tuple[Path, Layout]]:
     """Scenes by name, in the published order, then by name: ``root`` itself, or its folders, or
     theirs (archives often unpack into a folder of their own)."""
     own = _layout_of(root, kind)
@@ -101,7 +103,7 @@ def _folders(root: Path) -> list[Path]:
     return [p for p in sorted(root.iterdir()) if p.is_dir() and p.name[0] != "."]
 
 
-def _layout_of(folder: Path, kind: Kind) -> Layout | None:
+def _layout_of(folder: Path, kind: KnownDataset) -> Layout | None:
     return next((layout for layout in kind.layouts if layout.fits(folder)), None)
 
 

@@ -10,7 +10,14 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.colmap import has_colmap, read_colmap
-from gaga_core.io.datasets.base import DatasetScene, Layout, PromptTruth, Views, photos_of, scene_of
+from gaga_core.io.datasets.base import (
+    DatasetScene,
+    DatasetViews,
+    Layout,
+    PromptTruth,
+    photos_of,
+    scene_of,
+)
 
 
 def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:
@@ -29,7 +36,7 @@ def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:
     if not views:
         raise GagaError(f"{root} has no masks test_mask/<number>/<text prompt>.png. Copy them.")
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
-    found_views = Views(
+    found_views = DatasetViews(
         read_colmap(root / "sparse" / "0").cameras,
         photos,
         train=[name for name in photos if Path(name).stem in stems],

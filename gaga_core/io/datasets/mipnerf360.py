@@ -13,8 +13,8 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.datasets.base import (
     DatasetScene,
+    DatasetViews,
     Layout,
-    Views,
     photos_of,
     picture_size,
     scene_of,
@@ -39,7 +39,7 @@ def read_mipnerf360(root: Path, model: Path | None = None) -> DatasetScene:
     found = {stems[path.stem]: path for path in photos.values() if path.stem in stems}
     maps = photos_of(root / "gt" / "instance").values()
     truth = {stems[path.stem]: partial(read_labels, path) for path in maps if path.stem in stems}
-    views = Views(cameras, found, folder.train, folder.test)
+    views = DatasetViews(cameras, found, folder.train, folder.test)
     return scene_of(root, folder.model_path, "COLMAP", views, truth=truth)
 
 

@@ -17,9 +17,9 @@ from gaga_core.io.arrays_file import read_array
 from gaga_core.io.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
+    DatasetViews,
     Layout,
     PromptTruth,
-    Views,
     by_stem,
     photos_of,
     picture_size,
@@ -50,7 +50,9 @@ def read_ovs3d(root: Path, model: Path | None = None) -> DatasetScene:
         else _llff_cameras(root, photos)
     )
     test = set(views.values())
-    found = Views(cameras, photos, train=[name for name in photos if name not in test], test=test)
+    found = DatasetViews(
+        cameras, photos, train=[name for name in photos if name not in test], test=test
+    )
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
     return scene_of(root, model, "3D-OVS", found, prompts=prompts)
 

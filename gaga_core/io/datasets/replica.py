@@ -18,8 +18,8 @@ from gaga_core.errors import GagaError
 from gaga_core.io.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
+    DatasetViews,
     Layout,
-    Views,
     numbered,
     photos_of,
     picture_size,
@@ -62,7 +62,7 @@ def read_semantic_nerf(root: Path, model: Path | None = None) -> DatasetScene:
             if i < len(poses)
         ]
         cameras = [camera for camera in posed if camera is not None]
-    views = Views(
+    views = DatasetViews(
         cameras,
         {names[i]: path for i, path in chosen.items()},
         train=[name for i, name in names.items() if i % TRAIN_EVERY == 0],
@@ -92,7 +92,7 @@ def read_gaga_replica(root: Path, model: Path | None = None) -> DatasetScene:
         path = maps.get(Path(name).stem.replace("_rgb_", "_semantic_instance_"))
         if path is not None:
             truth[name] = partial(read_labels, path)
-    views = Views(
+    views = DatasetViews(
         read_colmap(root / "sparse" / "0").cameras,
         photos,
         train=[name for name in photos if name.startswith("train")],

@@ -20,8 +20,8 @@ from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
+    DatasetViews,
     Layout,
-    Views,
     by_stem,
     numbered,
     photos_of,
@@ -57,7 +57,9 @@ def read_raw_scannet(root: Path, model: Path | None = None) -> DatasetScene:
         usable = [name for name in usable if name in posed]
         test = usable[::_TEST_EVERY]
         split = {"train": [n for n in usable if n not in set(test)], "test": test}
-    views = Views(cameras, {p.name: p for p in photos.values()}, split["train"], split["test"])
+    views = DatasetViews(
+        cameras, {p.name: p for p in photos.values()}, split["train"], split["test"]
+    )
     return scene_of(root, model, "ScanNet", views, truth=truth)
 
 
@@ -78,7 +80,9 @@ def read_dm_nerf(root: Path, model: Path | None = None) -> DatasetScene:
         photos |= found
     split = _written_split(root, [path.name for path in photos.values()]) or split
     cameras = _cameras(root, photos, poses)
-    views = Views(cameras, {p.name: p for p in photos.values()}, split["train"], split["test"])
+    views = DatasetViews(
+        cameras, {p.name: p for p in photos.values()}, split["train"], split["test"]
+    )
     return scene_of(root, model, "DM-NeRF", views, truth=truth)
 
 
@@ -97,7 +101,7 @@ def read_gaga_scannet(root: Path, model: Path | None = None) -> DatasetScene:
         split[part] = list(photos_of(root / part / f"{part}_images"))
     split = _written_split(root, list(photos)) or split
     cameras = read_colmap(root / "sparse" / "0").cameras
-    views = Views(cameras, photos, split["train"], split["test"])
+    views = DatasetViews(cameras, photos, split["train"], split["test"])
     return scene_of(root, model, "Gaga", views, truth=truth)
 
 

@@ -18,7 +18,7 @@ from gaga_core.raster.cuda.view import blend, fetch, find_splats, list_tiles, se
 
 
 @dataclass(frozen=True, eq=False)
-class Forward:
+class CudaForward:
     """A drawn view and what its way back needs."""
 
     index: Tensor  # (n,) int64 Gaussian, rising
@@ -31,7 +31,7 @@ class Forward:
 
 def forward(
     gsplat: Any, gaussians: Gaussians, camera: Camera, background: Tensor, device: torch.device
-) -> Forward:
+) -> CudaForward:
     """Draw SH color over ``background`` (3,), keeping the graph of every parameter in view."""
     index = find_splats(gaussians, camera, device).index
     rows = index.cpu().numpy()
@@ -44,12 +44,12 @@ def forward(
         if view.is_empty:
             size = (camera.height, camera.width)
             alpha = torch.zeros(size, device=device)
-            return Forward(index, parameters, sh, None, background.expand(*size, 3), alpha)
+            return CudaForward(index, parameters, sh, None, background.expand(*size, 3), alpha)
         eye = torch.tensor(camera.position, device=device).double()
         colors = sh_colors(gsplat, gaussians.sh_degree, parameters.means - eye, sh)
         image, alpha = blend(gsplat, view, colors)
         image = image + (1 - alpha)[..., None] * background
-    return Forward(index, parameters, sh, splats, image, alpha)
+    return CudaForward(index, parameters, sh, splats, image, alpha)
 
 
 def sh_colors(gsplat: Any, degree: int, directions: Tensor, sh: Tensor) -> Tensor:
@@ -62,7 +62,7 @@ def sh_colors(gsplat: Any, degree: int, directions: Tensor, sh: Tensor) -> Tenso
 
 
 def backward(
-    drawn: Forward, camera: Camera, by_image: Tensor, by_alpha: Tensor | None = None
+    drawn: CudaForward, camera: Camera, by_image: Tensor, by_alpha: Tensor | None = None
 ) -> Gradients:
     """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
     leaves = (*_columns(drawn.parameters), drawn.sh)

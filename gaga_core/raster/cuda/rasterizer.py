@@ -22,7 +22,7 @@ from gaga_core.raster.base import (
     check_render,
     check_vote,
 )
-from gaga_core.raster.cuda.backward import Forward, backward, forward, sh_colors
+from gaga_core.raster.cuda.backward import CudaForward, backward, forward, sh_colors
 from gaga_core.raster.cuda.listing import list_entries, measure_alpha_max
 from gaga_core.raster.cuda.view import (
     CHANNELS,
@@ -211,7 +211,7 @@ class CudaRasterizer:
 
     def _forward(
         self, gaussians: Gaussians, camera: Camera, background: DoubleArray | FloatArray | None
-    ) -> Forward:
+    ) -> CudaForward:
         if background is not None:
             check_shape("background", background, (3,))
         behind = send(np.zeros(3) if background is None else background, self._device)

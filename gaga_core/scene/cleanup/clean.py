@@ -34,7 +34,7 @@ from gaga_core.scene.scene import Scene
 OURS = -1  # label of the object's splats while it is being cleaned
 
 
-class Reason(IntEnum):
+class CleanReason(IntEnum):
     """Why a splat comes in or goes."""
 
     NEIGHBOURS = 1  # its neighbours are of the object / of another
@@ -92,10 +92,10 @@ class CleanPreview:
     def counts(self) -> dict[str, int]:
         """How many splats for which reason."""
         return {
-            "neighbours_in": int((self.add_reasons == Reason.NEIGHBOURS).sum()),
-            "inside": int((self.add_reasons == Reason.INSIDE).sum()),
-            "neighbours_out": int((self.remove_reasons == Reason.NEIGHBOURS).sum()),
-            "stray": int((self.remove_reasons == Reason.STRAY).sum()),
+            "neighbours_in": int((self.add_reasons == CleanReason.NEIGHBOURS).sum()),
+            "inside": int((self.add_reasons == CleanReason.INSIDE).sum()),
+            "neighbours_out": int((self.remove_reasons == CleanReason.NEIGHBOURS).sum()),
+            "stray": int((self.remove_reasons == CleanReason.STRAY).sum()),
         }
 
     def __bool__(self) -> bool:
@@ -270,8 +270,12 @@ def _preview(
         group=group,
         before=pool.rows[member].astype(np.int32),
         add=pool.rows[add].astype(np.int32),
-        add_reasons=np.where(inside[add], Reason.INSIDE, Reason.NEIGHBOURS).astype(np.int32),
+        add_reasons=np.where(inside[add], CleanReason.INSIDE, CleanReason.NEIGHBOURS).astype(
+            np.int32
+        ),
         remove=pool.rows[remove].astype(np.int32),
-        remove_reasons=np.where(stray[remove], Reason.STRAY, Reason.NEIGHBOURS).astype(np.int32),
+        remove_reasons=np.where(stray[remove], CleanReason.STRAY, CleanReason.NEIGHBOURS).astype(
+            np.int32
+        ),
         remove_groups=labels[remove],
     )

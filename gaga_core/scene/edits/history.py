@@ -12,7 +12,7 @@ DEFAULT_BUDGET = 1 << 30  # bytes
 
 
 @dataclass(frozen=True)
-class Entry:
+class HistoryEntry:
     """One line of the history panel."""
 
     title: str
@@ -113,10 +113,10 @@ class History:
         """The scene without the preview (a snapshot while one is on, else the scene itself)."""
         return self._scene if self._base is None else self._base
 
-    def entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[HistoryEntry, ...]:
         """All entries, oldest first."""
         return tuple(
-            Entry(step.edit.title, step.edit.nbytes, i < self._cursor)
+            HistoryEntry(step.edit.title, step.edit.nbytes, i < self._cursor)
             for i, step in enumerate(self._steps)
         )
 

@@ -31,10 +31,10 @@ from gaga_core.scene.edits.values import (
     SetLabels,
     SetNames,
 )
-from gaga_core.scene.index_set import Form, IndexSet, PackedInts
+from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
 from gaga_core.scene.scene import RGB, Added, Placements, State
 
-Json = Mapping[str, object]
+EditJson = Mapping[str, object]
 _DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")
 
 
@@ -84,18 +84,18 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
 def decode_edit(content: object) -> Edit:
     """The edit that `encode_edit` wrote; ``GagaError`` when the content is damaged."""
     try:
-        return _decoded(cast(Json, content))
+        return _decoded(cast(EditJson, content))
     except (KeyError, TypeError, ValueError, AttributeError, zlib.error, binascii.Error) as error:
         raise GagaError(
             f"A recorded edit of the script is damaged ({error}). Record it again."
         ) from error
 
 
-def _decoded(content: Json) -> Edit:
+def _decoded(content: EditJson) -> Edit:
     kind, title = content["kind"], str(content["title"])
     if kind == "together":
         return Edits(
-            title, tuple(_decoded(part) for part in cast(Sequence[Json], content["edits"]))
+            title, tuple(_decoded(part) for part in cast(Sequence[EditJson], content["edits"]))
         )
     if kind == "flip":
         flips = cast(Sequence[Sequence[object]], content["flips"])
@@ -173,7 +173,7 @@ def _appended(edit: AppendSplats) -> dict[str, object]:
     }
 
 
-def _append_of(title: str, content: Json) -> AppendSplats:
+def _append_of(title: str, content: EditJson) -> AppendSplats:
     path, digest = Path(str(content["path"])), str(content["fingerprint"])
     splats, _ = run_stage(read_added_stage(path, digest))
     labels = _ints_of(content["labels"])
@@ -206,12 +206,12 @@ def _unpacked(text: object, dtype: str) -> AnyArray:
 
 
 def _set(splats: IndexSet) -> dict[str, object]:
-    values: object = splats.data.tolist() if splats.form is Form.RUNS else _packed(splats.data)
+    values: object = splats.data.tolist() if splats.form is Storage.RUNS else _packed(splats.data)
     return {"n": splats.n, "count": splats.count, splats.form.value: values}
 
 
 def _set_of(content: object) -> IndexSet:
-    values = cast(Json, content)
+    values = cast(EditJson, content)
     n = _count(values["n"])
     if "runs" in values:
         runs = np.asarray(values["runs"], np.int64).reshape(-1, 2)
@@ -234,7 +234,7 @@ def _ints(values: PackedInts) -> dict[str, object]:
 
 
 def _ints_of(content: object) -> PackedInts:
-    values = cast(Json, content)
+    values = cast(EditJson, content)
     count = _count(values["count"])
     if "all" in values:
         return PackedInts(count, np.array(values["all"], np.int32))
@@ -255,7 +255,7 @@ def _table(table: Placements) -> dict[str, object]:
 
 
 def _table_of(content: object) -> Placements:
-    values = cast(Json, content)
+    values = cast(EditJson, content)
     opacity = np.asarray(values["opacity"], np.float64).reshape(-1)
     shape = (len(opacity), 3, 4)
     matrix = np.asarray(values["matrix"], np.float64).reshape(shape)

@@ -46,7 +46,7 @@ class Op:
 
 
 @dataclass(frozen=True)
-class Kind:
+class OperationKind:
     """What an operation takes and how it becomes an edit."""
 
     build: Callable[[Scene, Op], Edit | None]
@@ -173,28 +173,30 @@ def _clean(scene: Scene, op: Op) -> Edit | None:
 
 GROUPS: Mapping[str, Check] = {"groups": group_list}
 ABOUT: Mapping[str, Check] = {"groups": group_list, "about": vector}
-OBJECT_KINDS: Mapping[str, Kind] = {
-    "select": Kind(_select, GROUPS, {"how": how}),
-    "select_all": Kind(lambda s, _: edits.select(s, algebra.everything(s)), {}, {}),
-    "select_none": Kind(lambda s, _: edits.select(s, algebra.nothing()), {}, {}),
-    "invert": Kind(lambda s, _: edits.select(s, algebra.inverted(s)), {}, {}),
-    "hide": Kind(lambda s, op: edits.hide(s, splats_of(s, op)), {}, GROUPS),
-    "show": Kind(lambda s, op: edits.show(s, splats_of(s, op)), GROUPS, {}),
-    "show_all": Kind(lambda s, _: edits.show_all(s), {}, {}),
-    "isolate": Kind(lambda s, op: edits.isolate(s, splats_of(s, op)), {}, GROUPS),
-    "lock": Kind(lambda s, op: edits.lock(s, splats_of(s, op)), {}, GROUPS),
-    "unlock": Kind(lambda s, op: edits.unlock(s, splats_of(s, op)), GROUPS, {}),
-    "delete": Kind(lambda s, op: edits.delete(s, splats_of(s, op)), {}, GROUPS),
-    "restore": Kind(lambda s, _: edits.restore(s), {}, {}),
-    "move": Kind(_move, {"by": vector}, GROUPS),
-    "rotate": Kind(_rotate, {"axis": vector, "degrees": number}, ABOUT),
-    "scale": Kind(_scale, {"factor": factors}, ABOUT),
-    "transform": Kind(_transform, {"matrix": matrix}, GROUPS),
-    "recolor": Kind(_recolor, {}, {**GROUPS, "color": color, "strength": share, "opacity": share}),
-    "duplicate": Kind(_duplicate, {}, {**GROUPS, "by": vector, "new_group": flag}),
-    "rename": Kind(_rename, {"name": name}, GROUPS),
-    "merge": Kind(lambda s, op: edits.merge_groups(s, groups_of(s, op)), {}, GROUPS),
-    "clean": Kind(_clean, {}, GROUPS),
-    "undo": Kind(lambda _s, _o: None, {}, {"times": count}),
-    "redo": Kind(lambda _s, _o: None, {}, {"times": count}),
+OBJECT_KINDS: Mapping[str, OperationKind] = {
+    "select": OperationKind(_select, GROUPS, {"how": how}),
+    "select_all": OperationKind(lambda s, _: edits.select(s, algebra.everything(s)), {}, {}),
+    "select_none": OperationKind(lambda s, _: edits.select(s, algebra.nothing()), {}, {}),
+    "invert": OperationKind(lambda s, _: edits.select(s, algebra.inverted(s)), {}, {}),
+    "hide": OperationKind(lambda s, op: edits.hide(s, splats_of(s, op)), {}, GROUPS),
+    "show": OperationKind(lambda s, op: edits.show(s, splats_of(s, op)), GROUPS, {}),
+    "show_all": OperationKind(lambda s, _: edits.show_all(s), {}, {}),
+    "isolate": OperationKind(lambda s, op: edits.isolate(s, splats_of(s, op)), {}, GROUPS),
+    "lock": OperationKind(lambda s, op: edits.lock(s, splats_of(s, op)), {}, GROUPS),
+    "unlock": OperationKind(lambda s, op: edits.unlock(s, splats_of(s, op)), GROUPS, {}),
+    "delete": OperationKind(lambda s, op: edits.delete(s, splats_of(s, op)), {}, GROUPS),
+    "restore": OperationKind(lambda s, _: edits.restore(s), {}, {}),
+    "move": OperationKind(_move, {"by": vector}, GROUPS),
+    "rotate": OperationKind(_rotate, {"axis": vector, "degrees": number}, ABOUT),
+    "scale": OperationKind(_scale, {"factor": factors}, ABOUT),
+    "transform": OperationKind(_transform, {"matrix": matrix}, GROUPS),
+    "recolor": OperationKind(
+        _recolor, {}, {**GROUPS, "color": color, "strength": share, "opacity": share}
+    ),
+    "duplicate": OperationKind(_duplicate, {}, {**GROUPS, "by": vector, "new_group": flag}),
+    "rename": OperationKind(_rename, {"name": name}, GROUPS),
+    "merge": OperationKind(lambda s, op: edits.merge_groups(s, groups_of(s, op)), {}, GROUPS),
+    "clean": OperationKind(_clean, {}, GROUPS),
+    "undo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
+    "redo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
 }

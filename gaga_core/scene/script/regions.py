@@ -25,7 +25,14 @@ from gaga_core.scene.script.fields import (
     signed_share,
     vector,
 )
-from gaga_core.scene.script.operations import Kind, Op, about, groups_of, splats_of, vector_of
+from gaga_core.scene.script.operations import (
+    Op,
+    OperationKind,
+    about,
+    groups_of,
+    splats_of,
+    vector_of,
+)
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
 from gaga_core.scene.selection.components import floaters
 
@@ -167,23 +174,27 @@ _GRADE: Mapping[str, Check] = {
     "white": number,
     "opacity": share,
 }
-REGION_KINDS: Mapping[str, Kind] = {
-    "select_sphere": Kind(_select_sphere, {"centre": vector, "radius": number}, _HOW),
-    "select_box": Kind(
+REGION_KINDS: Mapping[str, OperationKind] = {
+    "select_sphere": OperationKind(_select_sphere, {"centre": vector, "radius": number}, _HOW),
+    "select_box": OperationKind(
         lambda s, op: _take(s, op, by_volume.in_box(s, _box(op))), {}, {**_BOX, **_HOW}
     ),
-    "select_range": Kind(_select_range, {"column": name}, {"low": number, "high": number, **_HOW}),
-    "select_color": Kind(_select_color, {"color": color}, {"tolerance": share, **_HOW}),
-    "select_set": Kind(_select_set, {"name": name}, _HOW),
-    "keep_set": Kind(_keep, {"name": name}, _GROUPS),
-    "grow": Kind(_grown, {}, {"reach": number, **_GROUPS}),
-    "shrink": Kind(_grown, {}, {"reach": number, **_GROUPS}),
-    "crop": Kind(_crop, {}, _BOX),
-    "delete_floaters": Kind(_floaters, {}, {"strength": number, **_GROUPS}),
-    "grade": Kind(_grade, {}, {**_GRADE, **_GROUPS}),
-    "mirror": Kind(_mirror, {"axis": name}, {"about": vector, **_GROUPS}),
-    "align_to_ground": Kind(_ground, {"points": points, "seen_from": vector}, {"up": vector}),
-    "separate": Kind(_separate, {}, {}),
-    "split": Kind(_split, {}, _GROUPS),
-    "assign": Kind(_assign, _GROUPS, {}),
+    "select_range": OperationKind(
+        _select_range, {"column": name}, {"low": number, "high": number, **_HOW}
+    ),
+    "select_color": OperationKind(_select_color, {"color": color}, {"tolerance": share, **_HOW}),
+    "select_set": OperationKind(_select_set, {"name": name}, _HOW),
+    "keep_set": OperationKind(_keep, {"name": name}, _GROUPS),
+    "grow": OperationKind(_grown, {}, {"reach": number, **_GROUPS}),
+    "shrink": OperationKind(_grown, {}, {"reach": number, **_GROUPS}),
+    "crop": OperationKind(_crop, {}, _BOX),
+    "delete_floaters": OperationKind(_floaters, {}, {"strength": number, **_GROUPS}),
+    "grade": OperationKind(_grade, {}, {**_GRADE, **_GROUPS}),
+    "mirror": OperationKind(_mirror, {"axis": name}, {"about": vector, **_GROUPS}),
+    "align_to_ground": OperationKind(
+        _ground, {"points": points, "seen_from": vector}, {"up": vector}
+    ),
+    "separate": OperationKind(_separate, {}, {}),
+    "split": OperationKind(_split, {}, _GROUPS),
+    "assign": OperationKind(_assign, _GROUPS, {}),
 }

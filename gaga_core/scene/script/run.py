@@ -18,10 +18,10 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.json import decode_edit
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.fields import Value
-from gaga_core.scene.script.operations import OBJECT_KINDS, Kind, Op
+from gaga_core.scene.script.operations import OBJECT_KINDS, Op, OperationKind
 from gaga_core.scene.script.regions import REGION_KINDS
 
-_KINDS: Mapping[str, Kind] = {**OBJECT_KINDS, **REGION_KINDS}
+_KINDS: Mapping[str, OperationKind] = {**OBJECT_KINDS, **REGION_KINDS}
 OPERATIONS: Sequence[str] = tuple(sorted([*_KINDS, "edit"]))
 
 

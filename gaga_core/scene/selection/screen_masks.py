@@ -9,7 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray
 
-Point = tuple[float, float]
+ScreenPoint = tuple[float, float]
 
 
 def rectangle(corners: tuple[float, float, float, float], width: int, height: int) -> BoolArray:
@@ -23,7 +23,7 @@ def rectangle(corners: tuple[float, float, float, float], width: int, height: in
     return mask
 
 
-def polygon(points: Sequence[Point], width: int, height: int) -> BoolArray:
+def polygon(points: Sequence[ScreenPoint], width: int, height: int) -> BoolArray:
     """The inside of a closed outline, a lasso's or a polygon's; empty under three points."""
     mask = np.zeros((height, width), np.bool_)
     if len(points) < 3:
@@ -38,7 +38,7 @@ def polygon(points: Sequence[Point], width: int, height: int) -> BoolArray:
     return mask
 
 
-def stroke(mask: BoolArray, start: Point, stop: Point, radius: float) -> None:
+def stroke(mask: BoolArray, start: ScreenPoint, stop: ScreenPoint, radius: float) -> None:
     """Paint a round brush of ``radius`` pixels from ``start`` to ``stop`` into ``mask`` (H, W).
 
     A brush that is moved in many small steps paints the union of its steps.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splat_files import Form, read_splats, write_splats
+from gaga_core.io.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.scene.export import listed_files, objects_losses
 from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import cleanup, history, selection
@@ -71,9 +71,9 @@ def test_an_export_that_loses_asks_first(session: Session, tmp_path: Path) -> No
     assert "choose a name" in session.notices[-1].text
 
 
-@pytest.mark.parametrize("form", [Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ])
+@pytest.mark.parametrize("form", [SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ])
 def test_objects_are_written_in_any_form_after_the_same_question(
-    associated: Session, tmp_path: Path, form: Form
+    associated: Session, tmp_path: Path, form: SplatFormat
 ) -> None:
     chosen = [int(group) for group in associated.objects().ids if group > 0][:2]
     for group in chosen:
@@ -101,12 +101,12 @@ def test_objects_are_written_in_any_form_after_the_same_question(
     assert [len(read_splats(file)) for file in files] == counts
     assert "2 files" in associated.notices[-1].text
     assert associated.has_exported
-    files_actions.when_agreed(associated, "objects", tmp_path, write, Form.PLY)
+    files_actions.when_agreed(associated, "objects", tmp_path, write, SplatFormat.PLY)
     assert associated.pending_question is None
 
 
 def test_a_broken_file_leaves_what_is_open(session: Session, tmp_path: Path) -> None:
-    write_splats(tmp_path / "a.spz", random_gaussians(50), Form.SPZ)
+    write_splats(tmp_path / "a.spz", random_gaussians(50), SplatFormat.SPZ)
     whole = (tmp_path / "a.spz").read_bytes()
     (tmp_path / "a.spz").write_bytes(whole[: len(whole) // 2])
     document = session.document

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.splat_files import Form, write_splats
+from gaga_core.io.splat_files import SplatFormat, write_splats
 from tests.app.window.driver import Driver, drive
 from tests.scenes import objects_scene, random_gaussians
 
@@ -13,7 +13,9 @@ pytestmark = pytest.mark.window
 
 def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
     write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
-    write_splats(tmp_path / "chair.spz", random_gaussians(300, sh_degree=1, extent=0.4), Form.SPZ)
+    write_splats(
+        tmp_path / "chair.spz", random_gaussians(300, sh_degree=1, extent=0.4), SplatFormat.SPZ
+    )
 
     def walk(d: Driver) -> None:
         session = d.session

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.splat_files import Form, read_splats
+from gaga_core.io.splat_files import SplatFormat, read_splats
 from gaga_studio.actions import selection
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
@@ -50,7 +50,10 @@ def test_objects_go_into_files_of_the_form_that_was_chosen(
         d.click("Question/###Cancel")
         d.settle()
         assert not (tmp_path / "spz").exists()
-        for form, kind in (("SPZ", Form.SPZ), ("Compressed PLY", Form.COMPRESSED_PLY)):
+        for form, kind in (
+            ("SPZ", SplatFormat.SPZ),
+            ("Compressed PLY", SplatFormat.COMPRESSED_PLY),
+        ):
             to_sheet(d)
             to_folder(d, form, tmp_path / kind)
             d.click("Question/###Export")

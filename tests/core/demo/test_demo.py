@@ -22,7 +22,7 @@ from gaga_core.demo.masks import Faults, room_parts, segmenter_masks
 from gaga_core.demo.patches import Patch, ellipsoid, pose, rectangle, rod, rounded_box, tube
 from gaga_core.demo.sampling import lay_discs
 from gaga_core.demo.shadow import cone, lit_share
-from gaga_core.demo.surface import Finish, Item, Surface, cover, moved, parts
+from gaga_core.demo.surface import Item, Material, Surface, cover, moved, parts
 from gaga_core.errors import GagaError
 from gaga_core.io.colmap import read_colmap
 from gaga_core.io.images import read_rgb
@@ -296,7 +296,7 @@ def test_basis_has_the_signs_that_the_rasterizer_uses(model: Model) -> None:
 
 def test_a_moved_part_keeps_its_paint() -> None:
     """Textures are solid and belong to the object: a part looks the same wherever it stands."""
-    ramp = Finish(lambda discs: 0.5 + discs.points)
+    ramp = Material(lambda discs: 0.5 + discs.points)
     part = parts([rectangle((0, 0, 0), (0.4, 0, 0), (0, 0.3, 0))], ramp, 0.05)
     turned = moved(moved(part, pose((1, 2, 3), yaw=77)), pose((5, 5, 5), tilt=30))
     a, b = (

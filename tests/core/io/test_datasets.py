@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.datasets.base import DatasetScene
-from gaga_core.io.datasets.catalog import KINDS, open_dataset
+from gaga_core.io.datasets.catalog import DATASETS, open_dataset
 from tests.datasets import (
     LAYOUTS,
     N_VIEWS,
@@ -62,7 +62,7 @@ def test_every_layout_gives_the_scene_it_was_made_from(layout: str, tmp_path: Pa
         assert folder.image_paths[camera_name].stem == Path(camera_name).stem
         if camera_name in scene.truth:
             assert np.array_equal(scene.truth.loaders[camera_name](), tiny().labels[k])
-    if KINDS[name].protocol == "instance" and name != "mipnerf360":
+    if DATASETS[name].protocol == "instance" and name != "mipnerf360":
         assert set(folder.test) <= set(scene.truth.names)
         assert scene.missing == ()
     assert folder.model_path is not None
@@ -197,7 +197,7 @@ def test_a_partial_scene_says_in_one_sentence_what_is_missing(
     assert said in data.failed["scene"]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", DATASETS)
 def test_a_wrong_folder_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "holiday").mkdir()
     with pytest.raises(GagaError, match="it must have"):

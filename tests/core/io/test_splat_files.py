@@ -17,7 +17,7 @@ from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splat_files import (
-    Form,
+    SplatFormat,
     form_of,
     losses,
     read_splats,
@@ -29,23 +29,23 @@ from gaga_core.scene.sh_rotation import sh_rotation
 from tests.core.io.test_damaged_files import one_sentence_or_result
 from tests.scenes import random_gaussians
 
-COMPACT = [form for form in Form if form is not Form.PLY]
+COMPACT = [form for form in SplatFormat if form is not SplatFormat.PLY]
 _SQRT2 = float(np.sqrt(2))
 
 
-def written(folder: Path, gaussians: Gaussians, form: Form) -> Path:
+def written(folder: Path, gaussians: Gaussians, form: SplatFormat) -> Path:
     path = folder / f"a{form.suffix}"
     write_splats(path, gaussians, form)
     return path
 
 
-def round_trip(folder: Path, gaussians: Gaussians, form: Form) -> Gaussians:
+def round_trip(folder: Path, gaussians: Gaussians, form: SplatFormat) -> Gaussians:
     return read_splats(written(folder, gaussians, form))
 
 
-def in_order_of(back: Gaussians, gaussians: Gaussians, form: Form) -> Gaussians:
+def in_order_of(back: Gaussians, gaussians: Gaussians, form: SplatFormat) -> Gaussians:
     """``back`` with its rows matched to ``gaussians`` by the nearest centre (compressed PLY)."""
-    if form is not Form.COMPRESSED_PLY:
+    if form is not SplatFormat.COMPRESSED_PLY:
         return back
     d = np.linalg.norm(gaussians.means[:, None] - back.means[None], axis=2)
     nearest = d.argmin(axis=1)
@@ -67,7 +67,7 @@ def opacity_error(a: Gaussians, b: Gaussians) -> float:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("form", COMPACT)
 def test_a_round_trip_stays_within_the_steps_of_the_form(
-    tmp_path: Path, form: Form, seed: int
+    tmp_path: Path, form: SplatFormat, seed: int
 ) -> None:
     degree = (3, 0, 2, 1)[seed]
     extent = (1.0, 30.0, 0.02, 700.0)[seed]
@@ -82,31 +82,31 @@ def test_a_round_trip_stays_within_the_steps_of_the_form(
     # Half a step each: of positions, log sizes, DC, and what rotations may turn (radians).
     bits = fraction_bits(whole.means)
     steps = {
-        Form.SPLAT: (0.0, 1e-6, 0.5 / 255 / SH_C0, 0.02),
-        Form.COMPRESSED_PLY: (spread / 2046, sizes / 2046, colors / 510, 6 * _SQRT2 / 2046),
-        Form.SPZ: (2.0**-bits / 2, 1 / 32, 0.5 / 255 / 0.15, 6 * _SQRT2 / 1022),
+        SplatFormat.SPLAT: (0.0, 1e-6, 0.5 / 255 / SH_C0, 0.02),
+        SplatFormat.COMPRESSED_PLY: (spread / 2046, sizes / 2046, colors / 510, 6 * _SQRT2 / 2046),
+        SplatFormat.SPZ: (2.0**-bits / 2, 1 / 32, 0.5 / 255 / 0.15, 6 * _SQRT2 / 1022),
     }
-    means, logs, dc, turn = steps[Form.SPZ if form is Form.SPZ4 else form]
+    means, logs, dc, turn = steps[SplatFormat.SPZ if form is SplatFormat.SPZ4 else form]
     assert np.abs(back.means - whole.means).max() <= means + tiny
     assert np.abs(back.log_scales - whole.log_scales).max() <= logs + 1e-5
     assert np.abs(back.sh[:, 0] - whole.sh[:, 0]).max() <= dc + 1e-5
     assert angles(back.quats, whole.quats).max() <= turn
     assert opacity_error(back, whole) <= 0.5 / 255 + 1e-6
-    if form is Form.SPLAT:
+    if form is SplatFormat.SPLAT:
         assert back.sh_degree == 0
     elif degree:
-        first, more = (4.01, 4.01) if form is Form.COMPRESSED_PLY else (4.51, 8.51)
-        unit = 8 / 256 / 8 if form is Form.COMPRESSED_PLY else 1 / 128
+        first, more = (4.01, 4.01) if form is SplatFormat.COMPRESSED_PLY else (4.51, 8.51)
+        unit = 8 / 256 / 8 if form is SplatFormat.COMPRESSED_PLY else 1 / 128
         error = np.abs(back.sh[:, 1:] - whole.sh[:, 1:])
         assert error[:, :3].max() <= first * unit
         assert error[:, 3:].max(initial=0) <= more * unit
 
 
 @pytest.mark.parametrize("form", COMPACT)
-def test_what_was_rounded_once_is_not_rounded_again(tmp_path: Path, form: Form) -> None:
+def test_what_was_rounded_once_is_not_rounded_again(tmp_path: Path, form: SplatFormat) -> None:
     once = round_trip(tmp_path, random_gaussians(700, seed=3, sh_degree=2), form)
     twice = round_trip(tmp_path, once, form)
-    if form is Form.COMPRESSED_PLY:  # the order may change again within a box
+    if form is SplatFormat.COMPRESSED_PLY:  # the order may change again within a box
         twice = in_order_of(twice, once, form)
     np.testing.assert_allclose(twice.means, once.means, atol=1e-3)
     np.testing.assert_allclose(twice.sh, once.sh, atol=1e-2)
@@ -116,7 +116,7 @@ def test_what_was_rounded_once_is_not_rounded_again(tmp_path: Path, form: Form) 
 @pytest.mark.parametrize("version", [3, 4])
 def test_spz_axes_are_a_half_turn_around_x(tmp_path: Path, version: int) -> None:
     """Right, up, back in the file: read naively, the scene is ours turned by 180 degrees."""
-    form = Form.SPZ if version == 3 else Form.SPZ4
+    form = SplatFormat.SPZ if version == 3 else SplatFormat.SPZ4
     back = round_trip(tmp_path, random_gaussians(50, seed=2, sh_degree=4), form)
     from gaga_core.io import spz
 
@@ -126,8 +126,8 @@ def test_spz_axes_are_a_half_turn_around_x(tmp_path: Path, version: int) -> None
     assert back.sh_degree == 4
 
 
-@pytest.mark.parametrize("form", [Form.SPZ, Form.SPZ4, Form.COMPRESSED_PLY])
-def test_the_antialiased_look_survives(tmp_path: Path, form: Form) -> None:
+@pytest.mark.parametrize("form", [SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.COMPRESSED_PLY])
+def test_the_antialiased_look_survives(tmp_path: Path, form: SplatFormat) -> None:
     mip = replace(random_gaussians(20), comments=("SplatRenderMode: mip",))
     assert round_trip(tmp_path, mip, form).is_antialiased
     assert not round_trip(tmp_path, random_gaussians(20), form).is_antialiased
@@ -143,28 +143,28 @@ def test_the_sentences_name_what_is_lost(tmp_path: Path) -> None:
     g = random_gaussians(30, sh_degree=3)
     extra = {"group": np.arange(30, dtype=np.int32), "nx": np.zeros(30, np.float32)}
     g = replace(g, extra=MappingProxyType(extra), comments=("antialiased 1",))
-    assert losses(g, Form.PLY) == ()
-    said = " ".join(losses(g, Form.SPLAT))
+    assert losses(g, SplatFormat.PLY) == ()
+    said = " ".join(losses(g, SplatFormat.SPLAT))
     assert "degree 3" in said
     assert "group" in said
     assert "normals" not in said
     assert "antialiased" in said
     g.sh[3, 5, 1] = 2.0
-    assert "1 splat." in " ".join(losses(g, Form.SPZ))
-    assert "clipped" not in " ".join(losses(g, Form.COMPRESSED_PLY))
+    assert "1 splat." in " ".join(losses(g, SplatFormat.SPZ))
+    assert "clipped" not in " ".join(losses(g, SplatFormat.COMPRESSED_PLY))
 
 
 def test_names_ask_for_forms() -> None:
     names = ("a.ply", "a.compressed.ply", "A.SPLAT", "b.c.spz")
     assert [form_of(Path(n)) for n in names] == [
-        Form.PLY, Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ
+        SplatFormat.PLY, SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ
     ]  # fmt: skip
     with pytest.raises(GagaError, match="choose a name"):
         form_of(Path("a.sog"))
 
 
-@pytest.mark.parametrize("form", list(Form))
-def test_a_cancelled_export_leaves_the_former_file(tmp_path: Path, form: Form) -> None:
+@pytest.mark.parametrize("form", list(SplatFormat))
+def test_a_cancelled_export_leaves_the_former_file(tmp_path: Path, form: SplatFormat) -> None:
     path = tmp_path / f"a{form.suffix}"
     path.write_bytes(b"before")
     stage = write_splats_stage(path, random_gaussians(70_000), form)
@@ -176,7 +176,7 @@ def test_a_cancelled_export_leaves_the_former_file(tmp_path: Path, form: Form) -
 
 
 def test_a_file_is_known_by_what_it_holds(tmp_path: Path) -> None:
-    path = written(tmp_path, random_gaussians(40), Form.SPZ)
+    path = written(tmp_path, random_gaussians(40), SplatFormat.SPZ)
     other = path.rename(tmp_path / "wrong.ply")
     assert len(read_splats(other)) == 40
     (tmp_path / "notes.txt").write_text("hello")
@@ -210,17 +210,17 @@ def test_commands_write_what_the_name_asks_for_and_say_what_is_lost(
 
 
 @pytest.mark.parametrize("form", COMPACT)
-def test_damaged_files_are_refused_in_one_sentence(tmp_path: Path, form: Form) -> None:
+def test_damaged_files_are_refused_in_one_sentence(tmp_path: Path, form: SplatFormat) -> None:
     path = written(tmp_path, random_gaussians(300, sh_degree=1), form)
     refused = one_sentence_or_result(path, lambda: read_splats(path), 5)
-    assert refused > (20 if form is not Form.SPLAT else 60)
+    assert refused > (20 if form is not SplatFormat.SPLAT else 60)
     assert len(read_splats(path)) == 300
 
 
 def test_splats_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
     g = random_gaussians(100)
     g.means[7] = np.nan
-    assert len(round_trip(tmp_path, g, Form.SPLAT)) == 99
+    assert len(round_trip(tmp_path, g, SplatFormat.SPLAT)) == 99
 
 
 # --- another reader and writer of the same formats
@@ -230,9 +230,11 @@ def test_splats_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
 def test_gsply_reads_and_writes_the_same(tmp_path: Path) -> None:
     """In a process of its own: its kernels run with numba's own threads."""
     g = random_gaussians(500, seed=8, sh_degree=3)
-    ours = {form: written(tmp_path, g, form) for form in (Form.SPZ, Form.COMPRESSED_PLY)}
-    ours[Form.SPZ4] = tmp_path / "four.spz"
-    write_splats(ours[Form.SPZ4], g, Form.SPZ4)
+    ours = {
+        form: written(tmp_path, g, form) for form in (SplatFormat.SPZ, SplatFormat.COMPRESSED_PLY)
+    }
+    ours[SplatFormat.SPZ4] = tmp_path / "four.spz"
+    write_splats(ours[SplatFormat.SPZ4], g, SplatFormat.SPZ4)
     code = f"""
 import gsply, numpy as np
 for path, read in {[(str(p), "plyread" if p.suffix == ".ply" else "spz") for p in ours.values()]}:
@@ -244,7 +246,9 @@ for path, read in {[(str(p), "plyread" if p.suffix == ".ply" else "spz") for p i
     for form, path in ours.items():
         mine = read_splats(path)
         theirs = dict(np.load(f"{path}.npz"))
-        turn = np.ones(3) if form is Form.COMPRESSED_PLY else np.array([1, -1, -1])  # no axes there
+        turn = (
+            np.ones(3) if form is SplatFormat.COMPRESSED_PLY else np.array([1, -1, -1])
+        )  # no axes there
         np.testing.assert_allclose(mine.means * turn, theirs["means"], atol=1e-5)
         np.testing.assert_allclose(mine.log_scales, theirs["scales"], atol=1e-5)
         np.testing.assert_allclose(mine.sh[:, 0], theirs["sh0"], atol=1e-5)
@@ -254,6 +258,6 @@ for path, read in {[(str(p), "plyread" if p.suffix == ".ply" else "spz") for p i
         np.testing.assert_allclose(mine.opacities, opacities, atol=1e-4)
         rest = theirs["shN"].reshape(500, -1, 3)
         signs = np.ones(15)
-        if form is not Form.COMPRESSED_PLY:
+        if form is not SplatFormat.COMPRESSED_PLY:
             signs = np.diag(sh_rotation(np.diag([1.0, -1, -1]), 3))[1:]
         np.testing.assert_allclose(mine.sh[:, 1:] * signs[:, None], rest, atol=0.016)

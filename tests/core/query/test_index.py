@@ -18,8 +18,8 @@ from gaga_core.query.group_hashes import group_digests
 from gaga_core.query.index import (
     GroupIndex,
     IndexConfig,
+    IndexedViews,
     TextVectors,
-    Views,
     index_stage,
     load_index,
     n_stale,
@@ -73,10 +73,10 @@ def _picture(labels: IntArray) -> UInt8Array:
     return picture
 
 
-def _views(n: int = 3) -> Views:
+def _views(n: int = 3) -> IndexedViews:
     camera = Camera(np.eye(3), np.eye(4), 80, 60)
     cameras = [replace(camera, name=f"{i}.png") for i in range(n)]
-    return Views(cameras, lambda _: _map(), lambda _: _picture(_map()))
+    return IndexedViews(cameras, lambda _: _map(), lambda _: _picture(_map()))
 
 
 def _built(embedder: MeanColor, previous: GroupIndex | None = None, salt: int = 0) -> GroupIndex:

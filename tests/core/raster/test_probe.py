@@ -15,7 +15,7 @@ from gaga_core.cli.doctor import examine
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.raster import base, probe
-from gaga_core.raster.probe import Verdict
+from gaga_core.raster.probe import SelfTest
 from tests.app.folders import write_scene
 
 
@@ -35,11 +35,11 @@ def promising(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(probe, "machine_key", lambda: "torch=1 gsplat=2")
 
 
-def answering(monkeypatch: pytest.MonkeyPatch, answer: Verdict) -> list[bool]:
+def answering(monkeypatch: pytest.MonkeyPatch, answer: SelfTest) -> list[bool]:
     """The child's answer; returns a list that grows by ``may_compile`` with every question."""
     asked: list[bool] = []
 
-    def ask(may_compile: bool, seconds: float) -> Verdict:
+    def ask(may_compile: bool, seconds: float) -> SelfTest:
         asked.append(may_compile)
         return answer
 
@@ -94,7 +94,7 @@ def test_the_probe_prints_its_verdict() -> None:
     """The real child, on this machine: a line of JSON whatever it finds."""
     command = [sys.executable, "-m", "gaga_core.raster.probe"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = Verdict(**json.loads(done.stdout.splitlines()[-1]))
+    found = SelfTest(**json.loads(done.stdout.splitlines()[-1]))
     assert found.reason
     assert done.stderr == "" or found.usable
     assert not found.usable or probe.find_obstacle() == ""
@@ -116,8 +116,8 @@ def test_torch_of_this_machine_is_asked_by_the_self_test(monkeypatch: pytest.Mon
 def test_a_verdict_is_kept_until_something_is_installed_anew(
     usable: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = answering(monkeypatch, Verdict(usable, "as it is"))
-    assert probe.verdict() == probe.verdict(wait=False) == Verdict(usable, "as it is")
+    asked = answering(monkeypatch, SelfTest(usable, "as it is"))
+    assert probe.verdict() == probe.verdict(wait=False) == SelfTest(usable, "as it is")
     assert asked == [False]
     assert probe.cache_file().is_file()
     monkeypatch.setattr(probe, "machine_key", lambda: "torch=2 gsplat=2")
@@ -132,7 +132,7 @@ def test_a_verdict_is_kept_until_something_is_installed_anew(
 @pytest.mark.usefixtures("promising")
 def test_an_answer_that_may_change_is_not_kept_on_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor asked twice in one process, unless the person asks for CUDA by name."""
-    asked = answering(monkeypatch, Verdict(False, "not compiled", final=False))
+    asked = answering(monkeypatch, SelfTest(False, "not compiled", final=False))
     for _ in range(3):
         assert raster.choose().name == "cpu"
     assert asked == [False]
@@ -144,7 +144,7 @@ def test_an_answer_that_may_change_is_not_kept_on_disk(monkeypatch: pytest.Monke
 
 @pytest.mark.usefixtures("promising")
 def test_a_damaged_or_locked_cache_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = answering(monkeypatch, Verdict(True, "a device"))
+    asked = answering(monkeypatch, SelfTest(True, "a device"))
     probe.cache_file().parent.mkdir(parents=True)
     for damaged in ("", "[1]", '{"key": "torch=1 gsplat=2"}', '{"key": 1, "verdict": {"a": 1}}'):
         probe.cache_file().write_text(damaged)
@@ -223,7 +223,7 @@ def test_what_the_child_prints_before_its_verdict_is_skipped(
 
 @pytest.mark.usefixtures("promising")
 def test_cuda_that_was_there_yesterday_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    answering(monkeypatch, Verdict(True, "a device"))
+    answering(monkeypatch, SelfTest(True, "a device"))
 
     def gone() -> base.Rasterizer:
         raise GagaError("No CUDA device answers. Choose the backend cpu.")
@@ -236,7 +236,7 @@ def test_cuda_that_was_there_yesterday_falls_back(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.usefixtures("promising")
 def test_the_environment_may_choose(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = answering(monkeypatch, Verdict(True, "a device"))
+    asked = answering(monkeypatch, SelfTest(True, "a device"))
     monkeypatch.setenv("GAGA_BACKEND", "cpu")
     assert raster.choose().name == "cpu"
     assert raster.backend_report() == ("cpu", "GAGA_BACKEND says so")

@@ -12,7 +12,7 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io import ply
 from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.io.splat_files import Form, read_splats
+from gaga_core.io.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits, export
 from gaga_core.scene.bake import bake
@@ -135,8 +135,10 @@ def test_chosen_objects_only_and_unassigned_on_request(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("form", [Form.COMPRESSED_PLY, Form.SPLAT, Form.SPZ])
-def test_the_manifest_names_files_of_the_form_and_no_others(tmp_path: Path, form: Form) -> None:
+@pytest.mark.parametrize("form", [SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ])
+def test_the_manifest_names_files_of_the_form_and_no_others(
+    tmp_path: Path, form: SplatFormat
+) -> None:
     scene = walk_scene()
     run_stage(export_objects_stage(scene, tmp_path))  # files of another form lie there already
     files = listed_files(run_stage(export_objects_stage(scene, tmp_path, form=form)))
@@ -153,12 +155,15 @@ def test_what_objects_lose_is_told_of_those_that_are_written() -> None:
     sh = scene.gaussians.sh.copy()
     sh[clipped, 0] = 9.0
     scene.gaussians = replace(scene.gaussians, sh=sh)
-    said = {groups: " ".join(objects_losses(scene, Form.SPLAT, groups)) for groups in ((2,), (5,))}
+    said = {
+        groups: " ".join(objects_losses(scene, SplatFormat.SPLAT, groups))
+        for groups in ((2,), (5,))
+    }
     shown = len(np.intersect1d(clipped, exported_indices(scene)))
     assert f"those of {shown:,} splats" in said[2,]
     assert "out of range" not in said[5,]
-    assert "out of range" in " ".join(objects_losses(scene, Form.SPLAT))
-    assert objects_losses(scene, Form.PLY) == ()
+    assert "out of range" in " ".join(objects_losses(scene, SplatFormat.SPLAT))
+    assert objects_losses(scene, SplatFormat.PLY) == ()
 
 
 @pytest.mark.parametrize("steps", range(1, 5))

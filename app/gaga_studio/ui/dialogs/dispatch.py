@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES, Form
+from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES, SplatFormat
 from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
 from gaga_core.segmentation.weights import models_folder
 from gaga_studio.actions import (
@@ -151,7 +151,7 @@ def _dialog(
 
 
 def _objects(
-    session: Session, document: Document, form: Form, native: bool
+    session: Session, document: Document, form: SplatFormat, native: bool
 ) -> tuple[FileDialog, Callable[[Path], object]]:
     """The folder into which one file per object goes."""
     title = f"Export one {form.suffix} per object into a folder"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.io.splat_files import Form
+from gaga_core.io.splat_files import SplatFormat
 from gaga_core.io.video_out import VideoConfig
 from gaga_core.pipeline import video as pipeline_video
 from gaga_studio.actions import camera_path
@@ -26,10 +26,18 @@ _WHATS: tuple[tuple[pipeline_video.What, str, str], ...] = (
     ("depth", icons.DEPTH, "Depth"),
 )
 _FORMS = (
-    (Form.PLY, "PLY", "Keeps everything. Every program for splats opens it."),
-    (Form.COMPRESSED_PLY, "Compressed PLY", "A quarter of the size, rounded. SuperSplat opens it."),
-    (Form.SPLAT, "SPLAT", "Small, rounded, for browsers. Colors look the same from every side."),
-    (Form.SPZ, "SPZ", "Small, rounded, for phones. Colors still change with the view."),
+    (SplatFormat.PLY, "PLY", "Keeps everything. Every program for splats opens it."),
+    (
+        SplatFormat.COMPRESSED_PLY,
+        "Compressed PLY",
+        "A quarter of the size, rounded. SuperSplat opens it.",
+    ),
+    (
+        SplatFormat.SPLAT,
+        "SPLAT",
+        "Small, rounded, for browsers. Colors look the same from every side.",
+    ),
+    (SplatFormat.SPZ, "SPZ", "Small, rounded, for phones. Colors still change with the view."),
 )
 
 
@@ -43,7 +51,7 @@ class Wishes:
     fps: float = 30.0
     quality: int = 75
     transparent: bool = False
-    form: Form = Form.PLY  # of objects' files
+    form: SplatFormat = SplatFormat.PLY  # of objects' files
 
     def config(self, session: Session) -> pipeline_video.FilmConfig:
         """The film's settings; ``GagaError`` when they do not do."""

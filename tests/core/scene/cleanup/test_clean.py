@@ -10,7 +10,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.cleanup.clean import (
     CleanConfig,
-    Reason,
+    CleanReason,
     clean_object,
     cleaned_labels,
     cleaned_selection,
@@ -75,7 +75,7 @@ def test_planted_floaters_go(seed: int) -> None:
     gaussians, first = with_parts(splats(air, np.array([0.8, 0.2, 0.2])), seed=seed)
     preview = clean_object(Scene.of(gaussians, labels_of(gaussians, 1)), 1)
     assert np.isin(np.arange(first, first + 40), preview.remove).mean() > 0.95
-    assert (preview.remove_reasons == Reason.STRAY).sum() >= 38
+    assert (preview.remove_reasons == CleanReason.STRAY).sum() >= 38
     assert (preview.remove < 2000).sum() <= 4
     assert (preview.remove_groups[preview.remove >= first] == 0).all()
 

@@ -11,7 +11,7 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.splat_files import Form, write_splats
+from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -173,7 +173,7 @@ def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: P
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:
-    write_splats(tmp_path / "lamp.spz", random_gaussians(10), Form.SPZ)
+    write_splats(tmp_path / "lamp.spz", random_gaussians(10), SplatFormat.SPZ)
     scene = opened(tmp_path / "lamp.spz").scene
     add(History(scene), scene, room)
     names = {group_name(scene, int(g)) for g in np.unique(scene.labels[10:])}

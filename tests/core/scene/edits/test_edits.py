@@ -10,7 +10,7 @@ from gaga_core.geometry import compose_affine
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import Edit
-from gaga_core.scene.index_set import Form, IndexSet, PackedInts, sorted_indices
+from gaga_core.scene.index_set import IndexSet, PackedInts, Storage, sorted_indices
 from gaga_core.scene.objects import group_indices, selected_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
@@ -40,7 +40,7 @@ def test_an_index_set_gives_back_what_went_in_in_its_smallest_form(n: int) -> No
             assert packed.nbytes <= min(4 * len(rows), (n + 7) // 8)
     many_runs = np.flatnonzero(np.arange(100_000) % 1000 < 300)
     packed = IndexSet.of(many_runs, 100_000)
-    assert packed.form is Form.RUNS
+    assert packed.form is Storage.RUNS
     assert packed.nbytes == 800
     assert np.flatnonzero(packed.mask()).tolist() == many_runs.tolist()
     assert packed.indices().tolist() == many_runs.tolist()
