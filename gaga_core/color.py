@@ -1,12 +1,34 @@
-"""Spherical harmonics of color, and the colors of groups."""
+"""Spherical harmonics of color, and the colors of groups and of depth."""
 
 import colorsys
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, check_shape
 
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
+_C1 = 0.4886025119029199
+_C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005)
+_C3 = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154)
+_C4 = (
+    2.5033429417967046,
+    -1.7701307697799304,
+    0.9461746957575601,
+    -0.6690465435572892,
+    0.10578554691520431,
+    0.47308734787878004,
+    0.6258357354491761,
+)
+# Near is light yellow, far is dark violet; lightness falls evenly, so that it reads in gray too.
+# Fitted to equal steps of OKLab lightness with a turning hue: RGB of t^5, t^4, ... 1.
+DEPTH_POLYNOMIAL = (
+    (-2.3091, -3.6267, 19.4515),
+    (10.6356, 5.1724, -48.4768),
+    (-14.1871, 0.5230, 37.7581),
+    (6.0236, -2.1676, -7.8111),
+    (-1.0434, -0.7561, -1.2072),
+    (1.0103, 0.9187, 0.5842),
+)
 
 
 def rgb_from_dc(dc: FloatArray) -> FloatArray:
@@ -19,6 +41,46 @@ def dc_from_rgb(rgb: FloatArray) -> FloatArray:
     """Degree-0 SH coefficient (..., 3) of a color."""
     result: FloatArray = ((np.asarray(rgb) - 0.5) / SH_C0).astype(np.float32)
     return result
+
+
+def sh_basis(directions: DoubleArray, degree: int) -> DoubleArray:
+    """Basis (N, S) at unit ``directions`` (N, 3), S = (degree + 1)^2, in 3DGS order and signs.
+
+    The color seen along d (from camera to splat) is ``0.5 + sh_basis(d) @ sh``
+    (Kerbl 2023, after Fridovich-Keil 2022, Plenoxels).
+    """
+    check_shape("directions", directions, ("N", 3))
+    x, y, z = np.asarray(directions, np.float64).T
+    xx, yy, zz = x * x, y * y, z * z
+    columns = [np.full_like(x, SH_C0), -_C1 * y, _C1 * z, -_C1 * x]
+    columns += [
+        _C2[0] * x * y,
+        _C2[1] * y * z,
+        _C2[2] * (2 * zz - xx - yy),
+        _C2[1] * x * z,
+        _C2[0] / 2 * (xx - yy),
+    ]
+    columns += [
+        _C3[0] * y * (3 * xx - yy),
+        _C3[1] * x * y * z,
+        _C3[2] * y * (4 * zz - xx - yy),
+        _C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
+        _C3[2] * x * (4 * zz - xx - yy),
+        _C3[1] / 2 * z * (xx - yy),
+        _C3[0] * x * (xx - 3 * yy),
+    ]
+    columns += [
+        _C4[0] * x * y * (xx - yy),
+        _C4[1] * y * z * (3 * xx - yy),
+        _C4[2] * x * y * (7 * zz - 1),
+        _C4[3] * y * z * (7 * zz - 3),
+        _C4[4] * (zz * (35 * zz - 30) + 3),
+        _C4[3] * x * z * (7 * zz - 3),
+        _C4[5] * (xx - yy) * (7 * zz - 1),
+        _C4[1] * x * z * (xx - 3 * yy),
+        _C4[6] * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
+    ]
+    return np.stack(columns[: (degree + 1) ** 2], axis=1)
 
 
 def group_palette(n_groups: int) -> FloatArray:
@@ -43,4 +105,16 @@ def colorize_labels(labels: IntArray) -> FloatArray:
     """RGB picture (H, W, 3) of a label map (H, W)."""
     palette = group_palette(int(labels.max(initial=0)))
     result: FloatArray = palette[np.maximum(labels, 0)]
+    return result
+
+
+def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """Colors (H, W, 3) of depths (H, W) > 0: `DEPTH_POLYNOMIAL` of log depth, from the logs
+    ``span`` of the nearest to the farthest depth."""
+    near, far = span
+    t = np.clip((np.log(np.maximum(depth, 1e-20)) - near) / (far - near), 0, 1)[..., None]
+    color = np.zeros((*depth.shape, 3), np.float32)
+    for coefficients in DEPTH_POLYNOMIAL:
+        color = color * t + np.array(coefficients, np.float32)
+    result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
     return result

@@ -16,16 +16,14 @@ uniform float u_far;
 layout(location = 0) out vec4 o_color;
 
 #ifdef DEPTH
-// Near is light yellow, far is dark violet; lightness falls evenly, so that it reads in grey too.
-// Polynomials fitted to equal steps of OKLab lightness with a turning hue.
+uniform vec3 u_depth_polynomial[6];  // gaga_core/color.py: coefficients of t^5 ... 1
+
 vec3 depth_color(float t)
 {
-    vec3 color = vec3(-2.3091, -3.6267, 19.4515);
-    color = color * t + vec3(10.6356, 5.1724, -48.4768);
-    color = color * t + vec3(-14.1871, 0.5230, 37.7581);
-    color = color * t + vec3(6.0236, -2.1676, -7.8111);
-    color = color * t + vec3(-1.0434, -0.7561, -1.2072);
-    return clamp(color * t + vec3(1.0103, 0.9187, 0.5842), 0.0, 1.0);
+    vec3 color = u_depth_polynomial[0];
+    for (int i = 1; i < 6; i++)
+        color = color * t + u_depth_polynomial[i];
+    return clamp(color, 0.0, 1.0);
 }
 #endif
 

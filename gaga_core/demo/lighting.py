@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, LongArray
-from gaga_core.color import SH_C0
+from gaga_core.color import SH_C0, sh_basis
 from gaga_core.demo import room
 from gaga_core.demo.shadow import cone, lit_share, occluders, sphere
 from gaga_core.demo.surface import Surface
@@ -105,7 +105,7 @@ def _fit(surface: Surface, diffuse: DoubleArray, sun: DoubleArray, lights: Light
     glazed = np.flatnonzero(surface.finish[:, 0] > 0.02)
     views = sphere(40)
     views = views[views[:, 2] > -0.5]  # nobody looks from under the floor
-    basis = sh_basis(-views)  # SH is a function of the direction from the eye to the splat
+    basis = sh_basis(-views, 2)  # SH is a function of the direction from the eye to the splat
     inverse = np.linalg.solve(basis.T @ basis + 0.2 * np.diag([0.0] + [1.0] * 8), basis.T)
     for part in np.array_split(glazed, max(1, len(glazed) // 8000)):
         light = [diffuse[part] + _gloss(surface, part, sun, view, lights) for view in views]
@@ -137,22 +137,3 @@ def _anchor(view: DoubleArray) -> DoubleArray:
     can tell apart by view: it is drawn sharp for six viewers, and the fit fades between them."""
     azimuth = np.round(np.arctan2(view[1], view[0]) / (np.pi / 3)) * np.pi / 3
     return _unit(float(np.cos(azimuth)), float(np.sin(azimuth)), 0.45)
-
-
-def sh_basis(d: DoubleArray) -> DoubleArray:
-    """Real spherical harmonics (V, 9) of unit directions, in the order and signs of 3DGS files."""
-    x, y, z = d.T
-    return np.stack(
-        [
-            np.full(len(d), SH_C0),
-            -0.4886025119029199 * y,
-            0.4886025119029199 * z,
-            -0.4886025119029199 * x,
-            1.0925484305920792 * x * y,
-            -1.0925484305920792 * y * z,
-            0.31539156525252005 * (2 * z * z - x * x - y * y),
-            -1.0925484305920792 * x * z,
-            0.5462742152960396 * (x * x - y * y),
-        ],
-        axis=1,
-    )

@@ -107,23 +107,6 @@ def wood(light: Color, dark: Color, *, axis: int = 0, board: float = 0.0, seed: 
     return paint
 
 
-def stripes(
-    colors: Sequence[Color], widths: Sequence[float], *, axis: int = 2, start: float = 0.0
-) -> Paint:
-    """Bands across ``axis``, from ``start``, each as wide as its entry; repeated for ever."""
-    edges = np.cumsum(widths)
-    table = np.asarray(colors, np.float64)
-
-    def paint(d: Discs) -> DoubleArray:
-        at = (d.points[:, axis] - start) % edges[-1]
-        band = np.minimum(np.searchsorted(edges, at, side="right"), len(table) - 1)
-        thread = 0.96 + 0.08 * noise(d.points / 0.006)
-        result: DoubleArray = table[band] * thread[:, None]
-        return result
-
-    return paint
-
-
 def weave(base: Paint, *, thread: float = 0.01, depth: float = 0.12) -> Paint:
     """Cloth: the paint with the over and under of its threads."""
 

@@ -10,6 +10,7 @@ from PIL import Image
 
 from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.color import depth_colors
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
@@ -27,15 +28,6 @@ Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
 _LARGEST_PICTURE = 16384  # pixels of a side
 _KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 _MIP = "SplatRenderMode: mip"
-# The window's color map of depth: near is light yellow, far is dark violet (composite.frag).
-_DEPTH_COLOR = (
-    (-2.3091, -3.6267, 19.4515),
-    (10.6356, 5.1724, -48.4768),
-    (-14.1871, 0.5230, 37.7581),
-    (6.0236, -2.1676, -7.8111),
-    (-1.0434, -0.7561, -1.2072),
-    (1.0103, 0.9187, 0.5842),
-)
 
 
 @dataclass(frozen=True)
@@ -192,17 +184,6 @@ def depth_span(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[float, 
         return 0.0, 1.0
     near, far = np.log(np.percentile(seen, [2, 98]))
     return float(near), max(float(far), float(near) + 1e-6)
-
-
-def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
-    """Colors (H, W, 3) of depths (H, W); ``span`` of logs, see `depth_span`."""
-    near, far = span
-    t = np.clip((np.log(np.maximum(depth, 1e-20)) - near) / (far - near), 0, 1)[..., None]
-    color = np.zeros((*depth.shape, 3), np.float32)
-    for coefficients in _DEPTH_COLOR:
-        color = color * t + np.array(coefficients, np.float32)
-    result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
-    return result
 
 
 def _with_alpha(image: FloatArray, alpha: FloatArray) -> UInt8Array:

@@ -19,7 +19,7 @@ _CENTRE = 1.25  # what the group at a box's centre is worth more
 
 
 @dataclass(frozen=True, eq=False)
-class Grounded:
+class FoundGroups:
     """Groups that a phrase means."""
 
     groups: IntArray  # (K,) the best first
@@ -37,16 +37,7 @@ def contained(labels: IntArray, mask: BoolArray, share: float = CONTAINED) -> In
     return chosen
 
 
-def box_mask(boxes: Boxes, shape: tuple[int, int]) -> BoolArray:
-    """Pixels (H, W) whose centre lies in one of ``boxes``."""
-    mask = np.zeros(shape, np.bool_)
-    for corners in boxes.corners:
-        rows, columns = _pixels(corners)
-        mask[rows, columns] = True
-    return mask
-
-
-def groups_of_box(labels: IntArray, corners: FloatArray) -> Grounded:
+def groups_of_box(labels: IntArray, corners: FloatArray) -> FoundGroups:
     """Groups that a box (4,) on a label map (H, W) means, scored 0..1.
 
     The best is the group of greatest inside / own area times (pixels in box / box)^(1/2), more at
@@ -63,16 +54,16 @@ def groups_of_box(labels: IntArray, corners: FloatArray) -> Grounded:
     centre = labels[_middle(rows, labels.shape[0]), _middle(columns, labels.shape[1])]
     score = np.where(ids == centre, np.minimum(_CENTRE * score, 1), score) * (ids > 0)
     if len(ids) == 0 or score.max() <= 0:
-        return Grounded(np.zeros(0, np.int32), np.zeros(0, np.float32))
+        return FoundGroups(np.zeros(0, np.int32), np.zeros(0, np.float32))
     best = int(score.argmax())
     meant = (share > CONTAINED) & (filled >= _PART) & (ids > 0)
     meant[best] = True
     order = np.flatnonzero(meant)
     order = order[np.argsort(-score[order], kind="stable")]
-    return Grounded(ids[order], score[order].astype(np.float32))
+    return FoundGroups(ids[order], score[order].astype(np.float32))
 
 
-def vote_boxes(views: Sequence[tuple[IntArray, Boxes]]) -> Grounded:
+def vote_boxes(views: Sequence[tuple[IntArray, Boxes]]) -> FoundGroups:
     """Groups that boxes in several views (label map (H, W), its boxes) mean together.
 
     A group's score is the mean, over the views that show it, of its best box's score times how
@@ -95,13 +86,7 @@ def vote_boxes(views: Sequence[tuple[IntArray, Boxes]]) -> Grounded:
     order = sorted(means, key=lambda group: (-means[group], group))
     top = means[order[0]] if order else 1.0
     scores = [means[group] / top if top > 0 else 0.0 for group in order]
-    return Grounded(np.array(order, np.int32), np.array(scores, np.float32))
-
-
-def mask_of_groups(labels: IntArray, groups: Sequence[int] | IntArray) -> BoolArray:
-    """Pixels (H, W) of a label map that belong to one of ``groups``: the prediction of a prompt."""
-    mask: BoolArray = np.isin(labels, np.asarray(groups, np.int32))
-    return mask
+    return FoundGroups(np.array(order, np.int32), np.array(scores, np.float32))
 
 
 def _areas(labels: IntArray, mask: BoolArray) -> tuple[IntArray, DoubleArray, DoubleArray]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
+from gaga_core.color import sh_basis
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.raster.base import (
@@ -156,40 +157,6 @@ def sh_color(gaussians: Gaussians, camera: Camera) -> DoubleArray:
     directions = gaussians.means.astype(np.float64) - camera.position
     with np.errstate(all="ignore"):
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        basis = sh_basis(directions)[:, : gaussians.sh.shape[1]]
+        basis = sh_basis(directions, gaussians.sh_degree)
         color = 0.5 + np.einsum("ns,nsc->nc", basis, gaussians.sh.astype(np.float64))
     return np.where(np.isfinite(color), np.maximum(0, color), 0)
-
-
-def sh_basis(directions: DoubleArray) -> DoubleArray:
-    """Real spherical harmonics (N, 25) of degree 0-4 at unit directions (N, 3).
-
-    Computed from associated Legendre functions (order l, then m from -l to l); signs are those of
-    3D Gaussian Splatting, in which odd m carry the Condon-Shortley phase.
-    """
-    from math import factorial, pi, sqrt
-
-    x, y, z = directions.T
-    azimuth = np.arctan2(y, x)
-    sine = np.sqrt(np.maximum(0, 1 - z * z))
-    # P[l][m] without the phase, by the usual recurrences.
-    P: dict[tuple[int, int], DoubleArray] = {(0, 0): np.ones_like(z)}
-    for m in range(1, 5):
-        P[m, m] = (2 * m - 1) * sine * P[m - 1, m - 1]
-    for m in range(4):
-        P[m + 1, m] = (2 * m + 1) * z * P[m, m]
-        for degree in range(m + 2, 5):
-            P[degree, m] = (
-                (2 * degree - 1) * z * P[degree - 1, m] - (degree + m - 1) * P[degree - 2, m]
-            ) / (degree - m)
-    columns = []
-    for degree in range(5):
-        for m in range(-degree, degree + 1):
-            k = abs(m)
-            norm = sqrt((2 * degree + 1) / (4 * pi) * factorial(degree - k) / factorial(degree + k))
-            if m == 0:
-                columns.append(norm * P[degree, 0])
-                continue
-            wave = np.cos(k * azimuth) if m > 0 else np.sin(k * azimuth)
-            columns.append((-1) ** k * sqrt(2) * norm * wave * P[degree, k])
-    return np.stack(columns, axis=1)

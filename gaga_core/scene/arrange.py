@@ -1,4 +1,4 @@
-"""Maps (3, 4) of the world that set things straight: mirror, ground, grid."""
+"""Maps (3, 4) of the world that arrange things: mirror, align to the ground."""
 
 import numpy as np
 
@@ -59,8 +59,3 @@ def turn_between(start: DoubleArray, stop: DoubleArray) -> DoubleArray:
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     turn: DoubleArray = np.eye(3) + skew + skew @ skew / (1 + cosine)
     return turn
-
-
-def snapped(value: float, step: float) -> float:
-    """``value`` at the nearest multiple of ``step``; unchanged for a step of 0."""
-    return round(value / step) * step if step > 0 else value

@@ -51,6 +51,13 @@ class Placements:
         row = np.eye(3, 4)
         return Placements(np.tile(row, (n, 1, 1)), np.tile(row, (n, 1, 1)), np.ones(n))
 
+    def cam_from_file(self, cam_from_world: DoubleArray) -> DoubleArray:
+        """Poses (P, 3, 4) of a camera (3, 4) or (4, 4): its frame from each placement's splats."""
+        pose = cam_from_world[:3]
+        poses: DoubleArray = np.einsum("ij,pjk->pik", pose[:, :3], self.matrix)
+        poses[:, :, 3] += pose[:, 3]
+        return poses
+
 
 @dataclass(frozen=True)
 class Added:

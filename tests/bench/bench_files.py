@@ -55,7 +55,7 @@ scene = Scene.of(read_splats(Path({path!r})))
 for _ in range(6):  # the first round loads the kernel
     for write in (
         lambda: out.write_bytes(data),
-        lambda: run_stage(export_scene_stage(scene, out, form=Form.PLY)),
+        lambda: run_stage(export_scene_stage(scene, out, form=SplatFormat.PLY)),
     ):
         start = time.process_time(), time.perf_counter()
         write()
@@ -65,7 +65,7 @@ for _ in range(6):  # the first round loads the kernel
 _FRAME = """
 import json, resource, time
 from pathlib import Path
-from gaga_core.io.splat_files import Form
+from gaga_core.io.splat_files import SplatFormat
 start = time.process_time(), time.perf_counter()
 found = []
 {work}

@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 
 import moderngl
+import numpy as np
 
+from gaga_core.color import DEPTH_POLYNOMIAL
 from gaga_studio.gpu.context import bind_textures, load_program, set_uniforms
 from gaga_studio.gpu.targets import Target
 
@@ -12,6 +14,7 @@ ACCENT = (0.36, 0.66, 1.0)  # outline of what is selected
 HOVER = (1.0, 1.0, 1.0)  # outline of what is under the cursor
 _SELECTED_WIDTH = 2.0  # pixels
 _HOVER_WIDTH = 1.2
+_DEPTH_POLYNOMIAL = np.array(DEPTH_POLYNOMIAL, np.float32).tobytes()
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class Compositor:
                 "u_background": finish.background,
                 "u_near_far": (math.log(near), math.log(far)),
                 "u_far": far,
+                "u_depth_polynomial": _DEPTH_POLYNOMIAL,
                 "u_accent": ACCENT,
                 "u_hover": HOVER,
                 "u_outline": (

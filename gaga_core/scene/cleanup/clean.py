@@ -25,8 +25,7 @@ from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArra
 from gaga_core.errors import GagaError
 from gaga_core.scene.cleanup import criteria as steps
 from gaga_core.scene.edits.groups import set_labels
-from gaga_core.scene.edits.state import select
-from gaga_core.scene.edits.values import FlipState, SetLabels
+from gaga_core.scene.edits.values import SetLabels
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
@@ -118,7 +117,7 @@ def clean_object(
 ) -> CleanPreview:
     """What belongs to an object and what does not: a group id, or rows (K,) / a mask (N,).
 
-    ``scene`` is not changed: pass the preview to `cleaned_labels` or `cleaned_selection`. Locked
+    ``scene`` is not changed: `cleaned_labels` makes the edit. Locked
     splats neither come nor go, deleted ones take no part, hidden ones do. The same scene gives the
     same preview. Raises ``GagaError`` when the object has no splats, or for group 0.
     """
@@ -151,13 +150,6 @@ def cleaned_labels(scene: Scene, preview: CleanPreview, title: str = "Clean") ->
     labels = np.concatenate([joined, preview.remove_groups])
     order = np.argsort(rows, kind="stable")
     return set_labels(scene, rows[order], labels[order], title)
-
-
-def cleaned_selection(
-    scene: Scene, preview: CleanPreview, title: str = "Clean selection"
-) -> FlipState | None:
-    """The edit that selects the object as it would be when cleaned."""
-    return select(scene, preview.after, "set", title)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,11 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.scene.edits.state import How
 from gaga_core.scene.objects import group_indices, selected_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.screen_masks import rectangle
 
 __all__ = [
-    "combine",
     "everything",
     "group_indices",
     "groups_inside",
@@ -52,17 +50,6 @@ def nothing() -> IntArray:
 def inverted(scene: Scene) -> IntArray:
     """Those that can be selected and are not."""
     return _rows(selectable(scene) & ~scene.has(State.SELECTED))
-
-
-def combine(current: IntArray, chosen: IntArray, how: How) -> IntArray:
-    """``chosen`` (K,) set, added to, removed from, or intersected with ``current`` (L,)."""
-    if how == "set":
-        return np.unique(chosen).astype(np.int32)
-    if how == "add":
-        return np.union1d(current, chosen).astype(np.int32)
-    if how == "remove":
-        return np.setdiff1d(current, chosen).astype(np.int32)
-    return np.intersect1d(current, chosen).astype(np.int32)
 
 
 def in_rectangle(

@@ -31,7 +31,7 @@ class Screen:
     height: int
 
     def inside(self, mask: BoolArray) -> IntArray:
-        """Splats (K,), rising, that are drawn on a set pixel of ``mask`` (H, W)."""
+        """Splats (K,), ascending, that are drawn on a set pixel of ``mask`` (H, W)."""
         check_shape("mask", mask, (self.height, self.width), np.bool_)
         n = len(self.pixel)
         rows, counts = np.empty(n, np.int32), np.zeros(-(-n // _CHUNK), np.int64)
@@ -56,8 +56,7 @@ def screen(scene: Scene, camera: Camera, surface_depth: FloatArray | None = None
         check_shape("surface_depth", surface_depth, (camera.height, camera.width))
         surface = for_kernel(surface_depth, np.float32)
     pose, lens = pose_and_lens(camera)
-    poses = np.einsum("ij,pjk->pik", pose[:, :3], scene.placements.matrix)
-    poses[:, :, 3] += pose[:, 3]
+    poses = scene.placements.cam_from_file(pose)
     means = for_kernel(scene.gaussians.means, np.float32)
     state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
     unwanted = int(State.HIDDEN | State.DELETED | State.LOCKED)

@@ -66,14 +66,6 @@ def grown_by_identity(
     return np.union1d(splats, more).astype(np.int32)
 
 
-def shrunk_by_identity(
-    scene: Scene, splats: IntArray, encodings: FloatArray, likeness: float
-) -> IntArray:
-    """``splats`` (K,) whose identity encoding is like that of most of them."""
-    check_shape("encodings", encodings, (len(scene), "D"))
-    return splats[_likeness(encodings, splats)[splats] >= likeness]
-
-
 def _likeness(encodings: FloatArray, splats: IntArray) -> FloatArray:
     """Cosine (N,) of each encoding to the mean direction of those of ``splats``."""
     length = np.linalg.norm(encodings, axis=1)

@@ -74,8 +74,7 @@ def _hits(
     g, placements = scene.gaussians, scene.placements
     n = len(scene)
     pose, lens = pose_and_lens(camera, antialiased)
-    poses = np.einsum("ij,pjk->pik", pose[:, :3], placements.matrix)
-    poses[:, :, 3] += pose[:, 3]
+    poses = placements.cam_from_file(pose)
     growth = np.linalg.norm(placements.matrix[:, :, :3], ord=2, axis=(1, 2)) ** 2
     means, quats = for_kernel(g.means, np.float32), for_kernel(g.quats, np.float32)
     log_scales = for_kernel(g.log_scales, np.float32)

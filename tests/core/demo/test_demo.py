@@ -12,12 +12,13 @@ from scipy import ndimage
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
+from gaga_core.color import sh_basis
 from gaga_core.demo import DemoConfig, ensure_demo, make_demo_stage, room
 from gaga_core.demo import folder as demo_folder
 from gaga_core.demo.build import Model, build_stage
 from gaga_core.demo.cameras import OVERVIEW, photo_cameras, posed
 from gaga_core.demo.layout import items
-from gaga_core.demo.lighting import Lights, bake, sh_basis
+from gaga_core.demo.lighting import Lights, bake
 from gaga_core.demo.masks import Faults, room_parts, segmenter_masks
 from gaga_core.demo.patches import Patch, ellipsoid, pose, rectangle, rod, rounded_box, tube
 from gaga_core.demo.sampling import lay_discs
@@ -272,7 +273,7 @@ def _tile(gloss: float) -> Surface:
 def test_glaze_shines_towards_the_mirrored_viewer_only() -> None:
     def color(surface: Surface, view: DoubleArray) -> float:
         sh = run_stage(bake(surface, Lights(), np.random.default_rng(0)))
-        return float(0.5 + sh_basis(-view[None])[0] @ sh[0, :, 1])
+        return float(0.5 + sh_basis(-view[None], 2)[0] @ sh[0, :, 1])
 
     mirrored = np.array([-0.456, -0.794, 0.411])
     aside = np.array([0.9, 0.1, 0.42])
@@ -290,7 +291,7 @@ def test_basis_has_the_signs_that_the_rasterizer_uses(model: Model) -> None:
     camera = posed(tuple(eye), tuple(target), 30.0, (33, 33))
     frame = choose("cpu").render(splat, camera)
     towards = (target - eye) / np.linalg.norm(target - eye)
-    expected = 0.5 + sh_basis(towards[None])[0] @ splat.sh[0]
+    expected = 0.5 + sh_basis(towards[None], 2)[0] @ splat.sh[0]
     np.testing.assert_allclose(frame.image[16, 16] / frame.alpha[16, 16], expected, atol=2e-3)
 
 

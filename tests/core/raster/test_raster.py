@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, choose
 from gaga_core.raster.cpu import CpuRasterizer, blend_kernels, project_kernels
-from gaga_core.raster.reference import ReferenceRasterizer, sh_basis
+from gaga_core.raster.reference import ReferenceRasterizer
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CPU, REFERENCE = CpuRasterizer(), ReferenceRasterizer()
@@ -193,17 +193,6 @@ def test_read_only_columns_are_drawn_alike() -> None:
         frozen(getattr(locked, name))
     assert np.array_equal(CPU.render(locked, camera).image, want)
     assert [len(k.signatures) for k in kernels] == n_versions
-
-
-def test_sh_basis_is_orthonormal() -> None:
-    """Integrated over the sphere by a product rule: the identity matrix."""
-    z, z_weights = np.polynomial.legendre.leggauss(12)
-    azimuth = np.arange(24) * 2 * np.pi / 24
-    zz, aa = (a.ravel() for a in np.meshgrid(z, azimuth, indexing="ij"))
-    sine = np.sqrt(1 - zz**2)
-    basis = sh_basis(np.stack([sine * np.cos(aa), sine * np.sin(aa), zz], axis=1))
-    weights = np.repeat(z_weights, 24) * 2 * np.pi / 24
-    np.testing.assert_allclose(basis.T @ (basis * weights[:, None]), np.eye(25), atol=1e-12)
 
 
 def test_kernels_share_the_image_model_of_the_protocol() -> None:

@@ -8,7 +8,7 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.arrange import ground_map, mirror_map, snapped, turn_between
+from gaga_core.scene.arrange import ground_map, mirror_map, turn_between
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene
 from tests.scenes import orbit_cameras, random_gaussians
@@ -82,9 +82,3 @@ def test_turns_take_one_direction_to_another_even_the_opposite() -> None:
             assert np.allclose(turn @ start, stop)
             assert np.allclose(turn @ turn.T, np.eye(3))
             assert np.linalg.det(turn) == pytest.approx(1)
-
-
-def test_snapping_is_idempotent_and_off_at_0() -> None:
-    assert snapped(0.37, 0.25) == 0.25
-    assert snapped(snapped(-0.4, 0.25), 0.25) == -0.5
-    assert snapped(0.37, 0) == 0.37

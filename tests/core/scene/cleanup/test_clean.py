@@ -13,9 +13,8 @@ from gaga_core.scene.cleanup.clean import (
     CleanReason,
     clean_object,
     cleaned_labels,
-    cleaned_selection,
 )
-from gaga_core.scene.edits import delete, lock, transform
+from gaga_core.scene.edits import delete, lock, select, transform
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
@@ -224,7 +223,7 @@ def test_a_choice_of_splats_is_cleaned_like_a_group() -> None:
     group = clean_object(Scene.of(made.gaussians, grouped), 3)
     assert (free.after == group.after).all()
     scene = Scene.of(made.gaussians, labels)
-    edit = cleaned_selection(scene, free)
+    edit = select(scene, free.after)
     assert edit is not None
     edit.apply(scene)
     assert (np.flatnonzero(scene.state) == free.after).all()

@@ -147,6 +147,3 @@ def test_growing_by_identity_finds_the_rest_of_the_object() -> None:
     assert grown.tolist() == object_1.tolist()
     near = neighbourhood.grown_by_identity(scene, seed, encodings, 0.9, reach=0.3)
     assert set(seed.tolist()) <= set(near.tolist()) <= set(grown.tolist())
-    wrong = np.union1d(object_1, free[scene.labels[60:399] == 2][:10]).astype(np.int32)
-    kept = neighbourhood.shrunk_by_identity(scene, wrong, encodings, 0.9)
-    assert kept.tolist() == object_1.tolist()
