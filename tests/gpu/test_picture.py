@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gaga_core.color import depth_colors
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.colmap import read_colmap
 from gaga_core.io.ply import read_ply
@@ -182,6 +183,10 @@ def test_depth_mode_orders_by_depth(viewport: Viewport) -> None:
     viewport.draw(Scene.of(gaussians), camera, ViewState(mode=Mode.DEPTH), wait=True)
     near, far = viewport.read_pixels()[72, [48, 144]].astype(int)
     assert near.sum() > far.sum() + 200
+    # The map that films of the CPU show, too.
+    ends = depth_colors(np.array([[2.0, 6.0]], np.float32), (float(np.log(2)), float(np.log(6))))
+    for shown, want in zip((near, far), 255 * ends[0], strict=True):
+        np.testing.assert_allclose(shown, want, atol=4)
 
 
 def test_groups_mode_shows_palette_hues(viewport: Viewport) -> None:
