@@ -19,7 +19,7 @@ from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.session.notices import Level
-from gaga_studio.session.render_requests import Easel
+from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
@@ -127,8 +127,9 @@ class Studio:
         self._pacing.is_software = self.viewport.is_software
         self.images = ImageStore(self._ctx)
         self.session.images = self.images
-        self.session.easel = Easel(
-            most=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]), is_fast=not self.viewport.is_software
+        self.session.render_requests = RenderRequests(
+            max_side=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]),
+            is_fast=not self.viewport.is_software,
         )
         path, demo = self._first
         autosave.offer(self.session)
@@ -169,8 +170,8 @@ class Studio:
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
-        if self.session.easel is not None:
-            self.session.easel.serve(self._paint)
+        if self.session.render_requests is not None:
+            self.session.render_requests.serve(self._paint)
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget()
@@ -194,7 +195,7 @@ class Studio:
         call("Notices", lambda: toasts.draw(session, ui))
 
     def _status(self) -> None:
-        hint = status_text(self.session, self.picture.pointing.tool(self.session))
+        hint = status_text(self.session, self.picture.controller.tool(self.session))
         scene = self.session.scene
         figures = None
         if scene is not None:
@@ -276,7 +277,9 @@ class Studio:
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
         is_driven |= self.session.view.playback.is_playing or self.session.view.holds_photo
-        is_driven |= self.session.easel is not None and self.session.easel.is_wanted
+        is_driven |= (
+            self.session.render_requests is not None and self.session.render_requests.is_wanted
+        )
         return is_driven or is_loading or not is_drawn
 
     def _frame_rate(self) -> float:

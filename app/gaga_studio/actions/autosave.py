@@ -19,7 +19,7 @@ from uuid import uuid4
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.scene.project import Project, open_path_stage, save_project
-from gaga_studio.session.notices import Level, Question
+from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
@@ -73,7 +73,7 @@ class Autosave:
                 self._pending = self._writer.submit(self._clear)
             self._next = time.monotonic() + every
             return
-        now = (document, document.changes.content(document.history.state_id))
+        now = (document, document.save_state.content(document.history.state_id))
         # A drag is not an edit yet; what is written must be a state that undo knows.
         if time.monotonic() < self._next or session.is_previewing or now == self._written:
             return
@@ -158,7 +158,7 @@ def offer(session: Session) -> bool:
             _remover(newest.folder)()
             offer(session)
 
-    session.pending_question = Question(
+    session.pending_question = UserQuestion(
         f"gaga-studio ended without saving the edits of {newest.name} ({newest.age}). "
         "Recover them?",
         ("Recover", "Discard", "Later"),
@@ -173,7 +173,7 @@ def _recover(session: Session, found: Recovery) -> None:
     def opened(project: Project) -> None:
         project.path = found.project
         session.take(project)
-        session.need().changes.saved(None)  # nothing of it is on disk
+        session.need().save_state.saved(None)  # nothing of it is on disk
         _remover(found.folder)()
 
     session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)

@@ -85,7 +85,7 @@ def _change(session: Session, index: int, mark: Bookmark) -> None:
 def _keep(session: Session, marks: tuple[Bookmark, ...]) -> None:
     document = session.need()
     document.project.bookmarks = marks
-    document.changes.note_beside()
+    document.save_state.note_outside_history()
 
 
 def _has(session: Session, name: str) -> bool:

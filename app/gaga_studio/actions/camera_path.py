@@ -173,9 +173,9 @@ def export_film(session: Session, target: Path, config: FilmConfig) -> bool:
     """Write the path as a video, as a job; drawn by the graphics card where there is one."""
     document = session.need()
     settled = document.settled()
-    easel, camera_path = session.easel, settled.film
+    requests, camera_path = session.render_requests, settled.film
     painter: video.Painter | None = None
-    if easel is not None and easel.is_fast and max(config.video.size) <= easel.most:
+    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
         painter = _painter(session, config)
     looked = replace(config, antialiased=_look(session))
     stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
@@ -193,12 +193,16 @@ def save_picture(
     """Write what the camera sees at any size as .png or .jpg, as a job."""
     video.check_picture(target, size, transparent)
     scene = session.need().settled().scene
-    view, easel = session.view, session.easel
+    view, requests = session.view, session.render_requests
     camera = session.rig.shot().camera(*size)
     what = WHATS.get(view.mode)
     config = FilmConfig(what or "rgb", view.background, _look(session))
     painter: video.Painter | None = None
-    if easel is not None and max(size) <= easel.most and (easel.is_fast or what is None):
+    if (
+        requests is not None
+        and max(size) <= requests.max_side
+        and (requests.is_fast or what is None)
+    ):
         painter = _painter(session, config, transparent=transparent, mode=view.mode)
     elif what is None:
         raise GagaError(
@@ -219,8 +223,8 @@ def _painter(
     session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
 ) -> video.Painter | None:
     """The window's own drawing at full quality; None for films of depth, whose range would jump."""
-    easel = session.easel
-    if easel is None or (config.what == "depth" and mode is None):
+    requests = session.render_requests
+    if requests is None or (config.what == "depth" and mode is None):
         return None
     view = replace(
         session.view,
@@ -234,7 +238,7 @@ def _painter(
     )
 
     def paint(camera: Camera) -> UInt8Array:
-        return easel.paint(camera, view, transparent=transparent)
+        return requests.paint(camera, view, transparent=transparent)
 
     return paint
 
@@ -262,5 +266,5 @@ def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
 def _keep(session: Session, path: CameraPath) -> None:
     document = session.need()
     document.project.film = path
-    document.changes.note_beside()
+    document.save_state.note_outside_history()
     session.view.playback.at = min(session.view.playback.at, path.seconds)

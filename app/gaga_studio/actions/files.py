@@ -17,7 +17,7 @@ from gaga_core.scene.edits.append import names_of_added, read_added_stage, sprea
 from gaga_core.scene.export import ExportWhat, export_losses, objects_losses
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, Question, notifies
+from gaga_studio.session.notices import Level, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode
 
@@ -127,7 +127,7 @@ def when_agreed(
             then()
 
     text = " ".join([first, *lost])
-    session.pending_question = Question(text, ("Export", "Cancel"), chosen)
+    session.pending_question = UserQuestion(text, ("Export", "Cancel"), chosen)
 
 
 @notifies

@@ -19,18 +19,18 @@ from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.weights import models_folder, weights_at
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, Question, notifies
+from gaga_studio.session.notices import Level, UserQuestion, notifies
 from gaga_studio.session.session import Session
 
 Views = Literal["train", "all"]
 MaskForm = Literal["png", "dataset", "coco"]
-_TRIAL = ".preview"  # mask folder of a trial; a leading dot keeps it out of the lists
+_PREVIEW = ".preview"  # mask folder of a preview; a leading dot keeps it out of the lists
 _UNNAMED = "imported"  # what `recognise` calls masks whose maker it does not know
 _CANCEL = "Cancel"
 
 
 @dataclass(frozen=True)
-class Wish:
+class MaskRequest:
     """What masks are wanted."""
 
     provider: str = REGIONS
@@ -42,10 +42,10 @@ class Wish:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """What a wish gave for one photo."""
+class MaskPreview:
+    """What a request gave for one photo."""
 
-    wish: Wish
+    request: MaskRequest
     view: str
     labels: IntArray  # (H, W)
     n_masks: int
@@ -108,7 +108,7 @@ def no_photos(session: Session) -> str:
 
 
 def photos_of(session: Session, views: Views) -> tuple[str, ...]:
-    """Names of the photos that a wish would look at."""
+    """Names of the photos that a request would look at."""
     folder = session.project.folder if session.project is not None else None
     if folder is None:
         return ()
@@ -116,12 +116,12 @@ def photos_of(session: Session, views: Views) -> tuple[str, ...]:
     return tuple(c.name for c in folder.cameras if c.name in wanted)
 
 
-def make(session: Session, wish: Wish | None = None) -> None:
+def make(session: Session, request: MaskRequest | None = None) -> None:
     """Make the masks of all wanted photos; those that are there already stay unless ``redo``.
 
     What is finished when the job is cancelled is kept, and the next run goes on from there.
     """
-    wish = wish or Wish()
+    request = request or MaskRequest()
     reason = no_photos(session)
     if reason:
         session.notify(Level.WARNING, reason)
@@ -140,49 +140,53 @@ def make(session: Session, wish: Wish | None = None) -> None:
 
     def end() -> None:
         if not ended and session.document is document:
-            _keep_partial(session, wish.provider)
+            _keep_partial(session, request.provider)
 
-    session.jobs.start("Make masks", _make_stage(_folder(document), wish), None, done, end)
+    session.jobs.start("Make masks", _make_stage(_folder(document), request), None, done, end)
 
 
 @notifies
-def try_one(session: Session, wish: Wish, view: str, on_done: Callable[[Trial], None]) -> None:
-    """Make the masks of one photo without keeping them; a run with the same wish reuses them."""
-    stage = _trial_stage(_folder(session.need()), wish, view)
+def try_one(
+    session: Session, request: MaskRequest, view: str, on_done: Callable[[MaskPreview], None]
+) -> None:
+    """Make the masks of one photo without keeping them; a run with the same request reuses them."""
+    stage = _preview_stage(_folder(session.need()), request, view)
     session.jobs.start(f"Try on {view}", stage, on_done=on_done)
 
 
 def _make_stage(
-    folder: SceneFolder, wish: Wish, views: str | tuple[str, ...] = "", name: str = ""
+    folder: SceneFolder, request: MaskRequest, views: str | tuple[str, ...] = "", name: str = ""
 ) -> Stage[SegmentReport]:
     # torch is imported here, in the job's thread, and only when a model is asked for.
     from gaga_core.pipeline.compile_kernels import after_warm_up
     from gaga_core.segmentation.choose import provider_named
 
     yield Progress("Make masks", 0, 0, "Preparing")
-    provider = provider_named(wish.provider, weights=wish.weights, settings=wish.settings)
+    provider = provider_named(request.provider, weights=request.weights, settings=request.settings)
     stage = segment_scene(
         folder,
         provider,
-        views=views or wish.views,
+        views=views or request.views,
         name=name,
-        redo=wish.redo and not name,
-        config=SegmentConfig(use_depth=wish.use_depth),
+        redo=request.redo and not name,
+        config=SegmentConfig(use_depth=request.use_depth),
     )
-    draws_depth = wish.use_depth and "depth" in provider.cues and folder.model_path is not None
+    draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
     return (yield from (after_warm_up(stage) if draws_depth else stage))
 
 
-def _trial_stage(folder: SceneFolder, wish: Wish, view: str) -> Stage[Trial]:
-    place = folder.root / "masks" / _TRIAL
+def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stage[MaskPreview]:
+    place = folder.root / "masks" / _PREVIEW
     try:
-        report = yield from _make_stage(folder, wish, (view,), _TRIAL)
+        report = yield from _make_stage(folder, request, (view,), _PREVIEW)
         labels = read_labels(report.folder / f"{Path(view).stem}.png")
     finally:
         shutil.rmtree(place, ignore_errors=True)
         if place.parent.is_dir() and not any(place.parent.iterdir()):
             place.parent.rmdir()
-    return Trial(wish, view, labels, report.n_masks, report.seconds if report.made else 0.0)
+    return MaskPreview(
+        request, view, labels, report.n_masks, report.seconds if report.made else 0.0
+    )
 
 
 def _keep_partial(session: Session, provider: str) -> None:
@@ -260,7 +264,7 @@ def _ask(session: Session, folder: SceneFolder, source: Path, said: str, name: s
         as_name = other if choice == keep else name
         _import(session, folder, source, as_name, replace_old=choice == instead)
 
-    session.pending_question = Question(f"{said}{extra}", choices, chosen)
+    session.pending_question = UserQuestion(f"{said}{extra}", choices, chosen)
 
 
 def free_name(folder: SceneFolder, name: str) -> str:

@@ -10,14 +10,14 @@ from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import navigation
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Compare
+from gaga_studio.session.view_state import PhotoCompareMode
 
 SIDE = 1024  # longest side of the difference, pixels
 _GAIN = 4.0  # of the difference: a quarter of the range is white
 
 
 @dataclass(frozen=True)
-class Place:
+class PhotoPlacement:
     """Where a photo lies over the picture: its corner and size in pixels of the picture."""
 
     x: float
@@ -26,11 +26,11 @@ class Place:
     height: float
 
 
-def set_mode(session: Session, mode: Compare) -> None:
+def set_mode(session: Session, mode: PhotoCompareMode) -> None:
     """Compare in this way, or no more when it is on already; flies to a photo first."""
     view = session.view
-    view.compare = Compare.OFF if view.compare is mode else mode
-    if view.compare is not Compare.OFF and compared(session) is None:
+    view.compare = PhotoCompareMode.OFF if view.compare is mode else mode
+    if view.compare is not PhotoCompareMode.OFF and compared(session) is None:
         _go(session)
 
 
@@ -55,7 +55,7 @@ def compared(session: Session) -> Camera | None:
     return camera if is_there else None
 
 
-def place(photo: Camera, view: Camera) -> Place:
+def place(photo: Camera, view: Camera) -> PhotoPlacement:
     """Where the photo lies in the picture of ``view``, which has the same pose.
 
     Exact for any principal point and for pixels that are not square.
@@ -63,7 +63,7 @@ def place(photo: Camera, view: Camera) -> Place:
     sx, sy = view.K[0, 0] / photo.K[0, 0], view.K[1, 1] / photo.K[1, 1]
     x = float(view.K[0, 2] - sx * photo.K[0, 2])
     y = float(view.K[1, 2] - sy * photo.K[1, 2])
-    return Place(x, y, float(sx * photo.width), float(sy * photo.height))
+    return PhotoPlacement(x, y, float(sx * photo.width), float(sy * photo.height))
 
 
 def difference(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage, mapped
-from gaga_studio.session.notices import Level, Question, notifies
+from gaga_studio.session.notices import Level, UserQuestion, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import Live, Training
+from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.photo_source import PhotoFind
@@ -21,7 +21,7 @@ _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReconstructionPlan:
     """What a person wants to be made of the photos that were found."""
 
     config: "ReconstructConfig"
@@ -43,11 +43,11 @@ def why_not(session: Session) -> str:
     return "" if job is None else f"{job.title} is still running."
 
 
-def plan_of(found: "PhotoFind") -> Plan:
+def plan_of(found: "PhotoFind") -> ReconstructionPlan:
     """What is made when nobody says otherwise: what was begun, else a draft."""
     from gaga_core.pipeline.reconstruct import ReconstructConfig
 
-    return Plan(found.going_on or ReconstructConfig(), found.scene)
+    return ReconstructionPlan(found.going_on or ReconstructConfig(), found.scene)
 
 
 def title(session: Session) -> str:
@@ -73,17 +73,17 @@ def said(found: "PhotoFind") -> str:
     return f"{found.n_photos:,} photos, and no splats yet."
 
 
-def make(session: Session, plan: Plan | None = None) -> None:
+def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
     """Make splats of the photos that are open, as a job that shows them while they are trained."""
     found = session.photos
     if found is None or why_not(session):
         session.notify(Level.WARNING, why_not(session))
         return
     plan = plan or plan_of(found)
-    training = Training(found.name, plan.config.train().iterations)
+    training = TrainingPreview(found.name, plan.config.train().iterations)
 
     def progress(payload: object) -> None:
-        if isinstance(payload, Live) and training.take(payload):
+        if isinstance(payload, TrainingUpdate) and training.take(payload):
             session.rig.go_to(training.cameras[0], animated=False)
             session.active_view = 0
             for note in payload.notes:
@@ -106,12 +106,12 @@ def make(session: Session, plan: Plan | None = None) -> None:
         session.training = training
 
 
-def _ask(session: Session, plan: Plan, finding: str) -> None:
+def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
     def chosen(choice: str) -> None:
         if choice == _ANYWAY:
             make(session, replace(plan, config=replace(plan.config, accept_wrong=True)))
 
-    session.pending_question = Question(finding, (_ANYWAY, _STOP), chosen)
+    session.pending_question = UserQuestion(finding, (_ANYWAY, _STOP), chosen)
 
 
 @notifies
@@ -123,7 +123,7 @@ def _look_again(session: Session, scene: Path) -> None:
         session.photos = look_at_photos(scene) or session.photos
 
 
-def _stage(found: "PhotoFind", plan: Plan) -> "Stage[Reconstruction | _Refused]":
+def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstruction | _Refused]":
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
     from gaga_core.io.scene_folder import find_sparse, open_scene_folder
     from gaga_core.pipeline.compile_kernels import after_warm_up
@@ -141,7 +141,7 @@ def _stage(found: "PhotoFind", plan: Plan) -> "Stage[Reconstruction | _Refused]"
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
-    seen = Live(folder.cameras, notes)
+    seen = TrainingUpdate(folder.cameras, notes)
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
     return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
 
@@ -173,7 +173,7 @@ def _placed(stage: str, done: float) -> float:
     return done if part is None else (part + min(done, 1.0)) / 3
 
 
-def _gathered(seen: Live) -> Callable[[Progress], Progress]:
+def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:
     """Payloads that hold everything so far."""
 
     def change(step: Progress) -> Progress:
@@ -201,13 +201,13 @@ def _figures(report: dict[str, object]) -> str:
 
 
 def plan_with(
-    plan: Plan,
+    plan: ReconstructionPlan,
     *,
     quality: str | None = None,
     iterations: int | None = None,
     max_side: int | None = None,
     focal: float | None = None,
-) -> Plan:
+) -> ReconstructionPlan:
     """``plan`` with other settings; ``GagaError`` when they do not do. 0 = as the quality says."""
     changes: dict[str, object] = {}
     if quality is not None and quality != plan.config.quality:

@@ -79,9 +79,10 @@ def select_uncertain(session: Session) -> bool:
     document = session.need()
     scene, groups = document.settled().scene, document.read.selected_groups()
     among = group_indices(scene, groups) if groups else algebra.everything(scene)
-    found = uncertain(scene, among, document.sure_below)
+    threshold = document.confidence_threshold
+    found = uncertain(scene, among, threshold)
     if len(found) == 0:
-        session.notify(Level.INFO, f"No splat is below {100 * document.sure_below:.0f} %.")
+        session.notify(Level.INFO, f"No splat is below {100 * threshold:.0f} %.")
         return False
     return document.select(found, "set", "Select uncertain")
 

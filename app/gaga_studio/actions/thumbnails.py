@@ -52,8 +52,8 @@ def request(session: Session, table: ObjectTable, row: int) -> tuple[str, Load] 
         return None  # a quiet job may compile what this needs
     key = f"alone {group} {_mark(document, table, row)}"
     scene = replace(document.scene)  # columns are never written in place: a snapshot
-    sight = _Sight.of(session, table, row)
-    return key, partial(_alone, scene, group, sight)
+    view = _ObjectView.of(session, table, row)
+    return key, partial(_alone, scene, group, view)
 
 
 # --- out of a photo
@@ -101,14 +101,14 @@ def _cropped(photos: tuple[Photo, ...]) -> UInt8Array:
 # --- alone
 
 
-class _Sight:
+class _ObjectView:
     """From where an object is drawn alone."""
 
     def __init__(self, centre: DoubleArray, radius: float, towards: DoubleArray, up: DoubleArray):
         self.centre, self.radius, self.towards, self.up = centre, radius, towards, up
 
     @staticmethod
-    def of(session: Session, table: ObjectTable, row: int) -> "_Sight":
+    def of(session: Session, table: ObjectTable, row: int) -> "_ObjectView":
         """From the middle of the photos' cameras, else from a little above."""
         up = np.asarray(session.rig.up, np.float64)
         centre = table.centre[row]
@@ -123,7 +123,7 @@ class _Sight:
                 towards = flat / np.linalg.norm(flat) + 0.6 * up
         extent = np.linalg.norm(table.hi[row] - table.lo[row]) / 2
         radius = float(max(min(table.radius[row] * 1.2, extent), 1e-6))
-        return _Sight(centre, radius, towards, up)
+        return _ObjectView(centre, radius, towards, up)
 
     def camera(self) -> Camera:
         """A picture that the object fills."""
@@ -134,7 +134,7 @@ class _Sight:
         return Camera(K, look_at(eye, self.centre, self.up), SIDE, SIDE, "thumbnail")
 
 
-def _alone(scene: Scene, group: int, sight: _Sight) -> UInt8Array:
+def _alone(scene: Scene, group: int, view: _ObjectView) -> UInt8Array:
     """The object (SIDE, SIDE, 3) and nothing else."""
     from gaga_core.raster.cpu import CpuRasterizer  # numba is a good part of the launch time
 
@@ -144,7 +144,7 @@ def _alone(scene: Scene, group: int, sight: _Sight) -> UInt8Array:
     step = -(-len(rows) // _MOST)
     splats = bake(scene, indices=rows[::step])
     behind = np.full(3, _BACK / 255, np.float32)
-    frame = CpuRasterizer().render(splats, sight.camera(), background=behind)
+    frame = CpuRasterizer().render(splats, view.camera(), background=behind)
     return np.rint(np.clip(frame.image, 0, 1) * 255).astype(np.uint8)
 
 

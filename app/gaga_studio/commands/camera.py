@@ -7,7 +7,7 @@ from gaga_studio.actions import bookmarks, camera_path, photo_compare
 from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command, Reason, ask
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Compare
+from gaga_studio.session.view_state import PhotoCompareMode
 
 _SLOWEST, _FASTEST = 0.1, 5.0  # of the preferences' slider
 RECALL = tuple(f"camera.bookmark_{key}" for key in bookmarks.KEYS)
@@ -31,7 +31,7 @@ def _speed(factor: float) -> Callable[[Session], None]:
     return run
 
 
-def _compare(mode: Compare, name: str, title: str) -> Command:
+def _compare(mode: PhotoCompareMode, name: str, title: str) -> Command:
     return Command(
         f"camera.{name}",
         title,
@@ -111,8 +111,8 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     ),
     *(_recall(key) for key in bookmarks.KEYS),
     *(_set(key) for key in bookmarks.KEYS),
-    _compare(Compare.SWIPE, "swipe", "Swipe between photo and picture"),
-    _compare(Compare.DIFFERENCE, "difference", "Difference of photo and picture"),
+    _compare(PhotoCompareMode.SWIPE, "swipe", "Swipe between photo and picture"),
+    _compare(PhotoCompareMode.DIFFERENCE, "difference", "Difference of photo and picture"),
     Command(
         "camera.hold_photo",
         "Photo while held",

@@ -11,13 +11,13 @@ from gaga_studio.tools.polygon import close_outline
 
 
 def undo_title(session: Session) -> str:
-    """ "Undo Move mug"."""
+    """ "Undo Move chair"."""
     history = session.history
     return f"Undo {history.undo_title}" if history is not None and history.can_undo else "Undo"
 
 
 def redo_title(session: Session) -> str:
-    """ "Redo Move mug"."""
+    """ "Redo Move chair"."""
     history = session.history
     return f"Redo {history.redo_title}" if history is not None and history.can_redo else "Redo"
 

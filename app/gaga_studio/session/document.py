@@ -14,9 +14,9 @@ from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_studio.session.notices import NothingSelectedError
-from gaga_studio.session.save_state import Changes
-from gaga_studio.session.scene_cache import Readings
-from gaga_studio.session.search_state import Search
+from gaga_studio.session.save_state import SaveState
+from gaga_studio.session.scene_cache import SceneCache
+from gaga_studio.session.search_state import SearchState
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import Quality
@@ -31,14 +31,14 @@ class Document:
         self.project = project
         self.scene: Scene = project.scene
         self.history = History(self.scene)
-        self.read = Readings(self.scene)
-        self.changes = Changes()
+        self.read = SceneCache(self.scene)
+        self.save_state = SaveState()
         self._worlds = {0: np.eye(4)}  # how the whole scene was turned, by History.state_id
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
-        self.sure_below = 0.6  # confidence under which splats count as uncertain
-        self.search = Search()
+        self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
+        self.search = SearchState()
         self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
 
     @property
@@ -55,7 +55,7 @@ class Document:
     @property
     def unsaved(self) -> bool:
         """Whether there are edits that are not on disk; a mere selection is none."""
-        return self.changes.is_unsaved(self.history)
+        return self.save_state.is_unsaved(self.history)
 
     # --- history
 
@@ -84,7 +84,7 @@ class Document:
 
     def _note(self, before: int, is_content: bool, world: DoubleArray) -> None:
         """What is known of the present state, which was made from state ``before``."""
-        self.changes.note(before, self.history.state_id, is_content)
+        self.save_state.note(before, self.history.state_id, is_content)
         self._worlds.setdefault(self.history.state_id, world)
 
     def undo(self) -> str | None:

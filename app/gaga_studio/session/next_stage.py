@@ -12,7 +12,7 @@ _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
 
 
 @dataclass(frozen=True)
-class Offer:
+class StageOffer:
     """A missing stage. Without an ``action`` there is no button: the reason says what to do."""
 
     reason: str  # "48 photos have masks but no objects yet."
@@ -39,11 +39,11 @@ class Offer:
         return f"about {round(self.seconds / 60)} min"
 
 
-def stage_offer(project: Project, n_masks: int, preset: str) -> Offer:
+def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
     """What a scene without groups lacks. ``n_masks``: views with masks."""
     folder, scene = project.folder, project.scene
     if folder is None:
-        return Offer(
+        return StageOffer(
             "A lone splat file has no photos, so there are no masks to make groups from. "
             "Open its scene folder for that."
         )
@@ -51,10 +51,10 @@ def stage_offer(project: Project, n_masks: int, preset: str) -> Offer:
         return _no_masks(folder)
     if n_masks == 0:
         names = ", ".join(folder.mask_folders)
-        return Offer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
+        return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
     millions = len(scene) / 1e6
     seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
-    return Offer(
+    return StageOffer(
         f"{n_masks} photos have masks but no objects yet.",
         "Find objects",
         "object.associate",
@@ -62,19 +62,19 @@ def stage_offer(project: Project, n_masks: int, preset: str) -> Offer:
     )
 
 
-def _no_masks(folder: SceneFolder) -> Offer:
+def _no_masks(folder: SceneFolder) -> StageOffer:
     if not folder.cameras:
-        return Offer(
+        return StageOffer(
             "This folder has splats but no photos with a place, so there is nothing to make groups "
             "from. Put images/ and sparse/ beside them."
         )
     n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
     if n_photos == 0:
-        return Offer(
+        return StageOffer(
             f"The {len(folder.cameras)} photos are not in {folder.root.name}/images, so no masks "
             "can be made of them. Put them back, or import masks."
         )
     seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
     reason = f"{n_photos} photos have no masks yet."
     more = ("Other ways…", "object.masks")
-    return Offer(reason, "Make masks", "object.masks_quick", seconds, "regions", more)
+    return StageOffer(reason, "Make masks", "object.masks_quick", seconds, "regions", more)

@@ -66,7 +66,7 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class UserQuestion:
     """Something that must be answered before the session goes on; the window shows it as a modal.
 
     The last choice is the one that changes nothing (Escape).
@@ -77,7 +77,9 @@ class Question:
     on_choice: Callable[[str], None]
 
 
-def unsaved_question(text: str, save: Callable[[], None], discard: Callable[[], None]) -> Question:
+def unsaved_question(
+    text: str, save: Callable[[], None], discard: Callable[[], None]
+) -> UserQuestion:
     """Save, discard, or cancel."""
 
     def chosen(choice: str) -> None:
@@ -86,4 +88,4 @@ def unsaved_question(text: str, save: Callable[[], None], discard: Callable[[], 
         elif choice == "Discard":
             discard()
 
-    return Question(text, ("Save", "Discard", "Cancel"), chosen)
+    return UserQuestion(text, ("Save", "Discard", "Cancel"), chosen)

@@ -17,20 +17,20 @@ _PATIENCE_S = 120.0  # for one picture: software OpenGL at a large size
 
 
 @dataclass
-class _Wish:
+class _Request:
     camera: Camera
     view: ViewState
     done: threading.Event = field(default_factory=threading.Event)
     picture: UInt8Array | None = None
 
 
-class Easel:
+class RenderRequests:
     """A worker calls ``paint`` and waits; the window's thread calls ``serve`` every frame."""
 
-    def __init__(self, *, most: int, is_fast: bool) -> None:
-        self.most = most  # pixels of a side that OpenGL can draw
+    def __init__(self, *, max_side: int, is_fast: bool) -> None:
+        self.max_side = max_side  # pixels of a side that OpenGL can draw
         self.is_fast = is_fast  # a graphics card: else the CPU's own rasterizer is quicker
-        self._wishes: queue.SimpleQueue[_Wish] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[_Request] = queue.SimpleQueue()
         self._closed = False
 
     def paint(self, camera: Camera, view: ViewState, *, transparent: bool = False) -> UInt8Array:
@@ -54,16 +54,16 @@ class Easel:
     @property
     def is_wanted(self) -> bool:
         """Whether somebody waits for a picture: the window must not rest."""
-        return not self._wishes.empty()
+        return not self._waiting.empty()
 
     def serve(self, draw: Draw) -> bool:
         """Draw one picture that is waited for; whether there was one."""
         try:
-            wish = self._wishes.get_nowait()
+            request = self._waiting.get_nowait()
         except queue.Empty:
             return False
-        wish.picture = draw(wish.camera, wish.view)
-        wish.done.set()
+        request.picture = draw(request.camera, request.view)
+        request.done.set()
         return True
 
     def close(self) -> None:
@@ -71,15 +71,15 @@ class Easel:
         self._closed = True
         while True:
             try:
-                self._wishes.get_nowait().done.set()
+                self._waiting.get_nowait().done.set()
             except queue.Empty:
                 return
 
     def _ask(self, camera: Camera, view: ViewState) -> UInt8Array:
-        wish = _Wish(camera, view)
+        request = _Request(camera, view)
         if not self._closed:
-            self._wishes.put(wish)
-            wish.done.wait(_PATIENCE_S)
-        if wish.picture is None:
+            self._waiting.put(request)
+            request.done.wait(_PATIENCE_S)
+        if request.picture is None:
             raise GagaError("The window did not draw the picture. Try again.")
-        return wish.picture
+        return request.picture

@@ -5,13 +5,13 @@ from gaga_core.scene.edits.history import History
 Content = tuple[int, int]
 
 
-class Changes:
+class SaveState:
     """Maps states of a history to contents; selecting makes a state but no new content."""
 
     def __init__(self) -> None:
         self._content = {0: 0}  # by History.state_id
         self._newest = 0
-        self._beside = 0  # changes of what is saved but is no edit of the scene
+        self._outside = 0  # changes of what is saved but is no edit of the scene
         self._saved: Content | None = (0, 0)
 
     def note(self, before: int, after: int, is_content: bool) -> None:
@@ -21,13 +21,13 @@ class Changes:
         self._newest += is_content
         self._content[after] = self._newest if is_content else self._content.get(before, 0)
 
-    def note_beside(self) -> None:
+    def note_outside_history(self) -> None:
         """Something changed that a save keeps and undo does not know: bookmarks, the path."""
-        self._beside += 1
+        self._outside += 1
 
     def content(self, state: int) -> Content:
-        """The content that a state holds, and what is beside it now."""
-        return self._content.get(state, 0), self._beside
+        """The content that a state holds, and what changed outside it."""
+        return self._content.get(state, 0), self._outside
 
     def saved(self, content: Content | None) -> None:
         """``content`` is on disk now; None: nothing of it is."""

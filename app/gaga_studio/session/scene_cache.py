@@ -23,7 +23,7 @@ T = TypeVar("T")
 SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 
-class Readings:
+class SceneCache:
     """Caches of one scene: each value with the revision that it was computed for."""
 
     def __init__(self, scene: Scene) -> None:
@@ -132,7 +132,7 @@ class Readings:
         return self._once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
 
     def confidence(self, n_bins: int) -> LongArray | None:
-        """How many selected splats have which confidence, (B,) rising; None when it is unknown."""
+        """Count (B,) the selected splats by confidence, ascending; None when it is unknown."""
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.labels, n_bins)
         return self._once(

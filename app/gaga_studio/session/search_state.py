@@ -28,7 +28,7 @@ _PAUSE_S = 0.35  # without a key before a noun is looked up: half a word means n
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class SceneMeasurements:
     """What a search needs to know of one state of a scene."""
 
     key: object  # of the state
@@ -45,7 +45,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Hit:
+class SearchHit:
     """One line of the answer."""
 
     group: int
@@ -53,16 +53,16 @@ class Hit:
     fits: bool  # one of those meant; else it comes near
 
 
-class Search:
+class SearchState:
     """The search of one document. Main thread only; what runs beside hands in whole values."""
 
     def __init__(self) -> None:
         self.text = ""
         self.at = 0  # line of the answer that Enter takes
-        self.hits: tuple[Hit, ...] = ()
+        self.hits: tuple[SearchHit, ...] = ()
         self.sentence = ""  # what was understood
         self.problem = ""  # why a look-up failed
-        self.measured: Measured | None = None
+        self.measured: SceneMeasurements | None = None
         self.detector: Detector | None = None  # the one that was used last, loaded
         self.in_view = ""  # text whose answer came from a detector; "" = from words
         self._camera: Camera | None = None  # from where the text was typed
@@ -112,7 +112,7 @@ class Search:
         self._new_index += 1
         self._known = set()
 
-    def take(self, measured: Measured) -> None:
+    def take(self, measured: SceneMeasurements) -> None:
         """Hand in what was measured; from any thread."""
         self.measured = measured
 
@@ -156,7 +156,7 @@ class Search:
         if not self.text.strip() or self.in_view:
             return
         if found is None:  # names need no measuring
-            self.hits = tuple(Hit(group, 1.0, True) for group in _called(table, self.text))
+            self.hits = tuple(SearchHit(group, 1.0, True) for group in _called(table, self.text))
             return
         asked = (self.text, id(self._camera), id(found), scene.revision.names, self._known)
         if asked == self._answered:
@@ -182,7 +182,7 @@ class Search:
         there = {int(group) for group in table.ids}
         pairs = zip(answer.groups.tolist(), answer.scores.tolist(), strict=True)
         hits = [
-            Hit(group, score, k < answer.n_meant)
+            SearchHit(group, score, k < answer.n_meant)
             for k, (group, score) in enumerate(pairs)
             if group in there
         ]
@@ -194,7 +194,7 @@ class Search:
                 word = "is" if len(called) == 1 else "are"
                 self.sentence = f"{len(called)} {word} called “{self.text.strip()}”."
                 hits = []
-            hits = [Hit(group, 1.0, True) for group in called] + hits
+            hits = [SearchHit(group, 1.0, True) for group in called] + hits
         self.hits = tuple(hits)
         self.at = min(self.at, max(len(hits) - 1, 0))
 
@@ -204,7 +204,7 @@ def measure_stage(
     cameras: Sequence[Camera],
     key: object,
     load: Callable[[], Pictures | None],
-    take: Callable[[Measured], None],
+    take: Callable[[SceneMeasurements], None],
 ) -> Stage[None]:
     """Measure a snapshot of a scene and read its index; ``take`` gets the result."""
     yield Progress("Measure the objects", 0, 1)
@@ -215,7 +215,7 @@ def measure_stage(
         pictures, problem = load(), ""
     except GagaError as error:
         pictures, problem = None, str(error)
-    take(Measured(key, facts, groups, digests, pictures, problem))
+    take(SceneMeasurements(key, facts, groups, digests, pictures, problem))
 
 
 def look_up_stage(

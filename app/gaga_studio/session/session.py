@@ -24,10 +24,10 @@ from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
-from gaga_studio.session.notices import Level, Notice, Question, notifies, unsaved_question
-from gaga_studio.session.render_requests import Easel
+from gaga_studio.session.notices import Level, Notice, UserQuestion, notifies, unsaved_question
+from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.settings import Settings, load_settings, save_settings
-from gaga_studio.session.training_preview import Training
+from gaga_studio.session.training_preview import TrainingPreview
 from gaga_studio.session.view_state import ImageSource, ToolName, ViewState
 from gaga_studio.system import paths
 
@@ -49,16 +49,16 @@ class Session:
         self.jobs = JobRunner(self.notify)
         self.hovering = Hovering()
         self.notices: tuple[Notice, ...] = ()  # oldest first
-        self.pending_question: Question | None = None  # shown as a modal; see `answer`
+        self.pending_question: UserQuestion | None = None  # shown as a modal; see `answer`
         self.request = ""  # dialog that a command asks for; see `take_request`
         self.should_quit = False
         self.live: BankSnapshot | None = None  # while an association runs
         self.photos: PhotoFind | None = None  # opened, but without splats
-        self.training: Training | None = None  # while splats are made of them
+        self.training: TrainingPreview | None = None  # while splats are made of them
         self.filter = ""  # of the object list
         self.hint = ""  # what the last click met, until the next one
         self.images: ImageSource | None = None
-        self.easel: Easel | None = None  # draws films with OpenGL; the window gives one
+        self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
@@ -155,11 +155,11 @@ class Session:
         document = self.document
         if document is None:
             return
-        content = document.changes.content(document.history.state_id)
+        content = document.save_state.content(document.history.state_id)
 
         def done(where: Path) -> None:
             document.project.path = where
-            document.changes.saved(content)
+            document.save_state.saved(content)
             self.notify(Level.INFO, f"Saved to {where}.")
             if then is not None:
                 then()
@@ -168,8 +168,8 @@ class Session:
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
-        if self.easel is not None:
-            self.easel.close()
+        if self.render_requests is not None:
+            self.render_requests.close()
         self.jobs.shut_down()
         self.hovering.shut_down()
 
@@ -280,7 +280,7 @@ class Session:
         """Which masks joined a group and why, in the order of the association."""
         return self.need().read.decisions(group, self.live)
 
-    def stage_offer(self) -> next_stage.Offer | None:
+    def stage_offer(self) -> next_stage.StageOffer | None:
         """What the open scene lacks next; None when nothing, or while a job runs."""
         if self.document is None or self.jobs.running or self.document.read.has_groups():
             return None

@@ -17,7 +17,7 @@ _POINTS = 240  # of a curve: more than its picture has pixels to show
 
 
 @dataclass(frozen=True, eq=False)
-class Live:
+class TrainingUpdate:
     """Payload of a reconstruction's progress: everything so far, since payloads may be skipped."""
 
     cameras: tuple[Camera, ...]  # of the placed photos, by name
@@ -27,7 +27,7 @@ class Live:
 
 
 @dataclass(eq=False)
-class Training:
+class TrainingPreview:
     """A reconstruction that runs. Main thread only."""
 
     name: str
@@ -37,7 +37,7 @@ class Training:
     update: "TrainUpdate | None" = None
     _shown: Gaussians | None = field(default=None, repr=False)
 
-    def take(self, live: Live) -> bool:
+    def take(self, live: TrainingUpdate) -> bool:
         """Show what is new; whether the photos have just been placed."""
         is_first = not self.cameras and bool(live.cameras)
         self.cameras, self.update = live.cameras, live.update

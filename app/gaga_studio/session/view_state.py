@@ -68,7 +68,7 @@ class Outline:
         return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
-class Compare(StrEnum):
+class PhotoCompareMode(StrEnum):
     """What lies over the picture at a photo's camera."""
 
     OFF = "off"
@@ -108,7 +108,7 @@ class ViewState:
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: Point | None = None  # what turns and scales are about; None: middle
-    compare: Compare = Compare.OFF
+    compare: PhotoCompareMode = PhotoCompareMode.OFF
     swipe: float = 0.5  # share of the photo's width that shows the photo
     holds_photo: bool = False  # the photo lies over the picture while the keys are held
     show_cube: bool = True  # the view cube in a corner of the picture

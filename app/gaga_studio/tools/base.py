@@ -9,7 +9,7 @@ from gaga_studio.session.view_state import ToolName
 
 
 @dataclass(frozen=True)
-class Place:
+class ViewportPoint:
     """A pixel of the picture, its size, and what the modifiers do to a selection."""
 
     u: float
@@ -47,19 +47,19 @@ class Tool(Protocol):
     name: ToolName
     takes_drag: bool  # the left drag is the tool's; else it orbits
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """A press that did not move."""
         ...
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """A drag begins here."""
         ...
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The drag is here now."""
         ...
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """The drag ends here."""
         ...
 
@@ -81,13 +81,13 @@ class ClickTool:
 
     takes_drag = False
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """The camera's."""
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The camera's."""
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """The camera's."""
 
     def cancel(self, session: Session) -> None:

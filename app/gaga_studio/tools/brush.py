@@ -8,7 +8,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.scene.selection import screen_masks
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import PathShape, Place, region_hint
+from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 from gaga_studio.tools.region import Region
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
@@ -28,12 +28,12 @@ class BrushTool:
         self._radius = 0.0
         self._next = 0.0  # when the preview may be made again
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """A dab."""
         self.press(session, place)
         self.release(session, place)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """The stroke begins with a dab."""
         self._region = Region(session, place)
         self._mask = np.zeros(self._region.shape, np.bool_)
@@ -41,7 +41,7 @@ class BrushTool:
         self._last, self._next = (place.u, place.v), 0.0
         self._paint(place)
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The stroke goes on, and what it selects is shown."""
         if self._region is None:
             return
@@ -52,7 +52,7 @@ class BrushTool:
             spent = perf_counter() - start
             self._next = perf_counter() + spent / _SHARE
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """Select what was painted over, as one edit."""
         region, self._region = self._region, None
         if region is not None:
@@ -65,7 +65,7 @@ class BrushTool:
         if region is not None:
             region.cancel()
 
-    def hover(self, session: Session, place: Place | None) -> None:
+    def hover(self, session: Session, place: ViewportPoint | None) -> None:
         """The brush follows the resting mouse."""
         self._radius = session.view.brush_radius
         self._at = None if place is None else (place.u, place.v)
@@ -80,6 +80,6 @@ class BrushTool:
         """What a drag does now."""
         return region_hint(session, "Paint") + " [ and ] change the size."
 
-    def _paint(self, place: Place) -> None:
+    def _paint(self, place: ViewportPoint) -> None:
         screen_masks.stroke(self._mask, self._last, (place.u, place.v), self._radius)
         self._last = (place.u, place.v)

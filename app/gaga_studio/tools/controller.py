@@ -3,7 +3,7 @@
 from gaga_studio.actions import align_ground, navigation, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import PathShape, Place, RectShape, Tool
+from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
 from gaga_studio.tools.brush import BrushTool
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
 from gaga_studio.tools.ground import GroundTool
@@ -15,7 +15,7 @@ from gaga_studio.tools.rect import RectTool
 from gaga_studio.tools.sphere import SphereTool
 
 
-class Pointing:
+class ToolController:
     """The tools, one of each, and the gesture that is under way."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ def _move_camera(session: Session, action: Action) -> bool:
 
 
 def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) -> None:
-    place = Place(action.u, action.v, pointer.width, pointer.height, action.how)
+    place = ViewportPoint(action.u, action.v, pointer.width, pointer.height, action.how)
     if action.act in (Act.HOVER, Act.AWAY):
         _rest(session, tool, place if action.act is Act.HOVER else None)
     elif action.act is Act.DOUBLE_CLICK:
@@ -111,7 +111,7 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
         tool.release(session, place)
 
 
-def _menu(session: Session, place: Place) -> None:
+def _menu(session: Session, place: ViewportPoint) -> None:
     """A right click: the menu of the object there, which is selected.
 
     In an outline, and among points of the ground: one less.
@@ -132,7 +132,7 @@ def _menu(session: Session, place: Place) -> None:
     session.request = "object_menu" if found is not None and found.group else "scene_menu"
 
 
-def _rest(session: Session, tool: Tool, place: Place | None) -> None:
+def _rest(session: Session, tool: Tool, place: ViewportPoint | None) -> None:
     """The mouse rests at a place of the picture, or is elsewhere."""
     if isinstance(tool, BrushTool | PolygonTool):
         tool.hover(session, place)

@@ -3,7 +3,7 @@
 from gaga_studio.actions import align_ground
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import ClickTool, Place
+from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _LEAST = 0.25  # opacity of a pixel from which it shows a surface, not a haze
 
@@ -16,7 +16,7 @@ class GroundTool(ClickTool):
 
     name = ToolName.GROUND
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """The surface there is a point of the ground; the third one lays the scene level."""
         found = session.pick(place.u, place.v, place.width, place.height)
         if found is None or found.weights.sum() < _LEAST:

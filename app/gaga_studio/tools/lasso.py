@@ -4,7 +4,7 @@ from gaga_core.scene.selection import screen_masks
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import PathShape, Place, region_hint
+from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 from gaga_studio.tools.region import Region
 
 _FINEST = 2.0  # pixels between two corners of the outline
@@ -20,16 +20,16 @@ class LassoTool:
         self._region: Region | None = None
         self._points: list[tuple[float, float]] = []
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """An outline without area: the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """The outline begins."""
         self._region = Region(session, place)
         self._points = [(place.u, place.v)]
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The outline goes on."""
         if self._region is None:
             return
@@ -37,7 +37,7 @@ class LassoTool:
         if max(abs(place.u - u), abs(place.v - v)) >= _FINEST:
             self._points.append((place.u, place.v))
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """Close the outline and select what it holds, as one edit."""
         region, points = self._region, self._points
         self.cancel(session)

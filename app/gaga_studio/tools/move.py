@@ -6,7 +6,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_studio.actions import history, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import Place, RectShape
+from gaga_studio.tools.base import RectShape, ViewportPoint
 
 _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}
 
@@ -61,17 +61,17 @@ class MoveTool:
         self._start = None
         history.cancel_preview(session)
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """Drags beside the handles are the camera's."""
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """Drags beside the handles are the camera's."""
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """Drags beside the handles are the camera's."""
 
     def overlay(self) -> RectShape | None:

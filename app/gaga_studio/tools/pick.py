@@ -3,7 +3,7 @@
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import ClickTool, Place
+from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 
 class PickTool(ClickTool):
@@ -11,7 +11,7 @@ class PickTool(ClickTool):
 
     name = ToolName.PICK
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 

@@ -3,7 +3,7 @@
 from gaga_core.scene.selection import screen_masks
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Outline, ToolName
-from gaga_studio.tools.base import PathShape, Place, region_hint
+from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 from gaga_studio.tools.region import Region
 
 _NEAR = 8.0  # pixels from the first corner at which a click closes the outline
@@ -19,7 +19,7 @@ class PolygonTool:
         self._shown: Outline | None = None
         self._at: tuple[float, float] | None = None  # the mouse
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """A corner; on the first one: close the outline."""
         outline = session.view.outline
         pose = _pose(session, place.width, place.height)
@@ -32,20 +32,20 @@ class PolygonTool:
             session.view.outline = outline.with_corner((place.u, place.v))
         self._shown = session.view.outline
 
-    def double_click(self, session: Session, place: Place) -> None:
+    def double_click(self, session: Session, place: ViewportPoint) -> None:
         """The last corner: close the outline."""
         if session.view.outline is not None:
             close_outline(session)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """A drag sets a corner where it begins."""
         self.click(session, place)
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The next corner is where the drag ends."""
         self.hover(session, place)
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """A corner where the drag ends."""
         self.click(session, place)
 
@@ -53,7 +53,7 @@ class PolygonTool:
         """Forget the outline."""
         session.view.outline = self._shown = None
 
-    def hover(self, session: Session, place: Place | None) -> None:
+    def hover(self, session: Session, place: ViewportPoint | None) -> None:
         """The line from the last corner follows the mouse; a camera that moved ends the outline."""
         outline = session.view.outline
         if outline is not None and outline.pose != _pose(session, outline.width, outline.height):
@@ -81,11 +81,11 @@ def close_outline(session: Session) -> None:
     if outline is None or len(outline.points) < 3:
         return
     first = outline.points[0]
-    region = Region(session, Place(*first, outline.width, outline.height, outline.how))
+    region = Region(session, ViewportPoint(*first, outline.width, outline.height, outline.how))
     region.take(screen_masks.polygon(outline.points, outline.width, outline.height))
 
 
-def _is_near(corner: tuple[float, float], place: Place) -> bool:
+def _is_near(corner: tuple[float, float], place: ViewportPoint) -> bool:
     return max(abs(corner[0] - place.u), abs(corner[1] - place.v)) <= _NEAR
 
 

@@ -4,7 +4,7 @@ from gaga_core.scene.selection import screen_masks
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import Place, RectShape, region_hint
+from gaga_studio.tools.base import RectShape, ViewportPoint, region_hint
 from gaga_studio.tools.region import Region
 
 
@@ -16,23 +16,23 @@ class RectTool:
 
     def __init__(self) -> None:
         self._region: Region | None = None
-        self._from: Place | None = None
-        self._to: Place | None = None
+        self._from: ViewportPoint | None = None
+        self._to: ViewportPoint | None = None
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """A rectangle without area: the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """First corner."""
         self._region = Region(session, place)
         self._from = self._to = place
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """Opposite corner, for now."""
         self._to = place
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """Select what the rectangle holds, as one edit."""
         region, first = self._region, self._from
         self._region = self._from = self._to = None

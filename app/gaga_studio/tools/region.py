@@ -14,7 +14,7 @@ from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_studio.session.session import Session
-from gaga_studio.tools.base import Place
+from gaga_studio.tools.base import ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
@@ -27,7 +27,7 @@ _worker = ThreadPoolExecutor(1, thread_name_prefix="surface")
 class Region:
     """One gesture's view of the scene: from the press to the release."""
 
-    def __init__(self, session: Session, place: Place) -> None:
+    def __init__(self, session: Session, place: ViewportPoint) -> None:
         document = session.need()
         self._document = document
         self._camera = session.rig.camera(place.width, place.height)

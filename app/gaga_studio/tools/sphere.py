@@ -9,7 +9,7 @@ from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import PathShape, Place
+from gaga_studio.tools.base import PathShape, ViewportPoint
 
 
 class SphereTool:
@@ -20,16 +20,16 @@ class SphereTool:
 
     def __init__(self) -> None:
         self._document: Document | None = None
-        self._first: Place | None = None
+        self._first: ViewportPoint | None = None
         self._centre: DoubleArray = np.zeros(3)
         self._pixel = 1.0  # world length of a pixel at the centre's depth
         self._radius = 0.0  # pixels
 
-    def click(self, session: Session, place: Place) -> None:
+    def click(self, session: Session, place: ViewportPoint) -> None:
         """A ball without size: the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
-    def press(self, session: Session, place: Place) -> None:
+    def press(self, session: Session, place: ViewportPoint) -> None:
         """The centre: the surface under the mouse."""
         found = session.pick(place.u, place.v, place.width, place.height)
         if found is None:
@@ -40,7 +40,7 @@ class SphereTool:
         focal = session.rig.camera(place.width, place.height).K[0, 0]
         self._pixel, self._radius = found.depth / float(focal), 0.0
 
-    def drag(self, session: Session, place: Place) -> None:
+    def drag(self, session: Session, place: ViewportPoint) -> None:
         """The radius, and what it would select."""
         if self._first is None or self._document is None:
             return
@@ -50,7 +50,7 @@ class SphereTool:
             lambda base: edits.select(base, chosen, how, f"Select {len(chosen):,} splats")
         )
 
-    def release(self, session: Session, place: Place) -> None:
+    def release(self, session: Session, place: ViewportPoint) -> None:
         """Select what is in the ball, as one edit."""
         first, document = self._first, self._document
         if first is not None and document is not None:

@@ -81,7 +81,7 @@ def test_three_clicks_lay_the_floor_level_as_one_undoable_edit(associated: Sessi
     hand, before = Hand(session), snapshot(scene)
     n, apart = len(session.need().history.entries()), _distances(session)
     for clicked, (u, v) in enumerate(_spots(session)):
-        assert f"{clicked + 1} of 3" in status_text(session, hand.pointing.tool(session))
+        assert f"{clicked + 1} of 3" in status_text(session, hand.controller.tool(session))
         assert snapshot(scene) == before
         hand.click(u, v)
     entries = session.need().history.entries()
@@ -181,7 +181,7 @@ def test_a_click_on_nothing_says_so_and_keeps_the_points(associated: Session) ->
     hand = Hand(session)
     hand.click(*_spots(session)[0])
     hand.click(2, 2)
-    said = status_text(session, hand.pointing.tool(session))
+    said = status_text(session, hand.controller.tool(session))
     assert said == "There is no surface here. Click three points on the ground: 2 of 3."
     assert len(session.view.ground) == 1
     second = _spots(session)[1]
@@ -190,7 +190,7 @@ def test_a_click_on_nothing_says_so_and_keeps_the_points(associated: Session) ->
     assert len(session.view.ground) == 1, "a haze is no surface"
     scene_of(session).placements.opacity[:] = 1.0
     hand.click(*second)
-    assert "no surface" not in status_text(session, hand.pointing.tool(session))
+    assert "no surface" not in status_text(session, hand.controller.tool(session))
 
 
 def test_backspace_takes_one_back_and_never_deletes(associated: Session) -> None:

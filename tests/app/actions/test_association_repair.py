@@ -168,7 +168,7 @@ def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
     session = associated
     document = session.need()
     selection.select_groups(session, (2,))
-    document.sure_below = 0.9
+    document.confidence_threshold = 0.9
     assert run("object.uncertain", session)
     column = session.scene.confidence_of()  # type: ignore[union-attr]
     assert column is not None

@@ -11,7 +11,7 @@ from gaga_studio.actions import bookmarks, photo_compare
 from gaga_studio.commands import run
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Compare
+from gaga_studio.session.view_state import PhotoCompareMode
 from gaga_studio.ui.viewport import view_cube
 
 _POINTS = np.array([[0.2, 0.1, 0.0], [-0.3, 0.2, 0.1], [0.0, -0.2, 0.3]])
@@ -161,7 +161,7 @@ def test_a_click_on_the_cube_hits_what_looks_at_the_eye() -> None:
 
 def test_the_photo_lies_exactly_over_the_picture(session: Session) -> None:
     run("camera.swipe", session)
-    assert session.view.compare is Compare.SWIPE
+    assert session.view.compare is PhotoCompareMode.SWIPE
     _land(session)
     photo = photo_compare.compared(session)
     assert photo is not None

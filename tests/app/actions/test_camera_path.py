@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.video_out import VideoConfig
 from gaga_core.pipeline.video import FilmConfig
 from gaga_studio.actions import camera_path
-from gaga_studio.session.render_requests import Easel
+from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 
@@ -150,11 +150,11 @@ def _disc(camera: Camera, view: ViewState) -> UInt8Array:
 def test_the_window_draws_for_a_job_and_alpha_comes_of_two_grounds(
     walked: Session, tmp_path: Path
 ) -> None:
-    easel = walked.easel = Easel(most=4096, is_fast=True)
+    requests = walked.render_requests = RenderRequests(max_side=4096, is_fast=True)
     served = 0
     camera_path.save_picture(walked, tmp_path / "a.png", (40, 20), transparent=True)
     while walked.jobs.running is not None:
-        served += easel.serve(_disc)
+        served += requests.serve(_disc)
         walked.jobs.poll()
     assert served == 2
     with Image.open(tmp_path / "a.png") as picture:
@@ -163,27 +163,27 @@ def test_the_window_draws_for_a_job_and_alpha_comes_of_two_grounds(
     assert pixels[0, -1, 3] == 0
     camera_path.export_film(walked, tmp_path / "a.mp4", _SMALL)
     while walked.jobs.running is not None:
-        served += easel.serve(_disc)
+        served += requests.serve(_disc)
         walked.jobs.poll()
     assert served == 2 + len(camera_path.path_of(walked).frame_times(5))
     assert (tmp_path / "a.mp4").is_file()
 
 
 def test_a_window_that_closes_leaves_no_job_waiting() -> None:
-    easel, said = Easel(most=64, is_fast=True), []
+    requests, said = RenderRequests(max_side=64, is_fast=True), []
     camera = Camera(np.eye(3), np.eye(4), 4, 4)
 
     def work() -> None:
         try:
-            easel.paint(camera, ViewState())
+            requests.paint(camera, ViewState())
         except GagaError as error:
             said.append(str(error))
 
     worker = threading.Thread(target=work)
     worker.start()
-    while not easel.is_wanted:
+    while not requests.is_wanted:
         pass
-    easel.close()
+    requests.close()
     worker.join(5)
     assert not worker.is_alive()
     assert len(said) == 1

@@ -12,7 +12,7 @@ from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.known import KNOWN
 from gaga_core.segmentation.regions import RegionsConfig
 from gaga_studio.actions import files, mask_settings, masks
-from gaga_studio.actions.masks import Trial, Wish
+from gaga_studio.actions.masks import MaskPreview, MaskRequest
 from gaga_studio.session.session import Session
 
 
@@ -57,7 +57,7 @@ def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Sess
 
 
 def test_a_cancelled_run_keeps_what_is_done_and_goes_on_from_there(bare: Session) -> None:
-    masks.make(bare, Wish(use_depth=False))
+    masks.make(bare, MaskRequest(use_depth=False))
     while bare.jobs.running is not None and bare.jobs.running.fraction < 0.3:
         bare.jobs.poll()
     bare.jobs.cancel()
@@ -67,28 +67,28 @@ def test_a_cancelled_run_keeps_what_is_done_and_goes_on_from_there(bare: Session
     assert bare.provider == "regions"
     assert any("goes on there" in notice.text for notice in bare.notices)
     kept = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
-    masks.make(bare, Wish(use_depth=False))
+    masks.make(bare, MaskRequest(use_depth=False))
     assert bare.jobs.wait()
     assert len(bare.masks) == len(masks.photos_of(bare, "train"))
     after = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
     assert {name: after[name] for name in kept} == kept
 
 
-def test_a_trial_leaves_no_masks_and_is_what_the_run_gives(bare: Session) -> None:
-    wish = Wish(settings=ProviderSettings(regions=RegionsConfig(detail=2.0)))
+def test_a_preview_leaves_no_masks_and_is_what_the_run_gives(bare: Session) -> None:
+    request = MaskRequest(settings=ProviderSettings(regions=RegionsConfig(detail=2.0)))
     view = masks.photos_of(bare, "train")[1]
-    found: list[Trial] = []
-    masks.try_one(bare, wish, view, found.append)
+    found: list[MaskPreview] = []
+    masks.try_one(bare, request, view, found.append)
     assert bare.jobs.wait()
-    (trial,) = found
-    assert trial.seconds > 0
-    assert trial.n_masks == len(np.unique(trial.labels[trial.labels > 0]))
+    (preview,) = found
+    assert preview.seconds > 0
+    assert preview.n_masks == len(np.unique(preview.labels[preview.labels > 0]))
     assert not (_root(bare) / "masks").exists()
     assert bare.provider == ""
-    masks.make(bare, wish)
+    masks.make(bare, request)
     assert bare.jobs.wait()
     path = _root(bare) / "masks/regions" / f"{Path(view).stem}.png"
-    np.testing.assert_array_equal(read_labels(path), trial.labels)
+    np.testing.assert_array_equal(read_labels(path), preview.labels)
 
 
 def test_where_masks_cannot_be_made_it_says_why(

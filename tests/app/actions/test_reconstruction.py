@@ -15,11 +15,11 @@ from gaga_core.pipeline.reconstruct import WORKSPACE, ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.reconstruct.sfm_checks import Verdict
 from gaga_studio.actions import reconstruction
-from gaga_studio.actions.reconstruction import Plan
+from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.commands import command, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import Live, Training, smoothed
+from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate, smoothed
 from tests.core.reconstruct.photo_scenes import write_photos
 from tests.scenes import objects_scene
 
@@ -52,7 +52,7 @@ def started(session: Session, config: ReconstructConfig) -> None:
     """Start, and wait until splats are shown."""
     found = session.photos
     assert found is not None
-    reconstruction.make(session, Plan(config, found.scene))
+    reconstruction.make(session, ReconstructionPlan(config, found.scene))
     end = time.monotonic() + 300
     while session.shown is None:
         session.tick(0.02)
@@ -74,7 +74,7 @@ def test_photos_alone_become_an_open_scene(
     assert not made.enabled(session)
     assert made.title_now(session) == "Make splats from 6 photos"
     assert found.seconds(TINY) < found.seconds(ReconstructConfig())
-    reconstruction.make(session, Plan(TINY, found.scene))
+    reconstruction.make(session, ReconstructionPlan(TINY, found.scene))
     assert made.enabled(session) == "Make splats from 6 photos is still running."
     assert session.jobs.wait(300)
     assert session.scene is not None, session.notices
@@ -151,7 +151,7 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
     opened(session, tmp_path / "room")
     found = session.photos
     assert found is not None
-    reconstruction.make(session, Plan(TINY, found.scene))
+    reconstruction.make(session, ReconstructionPlan(TINY, found.scene))
     assert session.jobs.wait(300)
     question = session.pending_question
     assert question is not None
@@ -181,14 +181,14 @@ def test_errors_are_one_sentence_and_the_photos_stay_open(
 def test_a_newer_copy_replaces_the_splats_in_the_same_scene() -> None:
     small, large = (objects_scene(2, n, n_cameras=2).gaussians for n in (20, 30))
     camera = objects_scene(2, 20, n_cameras=2).cameras[0]
-    training = Training("room", 100)
-    assert training.take(Live((camera,), gaussians=small))
+    training = TrainingPreview("room", 100)
+    assert training.take(TrainingUpdate((camera,), gaussians=small))
     scene = training.scene
     assert scene is not None
     before = scene.revision.splats
-    assert not training.take(Live((camera,), gaussians=small))
+    assert not training.take(TrainingUpdate((camera,), gaussians=small))
     assert scene.revision.splats == before
-    assert not training.take(Live((camera,), gaussians=large))
+    assert not training.take(TrainingUpdate((camera,), gaussians=large))
     assert training.scene is scene
     assert scene.revision.splats == before + 1
     assert scene.revision.rows_kept_since(before) == 0

@@ -113,7 +113,7 @@ def test_a_ball_takes_what_is_near_the_point_that_was_pressed(associated: Sessio
     hand.play(u=320, v=240)
     hand.play(left=True)
     hand.play(u=380, v=240)
-    assert hand.pointing.overlay is not None
+    assert hand.controller.overlay is not None
     assert associated.is_previewing
     hand.play(left=False)
     chosen = associated.selected_indices()

@@ -7,7 +7,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
 from gaga_studio.session.motion import motion, shift
-from gaga_studio.session.scene_cache import Readings, SortKey, listed
+from gaga_studio.session.scene_cache import SceneCache, SortKey, listed
 from tests.scenes import objects_scene
 
 
@@ -56,7 +56,7 @@ def test_filter_takes_a_part_of_the_name_in_any_case_or_the_id() -> None:
 
 def test_nothing_is_computed_twice_and_nothing_is_stale() -> None:
     scene = _scene()
-    history, read = History(scene), Readings(scene)
+    history, read = History(scene), SceneCache(scene)
     table = read.objects(None, False)
     assert read.objects(None, False) is table
     assert read.selected_groups() == ()
@@ -73,7 +73,7 @@ def test_nothing_is_computed_twice_and_nothing_is_stale() -> None:
 
 def test_during_a_drag_the_list_and_the_handles_stand_still() -> None:
     scene = _scene()
-    history, read = History(scene), Readings(scene)
+    history, read = History(scene), SceneCache(scene)
     history.do(edits.select(scene, np.flatnonzero(scene.labels == 4)))
     table, box = read.objects(None, False), read.selected_box(False)
     chosen, step = read.selected_indices(), shift(np.ones(3))

@@ -33,11 +33,11 @@ def test_a_lasso_selects_what_it_surrounds(associated: Session) -> None:
     hand.play(left=True)
     for u, v in [*_SQUARE[1:], (240, 184)]:
         hand.play(u=float(u), v=float(v))
-    assert hand.pointing.overlay is not None
+    assert hand.controller.overlay is not None
     hand.play(left=False)
     assert associated.selected_indices().tolist() == want.tolist()
     assert _titles(associated) == [f"Select {len(want):,} splats"]
-    assert hand.pointing.overlay is None
+    assert hand.controller.overlay is None
 
 
 @pytest.mark.parametrize("ending", ["enter", "double click", "first corner"])
@@ -109,7 +109,7 @@ def test_escape_in_a_stroke_leaves_nothing(associated: Session) -> None:
     hand.play(u=320, v=200)
     hand.play(left=True)
     hand.play(u=320, v=240)
-    assert hand.pointing.cancel(associated)
+    assert hand.controller.cancel(associated)
     assert _state(associated) == before
     hand.play(left=False)
     assert _titles(associated) == []

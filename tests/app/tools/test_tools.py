@@ -14,7 +14,7 @@ from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.actions import history, objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.controller import Pointing
+from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.ui.chrome.status_text import status_text
 
@@ -27,13 +27,13 @@ class Hand:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self.pointing = Pointing()
+        self.controller = ToolController()
         self.pointer = PointerState(5, 5, _W, _H)
         self.play()
 
     def play(self, keys: KeyState = _PLAIN, **changes: Any) -> None:
         self.pointer = replace(self.pointer, **{"is_double": False, "wheel": 0.0, **changes})
-        self.pointing.update(self.session, self.pointer, keys, 1 / 60)
+        self.controller.update(self.session, self.pointer, keys, 1 / 60)
 
     def click_at(self, at: DoubleArray, keys: KeyState = _PLAIN) -> None:
         self.click(float(at[0]), float(at[1]), keys)
@@ -121,7 +121,7 @@ def test_click_without_groups_says_what_is_missing(session: Session) -> None:
     hand.click(_W / 2 + 0.5, _H / 2 + 0.5)
     assert session.selected_groups() == ()
     assert session.hint == NO_GROUPS
-    assert status_text(session, hand.pointing.tool(session)) == NO_GROUPS
+    assert status_text(session, hand.controller.tool(session)) == NO_GROUPS
 
 
 def test_drag_with_the_pick_tool_orbits_and_edits_nothing(associated: Session) -> None:
@@ -185,13 +185,13 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
     before = _state(associated)
     hand.play(u=10.0, v=20.0)
     hand.play(left=True)
-    assert hand.pointing.overlay is None
+    assert hand.controller.overlay is None
     hand.play(u=400.0, v=300.0)
-    shape = hand.pointing.overlay
+    shape = hand.controller.overlay
     assert shape is not None
     assert (shape.u0, shape.v0, shape.u1, shape.v1) == (10, 20, 400, 300)
-    assert hand.pointing.cancel(associated)
-    assert hand.pointing.overlay is None
+    assert hand.controller.cancel(associated)
+    assert hand.controller.overlay is None
     hand.play(u=500.0)
     hand.play(left=False)
     assert _state(associated) == before
@@ -207,7 +207,7 @@ def test_another_tool_ends_the_gesture(associated: Session) -> None:
     associated.tool = ToolName.PICK
     hand.play(u=410.0)
     hand.play(left=False)
-    assert hand.pointing.overlay is None
+    assert hand.controller.overlay is None
     assert _titles(associated) == []
     hand.play(left=True)
     hand.play(u=450.0)
@@ -219,7 +219,7 @@ def test_another_tool_ends_the_gesture(associated: Session) -> None:
 
 @pytest.mark.parametrize("name", [ToolName.MOVE, ToolName.ROTATE, ToolName.SCALE])
 def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) -> None:
-    tool = Pointing().move_tools[name]
+    tool = ToolController().move_tools[name]
     group, _ = _apart(associated)
     assert tool.handles(associated) is None
     selection.select_groups(associated, (group,))
@@ -252,7 +252,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
 
 
 def test_escape_while_a_handle_is_held_edits_nothing(associated: Session) -> None:
-    tool = Pointing().move_tools[ToolName.MOVE]
+    tool = ToolController().move_tools[ToolName.MOVE]
     group, _ = _apart(associated)
     selection.select_groups(associated, (group,))
     handles, before = tool.handles(associated), _state(associated)
@@ -289,7 +289,7 @@ def test_status_tells_what_is_under_the_mouse(associated: Session) -> None:
             break
         time.sleep(0.01)
     assert associated.hovered_group == group
-    assert status_text(associated, hand.pointing.tool(associated)).startswith("red mug")
+    assert status_text(associated, hand.controller.tool(associated)).startswith("red mug")
     hand.play(is_over=False)
     assert associated.hovered_group == 0
 
@@ -299,4 +299,4 @@ def test_nothing_open_is_no_error(new_session: Any, tmp_path: Path) -> None:
     hand = Hand(session)
     hand.click(10, 10)
     hand.drag(np.array([50.0, 50.0]), np.array([150.0, 80.0]))
-    assert "drop" in status_text(session, hand.pointing.tool(session))
+    assert "drop" in status_text(session, hand.controller.tool(session))

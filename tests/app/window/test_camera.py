@@ -9,7 +9,7 @@ from PIL import Image
 
 from gaga_studio import commands
 from gaga_studio.actions import camera_path
-from gaga_studio.session.view_state import Compare
+from gaga_studio.session.view_state import PhotoCompareMode
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
@@ -35,7 +35,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
 
         d.menu("Camera/Swipe between photo and picture")
         d.settle()
-        assert s.view.compare is Compare.SWIPE
+        assert s.view.compare is PhotoCompareMode.SWIPE
         d.engine.mouse_move("//Viewport/Swipe line")
         d.engine.mouse_drag_with_delta(ImVec2(-60, 0))
         assert s.view.swipe < 0.48

@@ -32,9 +32,9 @@ def _try_one(d: Driver) -> None:
     d.menu("Object/###Make masks…")
     dialog = d.studio.ui.masks
     d.click("**/###Try on one photo")
-    d.until(lambda: dialog.trial is not None, "one photo is done")
-    assert dialog.trial is not None
-    assert dialog.trial.n_masks > 4
+    d.until(lambda: dialog.preview is not None, "one photo is done")
+    assert dialog.preview is not None
+    assert dialog.preview.n_masks > 4
     d.keys(KEY.escape)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
 from gaga_core.progress import run_stage
-from gaga_studio.actions.reconstruction import Plan
+from gaga_studio.actions.reconstruction import ReconstructionPlan
 from tests.app.window.driver import Driver, drive
 from tests.core.reconstruct.photo_scenes import write_photos
 
@@ -40,7 +40,7 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         d.type_into("**/Iterations", "20000")
         d.type_into("**/Longest side, pixels", "160")
         _capture(d, "sheet")
-        assert isinstance(d.studio.ui.plan, Plan)
+        assert isinstance(d.studio.ui.plan, ReconstructionPlan)
         assert d.studio.ui.plan.config.iterations == 20_000
         d.click("**/###Start")
         d.until(lambda: session.shown is not None, "splats are shown")

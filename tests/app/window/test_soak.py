@@ -22,7 +22,7 @@ from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
-from gaga_studio.tools.controller import Pointing
+from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 
 pytestmark = pytest.mark.gl
@@ -41,7 +41,7 @@ class _Walk:
     def __init__(self, session: Session, viewport: Viewport, seed: int) -> None:
         self.session, self.viewport = session, viewport
         self.rng = np.random.default_rng(seed)
-        self.pointing, self.pacing = Pointing(), Pacing(is_software=True)
+        self.controller, self.pacing = ToolController(), Pacing(is_software=True)
         self.spent: dict[str, float] = {}  # seconds of the processor
         self.done: Counter[str] = Counter()
         self.ids = [c.id for c in commands.COMMANDS if c.id not in _NOT_HERE]
@@ -91,7 +91,7 @@ class _Walk:
             is_double=False,
             is_over=True,
         )
-        self.pointing.update(self.session, pointer, keys, 0.016)
+        self.controller.update(self.session, pointer, keys, 0.016)
         self.session.tick(0.016)
 
     def _panel(self) -> None:

@@ -39,7 +39,7 @@ class Progress:
             self.done.add("export")
         if document is None:
             return
-        content = document.changes.content(document.history.state_id)
+        content = document.save_state.content(document.history.state_id)
         if self._document != id(document):
             self._document, self._content = id(document), content
         self.done.add("open")

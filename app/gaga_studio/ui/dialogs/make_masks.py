@@ -11,7 +11,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_studio.actions import mask_settings, masks
-from gaga_studio.actions.masks import MaskForm, Trial, Views
+from gaga_studio.actions.masks import MaskForm, MaskPreview, Views
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.modal import begin_modal, body_height
@@ -78,9 +78,11 @@ def _make(session: Session, ui: UiState) -> None:
 
 
 def _entry(dialog: MaskDialog) -> ProviderEntry | None:
-    wish = dialog.wish
+    request = dialog.request
     for entry in (*dialog.entries, *dialog.own):
-        if entry.name == wish.provider and (wish.weights is None or entry.path == wish.weights):
+        if entry.name == request.provider and (
+            request.weights is None or entry.path == request.weights
+        ):
             return entry
     return None
 
@@ -143,10 +145,10 @@ def _provider(dialog: MaskDialog, entry: ProviderEntry) -> None:
 
 def _choose(dialog: MaskDialog, entry: ProviderEntry) -> None:
     weights = entry.path if entry in dialog.own else None
-    same = dialog.wish.provider == entry.name and dialog.wish.weights == weights
+    same = dialog.request.provider == entry.name and dialog.request.weights == weights
     if not same:
-        fresh = masks.Wish(views=dialog.wish.views, redo=dialog.wish.redo)
-        dialog.wish = replace(fresh, provider=entry.name, weights=weights)
+        fresh = masks.MaskRequest(views=dialog.request.views, redo=dialog.request.redo)
+        dialog.request = replace(fresh, provider=entry.name, weights=weights)
 
 
 def _facts(entry: ProviderEntry) -> str:
@@ -174,12 +176,12 @@ def _details(session: Session, ui: UiState, entry: ProviderEntry | None) -> None
         return
     imgui.pop_text_wrap_pos()
     _settings(session, ui.masks, entry)
-    _trial(session, ui.masks)
+    _preview(session, ui.masks)
 
 
 def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> None:
-    wish = dialog.wish
-    settings = wish.settings
+    request = dialog.request
+    settings = request.settings
     try:
         kind = mask_settings.family(entry)
     except GagaError as error:
@@ -191,14 +193,16 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         widgets.tooltip(slider.hint)
         if changed:
             settings = mask_settings.with_value(settings, slider, entry, value)
-    views = widgets.segmented("Which photos", _VIEWS, wish.views, why_not={})
-    _, redo = widgets.checkbox("Make them anew", wish.redo)
+    views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
+    _, redo = widgets.checkbox("Make them anew", request.redo)
     widgets.tooltip("Also where masks of the same settings are there already")
-    use_depth = wish.use_depth
+    use_depth = request.use_depth
     if kind == "regions":
         _, use_depth = widgets.checkbox("Use the depth of the splats", use_depth)
         widgets.tooltip("Tells an object from what it stands on; takes a little longer")
-    dialog.wish = replace(wish, settings=settings, views=views, redo=redo, use_depth=use_depth)
+    dialog.request = replace(
+        request, settings=settings, views=views, redo=redo, use_depth=use_depth
+    )
 
 
 def _slider(slider: mask_settings.Slider, value: float) -> tuple[bool, float]:
@@ -220,8 +224,8 @@ def _slider(slider: mask_settings.Slider, value: float) -> tuple[bool, float]:
 # --- one photo, before all
 
 
-def _trial(session: Session, dialog: MaskDialog) -> None:
-    names = masks.photos_of(session, dialog.wish.views)
+def _preview(session: Session, dialog: MaskDialog) -> None:
+    names = masks.photos_of(session, dialog.request.views)
     if not names:
         return
     if dialog.view not in names:
@@ -233,10 +237,10 @@ def _trial(session: Session, dialog: MaskDialog) -> None:
     why_not = masks.why_not(session, _entry(dialog))
     if widgets.button("Try on one photo", why_not=why_not, hint="See what the settings give"):
 
-        def done(trial: Trial) -> None:
-            dialog.trial, dialog.n_trials = trial, dialog.n_trials + 1
+        def done(preview: MaskPreview) -> None:
+            dialog.preview, dialog.n_previews = preview, dialog.n_previews + 1
 
-        masks.try_one(session, dialog.wish, dialog.view, done)
+        masks.try_one(session, dialog.request, dialog.view, done)
     imgui.same_line()
     imgui.set_next_item_width(-1)
     changed, at = imgui.combo("##Photo", names.index(dialog.view), list(names))
@@ -251,25 +255,25 @@ def _trial(session: Session, dialog: MaskDialog) -> None:
 
 
 def _picture(session: Session, dialog: MaskDialog) -> None:
-    trial, folder = dialog.trial, session.need().project.folder
+    preview, folder = dialog.preview, session.need().project.folder
     aspect = photo_textures.aspect(session, dialog.view)
     width = min(imgui.get_content_region_avail().x, em(24))
-    if trial is None or trial.view != dialog.view or folder is None:
+    if preview is None or preview.view != dialog.view or folder is None:
         photo_textures.place(photo_textures.photo(session, dialog.view), width, aspect)
         return
-    path = folder.image_paths.get(trial.view)
+    path = folder.image_paths.get(preview.view)
     texture = None
     if path is not None and session.images is not None:
-        load = partial(_mixed, path, trial)
-        texture = session.images.texture(f"trial {dialog.n_trials}", load)
-    seconds = f" in {trial.seconds:.1f} s" if trial.seconds else ""
-    stale = ", with other settings" if trial.wish != dialog.wish else ""
-    widgets.dim(f"{trial.n_masks} masks{seconds}{stale}")
+        load = partial(_mixed, path, preview)
+        texture = session.images.texture(f"preview {dialog.n_previews}", load)
+    seconds = f" in {preview.seconds:.1f} s" if preview.seconds else ""
+    stale = ", with other settings" if preview.request != dialog.request else ""
+    widgets.dim(f"{preview.n_masks} masks{seconds}{stale}")
     photo_textures.place(texture, width, aspect)
 
 
-def _mixed(path: Path, trial: Trial) -> UInt8Array:
-    labels = np.asarray(trial.labels, np.int32)
+def _mixed(path: Path, preview: MaskPreview) -> UInt8Array:
+    labels = np.asarray(preview.labels, np.int32)
     return mask_images.photo_with_masks(path, lambda: labels, None, mask_images.LARGE, {})
 
 
@@ -279,11 +283,11 @@ def _mixed(path: Path, trial: Trial) -> UInt8Array:
 def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
-    n = len(masks.photos_of(session, dialog.wish.views))
+    n = len(masks.photos_of(session, dialog.request.views))
     text = f"Make masks of {n:,} photos{_duration(dialog, n)}"
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()
-        masks.make(session, dialog.wish)
+        masks.make(session, dialog.request)
     imgui.same_line()
     if widgets.button("Close"):
         imgui.close_current_popup()
@@ -291,10 +295,14 @@ def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
 
 def _duration(dialog: MaskDialog, n: int) -> str:
     """As long as the try took for each; nothing where nothing was tried."""
-    trial = dialog.trial
-    if trial is None or not trial.seconds or trial.wish.provider != dialog.wish.provider:
+    preview = dialog.preview
+    if (
+        preview is None
+        or not preview.seconds
+        or preview.request.provider != dialog.request.provider
+    ):
         return ""
-    seconds = n * trial.seconds
+    seconds = n * preview.seconds
     return f", about {seconds / 60:.0f} min" if seconds >= 90 else f", about {seconds:.0f} s"
 
 

@@ -8,8 +8,8 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_studio.actions.color_grade import GradeSliders
-from gaga_studio.actions.masks import MaskForm, Trial, Wish
-from gaga_studio.actions.reconstruction import Plan
+from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest
+from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.actions.selection import Histograms
 from gaga_studio.ui.dialogs.export_options import Wishes
 from gaga_studio.ui.dialogs.file_dialog import FileDialog
@@ -46,10 +46,10 @@ class MaskDialog:
 
     entries: tuple[ProviderEntry, ...] = ()  # empty: look for models when it opens
     own: tuple[ProviderEntry, ...] = ()  # models elsewhere that the user named
-    wish: Wish = field(default_factory=Wish)
+    request: MaskRequest = field(default_factory=MaskRequest)
     view: str = ""  # photo to try on
-    trial: Trial | None = None
-    n_trials: int = 0
+    preview: MaskPreview | None = None
+    n_previews: int = 0
     reopen: bool = False  # after a file dialog
     form: MaskForm = "dataset"  # of the export
 
@@ -78,7 +78,7 @@ class UiState:
     find_now: bool = False  # the search box takes the keyboard
     find_at: int = 0  # line of the answer that was last scrolled to
     masks: MaskDialog = field(default_factory=MaskDialog)
-    plan: Plan | None = None  # of the sheet that makes splats
+    plan: ReconstructionPlan | None = None  # of the sheet that makes splats
     plan_of: int = 0  # id of the photos that it is for
     palette_text: str = ""
     palette_at: int = 0

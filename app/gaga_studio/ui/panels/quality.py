@@ -69,12 +69,12 @@ def draw_confidence(session: Session, document: Document) -> None:
     share = float(counts @ (np.arange(_BINS) + 0.5) / max(int(counts.sum()), 1) / _BINS)
     if not widgets.section(f"Confidence: {100 * share:.0f} %###Confidence"):
         return
-    _histogram(counts / max(int(counts.max()), 1), document.sure_below)
+    _histogram(counts / max(int(counts.max()), 1), document.confidence_threshold)
     imgui.set_next_item_width(-1)
-    below = round(100 * document.sure_below)
+    below = round(100 * document.confidence_threshold)
     changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
-        document.sure_below = below / 100
+        document.confidence_threshold = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
     command_buttons.command_button(session, "object.uncertain", "Select uncertain", Face())
     widgets.beside("Clean up the edge")

@@ -7,7 +7,7 @@ from gaga_studio import commands
 from gaga_studio.actions import search as search_actions
 from gaga_studio.actions import selection, thumbnails
 from gaga_studio.session.document import Document
-from gaga_studio.session.search_state import Hit, Search
+from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -47,7 +47,7 @@ def picture_size(ui: UiState) -> tuple[int, int]:
 # --- the box
 
 
-def _box(session: Session, ui: UiState, search: Search) -> None:
+def _box(session: Session, ui: UiState, search: SearchState) -> None:
     side = imgui.get_frame_height() * 1.12 + em(0.2)
     room = side * (2 if search.text else 1)
     if ui.find_now:
@@ -76,7 +76,7 @@ def _box(session: Session, ui: UiState, search: Search) -> None:
     _menu(session)
 
 
-def _keys(session: Session, search: Search, has_ended: bool) -> None:
+def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
     """Keys while the text is typed; Enter and Escape end the typing."""
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
     if step:
@@ -113,7 +113,7 @@ def _menu(session: Session) -> None:
 # --- the answer
 
 
-def _understood(session: Session, search: Search) -> None:
+def _understood(session: Session, search: SearchState) -> None:
     """What was understood, what is still looked up, and what can be done with it."""
     if search.measured is None:
         widgets.dim("Looking at the objects…")
@@ -148,14 +148,14 @@ def _ways_out(session: Session) -> None:
             commands.run(command_id, session)
 
 
-def _hits(session: Session, ui: UiState, table: ObjectTable, search: Search) -> None:
+def _hits(session: Session, ui: UiState, table: ObjectTable, search: SearchState) -> None:
     size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
     if imgui.begin_child("Answer", size):
         _lines(session, ui, table, search)
     imgui.end_child()
 
 
-def _lines(session: Session, ui: UiState, table: ObjectTable, search: Search) -> None:
+def _lines(session: Session, ui: UiState, table: ObjectTable, search: SearchState) -> None:
     high = em(2.5)
     step = high + imgui.get_style().item_spacing.y
     if ui.find_at != search.at:
@@ -224,7 +224,7 @@ def _picture(session: Session, table: ObjectTable, row: int, corner: ImVec2, sid
     drawing.add_rect_filled(corner, edge, color, em(0.1))
 
 
-def _words(hit: Hit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:
+def _words(hit: SearchHit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:
     """The name, how well it fits in words, and a bar of the score."""
     drawing = imgui.get_window_draw_list()
     percent = f"{round(100 * hit.score)} %"

@@ -9,9 +9,9 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import photo_compare
-from gaga_studio.actions.photo_compare import Place
+from gaga_studio.actions.photo_compare import PhotoPlacement
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Compare
+from gaga_studio.session.view_state import PhotoCompareMode
 from gaga_studio.ui.kit import photo_textures, theme
 from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
@@ -24,7 +24,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
     view, io = session.view, imgui.get_io()
     if view.holds_photo and not (imgui.is_key_down(imgui.Key.g) and io.key_shift):
         view.holds_photo = False
-    if view.compare is Compare.OFF and not view.holds_photo:
+    if view.compare is PhotoCompareMode.OFF and not view.holds_photo:
         return False
     photo = photo_compare.compared(session)
     if photo is None:
@@ -33,7 +33,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
         return False
     density = io.display_framebuffer_scale
     on_picture = photo_compare.place(photo, camera)
-    place = Place(
+    place = PhotoPlacement(
         corner.x + on_picture.x / density.x,
         corner.y + on_picture.y / density.y,
         on_picture.width / density.x,
@@ -44,7 +44,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
     if view.holds_photo:
         _photo(session, photo, place, 1.0)
         text = f"Photo {photo.name}"
-    elif view.compare is Compare.DIFFERENCE:
+    elif view.compare is PhotoCompareMode.DIFFERENCE:
         text = _difference(session, ui, photo, place)
     else:
         shown = _photo(session, photo, place, view.swipe)
@@ -55,7 +55,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
     return owns
 
 
-def _photo(session: Session, photo: Camera, place: Place, share: float) -> bool:
+def _photo(session: Session, photo: Camera, place: PhotoPlacement, share: float) -> bool:
     texture = photo_textures.photo(session, photo.name, _SIDE)
     if texture is None:
         return False
@@ -66,7 +66,7 @@ def _photo(session: Session, photo: Camera, place: Place, share: float) -> bool:
     return True
 
 
-def _line(session: Session, place: Place, corner: ImVec2, size: ImVec2) -> bool:
+def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2) -> bool:
     view = session.view
     at = place.x + view.swipe * place.width
     top, end = max(place.y, corner.y), min(place.y + place.height, corner.y + size.y)
@@ -88,7 +88,7 @@ def _line(session: Session, place: Place, corner: ImVec2, size: ImVec2) -> bool:
     return is_over or is_held
 
 
-def _difference(session: Session, ui: UiState, photo: Camera, place: Place) -> str:
+def _difference(session: Session, ui: UiState, photo: Camera, place: PhotoPlacement) -> str:
     """The heat map, once it is there; what it says in words."""
     folder = session.project.folder if session.project is not None else None
     path = folder.image_paths.get(photo.name) if folder is not None else None

@@ -10,11 +10,11 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from gaga_core.errors import GagaError
 from gaga_studio import commands
 from gaga_studio.actions import reconstruction
-from gaga_studio.actions.reconstruction import Plan
+from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.session import next_stage
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import Training, smoothed
+from gaga_studio.session.training_preview import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status_bar import duration
 from gaga_studio.ui.dialogs.modal import begin_modal
@@ -68,7 +68,7 @@ def _centre(room: ImVec2, width: float) -> None:
 def _label(session: Session, found: "PhotoFind") -> str:
     """ "Make splats from 50 photos, about 4 min"."""
     seconds = found.seconds(reconstruction.plan_of(found).config)
-    return next_stage.Offer("", reconstruction.title(session), seconds=max(seconds, 1.0)).label
+    return next_stage.StageOffer("", reconstruction.title(session), seconds=max(seconds, 1.0)).label
 
 
 # --- while it runs
@@ -94,7 +94,7 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> None:
     imgui.pop_style_color(2)
 
 
-def _card(session: Session, training: Training, *, small: bool) -> None:
+def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     update, job = training.update, session.jobs.running
     with theme.face(strong=True):
         widgets.line(f"Training {training.name}")
@@ -185,7 +185,7 @@ def sheet(session: Session, ui: UiState) -> None:
     imgui.end_popup()
 
 
-def _fields(plan: Plan, found: "PhotoFind") -> Plan:
+def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     config = plan.config
     names = [name for name, _, _ in _QUALITIES]
     at = names.index(config.quality)
@@ -219,13 +219,13 @@ def _fields(plan: Plan, found: "PhotoFind") -> Plan:
     return plan
 
 
-def _sheet_end(session: Session, found: "PhotoFind", plan: Plan) -> None:
+def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> None:
     """The estimate and the buttons."""
     is_other = found.going_on is not None and plan.config != found.going_on
     if is_other:
         widgets.dim("With other settings the training starts anew.", wrap=True)
         found = replace(found, iteration=0)
-    about = next_stage.Offer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
+    about = next_stage.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
     widgets.dim(f"It takes {about} on the processor here.")
     width = em(8)
     room, gap = imgui.get_content_region_avail().x, imgui.get_style().item_spacing.x

@@ -10,7 +10,7 @@ from gaga_studio.actions import align_ground, cleanup
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
 from gaga_studio.tools.base import RectShape
-from gaga_studio.tools.controller import Pointing
+from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.state import UiState
@@ -50,7 +50,7 @@ class ViewportPanel:
     fly_keys: Callable[[], dict[str, str]]  # place of a fly key -> the letter that it types here
 
     def __post_init__(self) -> None:
-        self.pointing = Pointing()
+        self.controller = ToolController()
         self.gizmo = Gizmo()
         self.cube = ViewCube()
         self._keys: dict[str, str] = {}
@@ -76,29 +76,29 @@ class ViewportPanel:
         picture = imgui.ImTextureRef(self.render(camera))
         imgui.image(picture, size, ImVec2(0, 1), ImVec2(1, 0))
         imgui.set_cursor_screen_pos(corner)
-        is_over = _mouse_area(size, session.tool in self.pointing.move_tools)
+        is_over = _mouse_area(size, session.tool in self.controller.move_tools)
         self._on_handle = self._handles(session, camera, corner, size)
         self._on_handle |= photo_compare.draw(session, ui, corner, size, camera)
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
-        follows = is_over and not self._on_handle and not self.pointing.is_dragging
+        follows = is_over and not self._on_handle and not self.controller.is_dragging
         ground_overlay.draw(session, camera, corner, follows=follows)
-        _name_under_mouse(session, is_over and not self.pointing.is_dragging)
+        _name_under_mouse(session, is_over and not self.controller.is_dragging)
         _on_the_picture(session, ui, corner, size)
 
     @property
     def is_busy(self) -> bool:
         """Whether a drag or a fly key keeps the picture moving."""
-        return self.pointing.is_dragging or self._is_flying or self.cube.is_dragging
+        return self.controller.is_dragging or self._is_flying or self.cube.is_dragging
 
     def cancel(self, session: Session) -> bool:
         """Escape: end the gesture without an edit; whether there was one."""
         self.gizmo.cancel()
-        return self.pointing.cancel(session)
+        return self.controller.cancel(session)
 
     def _handles(self, session: Session, camera: Camera, corner: ImVec2, size: ImVec2) -> bool:
-        tool = self.pointing.move_tools.get(session.tool)
+        tool = self.controller.move_tools.get(session.tool)
         if tool is None or session.document is None:
             self.gizmo.cancel()
             return False
@@ -129,7 +129,7 @@ class ViewportPanel:
         if session.settings.keys == "blender" and not session.rig.is_flying:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
-        self.pointing.update(session, pointer, keys, io.delta_time)
+        self.controller.update(session, pointer, keys, io.delta_time)
 
     def _key_state(self) -> KeyState:
         io = imgui.get_io()
@@ -147,7 +147,7 @@ class ViewportPanel:
         return KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
 
     def _shapes(self, corner: ImVec2, density: ImVec2) -> None:
-        shape = self.pointing.overlay
+        shape = self.controller.overlay
         if isinstance(shape, RectShape):
             tool_overlay.rectangle(shape, corner, density)
         elif shape is not None:
