@@ -111,7 +111,7 @@ class ExportCommand:
 
     def _masks(self, project: Project) -> int:
         if self.format == "png":
-            from gaga_core.pipeline.associate import export_masks
+            from gaga_core.pipeline.render import export_masks
 
             maps = out.follow(export_masks(project, self.out))
             out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)

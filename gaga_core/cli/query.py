@@ -127,7 +127,7 @@ class QueryCommand:
         return {str(group): name for group, name in names.items()}
 
     def _view(self, project: "Project") -> "Camera | None":
-        from gaga_core.pipeline.associate import select_views
+        from gaga_core.io.scene_folder import select_views
 
         if self.in_view is None:
             return None

@@ -113,9 +113,9 @@ class RenderCommand:
         if self.out is None:
             raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
         from gaga_core.io.scene_folder import open_scene_folder
-        from gaga_core.pipeline.associate import render_views
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.lift import render_identity
+        from gaga_core.pipeline.render import render_views
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)

@@ -16,7 +16,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
-from gaga_core.identity.votes import associated_labels, vote_labels
+from gaga_core.grouping.votes import associated_labels, vote_labels
 from gaga_core.masks import Loader, MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer

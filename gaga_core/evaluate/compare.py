@@ -18,11 +18,11 @@ from gaga_core.evaluate.sparse import SHARES, sparse_views
 from gaga_core.evaluate.tables import VariantRow, VariantTable
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.masks import mask_folder
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.scene_folder import SceneFolder, mask_path_of, read_model, select_views
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import MaskSet
-from gaga_core.pipeline.associate import mask_path_of, read_model, select_views, splat_groups
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer

@@ -9,13 +9,12 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.repair.view_evidence import Evidence
-from gaga_core.grouping.votes import associated_labels
+from gaga_core.grouping.votes import associated_labels, splat_groups
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
 STAGE = "Measure the objects"
 SIDE = 480  # longest side in pixels of the pictures that are compared
-_VOID_BELOW = 0.3  # a pixel whose group weighs less shows background
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,7 @@ def quality_stage(
         own = associated_labels(
             masks.load(camera.name, small.width, small.height), groups[camera.name]
         )
-        frame = rasterizer.label_splat(evidence.gaussians, small, labels)
-        shown = np.where(frame.confidence < _VOID_BELOW, np.int32(0), frame.labels)
+        shown = splat_groups(rasterizer, evidence.gaussians, small, labels)
         for group, one in compared(camera.name, own, shown).items():
             found.setdefault(group, []).append(one)
     sure = _mean_confidence(labels, confidence)

@@ -1,4 +1,4 @@
-"""The memory bank on disk: owners, the preset and the decision log, one .npz."""
+"""What an association leaves on disk: bank.npz (owners, preset, decision log) and labels.npz."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -7,11 +7,12 @@ from typing import get_args
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray
+from gaga_core.arrays import AnyArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, Preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
+from gaga_core.io.scene_folder import SceneFolder
 
 _COLUMNS = tuple(field.name for field in fields(Decision))
 
@@ -70,3 +71,21 @@ def load_bank(path: Path) -> MemoryBank:
         return bank_of(arrays)
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{path} is damaged. Run Associate again.") from error
+
+
+def read_groups(folder: SceneFolder, n_gaussians: int) -> tuple[IntArray, FloatArray]:
+    """Labels and confidence (N,) of the association; ``GagaError`` if there are none that fit."""
+    path = folder.work / "labels.npz"
+    if not path.is_file():
+        raise GagaError(f"There are no groups in {folder.work} yet. Associate the masks first.")
+    arrays = read_arrays(path, "Associate the masks again.")
+    if not {"labels", "confidence"} <= set(arrays):
+        raise GagaError(f"{path} is damaged. Associate the masks again.")
+    labels = arrays["labels"].astype(np.int32)
+    confidence = arrays["confidence"].astype(np.float32)
+    if labels.shape != (n_gaussians,) or confidence.shape != (n_gaussians,):
+        raise GagaError(
+            f"{path} is for {len(labels)} Gaussians, the model has {n_gaussians}. "
+            "Associate the masks again."
+        )
+    return labels, confidence

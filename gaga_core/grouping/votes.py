@@ -15,8 +15,9 @@ from gaga_core.arrays import FloatArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
-from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.base import LabelFrame, Rasterizer
 
+VOID_BELOW = 0.3  # summed weight under which a pixel shows no group
 LabelMap = Callable[[Camera], IntArray]  # (H, W) at the camera's size; 0 = none
 
 
@@ -114,3 +115,15 @@ def _merge(
         wins = weight > best[part]
         best[part][wins] = weight[wins]
         labels[part][wins] = column[wins].astype(np.int32) + first
+
+
+def splat_groups(
+    rasterizer: Rasterizer, gaussians: Gaussians, camera: Camera, labels: IntArray
+) -> IntArray:
+    """Group ids (H, W) of a view: the label of greatest summed blending weight at each pixel.
+
+    Label 0 competes like a group, so unlabelled splats hide what is behind them. A pixel whose
+    winner weighs less than `VOID_BELOW` shows background and is 0.
+    """
+    frame: LabelFrame = rasterizer.label_splat(gaussians, camera, labels)
+    return np.where(frame.confidence < VOID_BELOW, np.int32(0), frame.labels)

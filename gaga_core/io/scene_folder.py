@@ -9,15 +9,18 @@ SCENE/gaga/                       all that we write
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.colmap import ColmapReading, has_colmap
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.progress import Stage
 
 _TEST_EVERY = 8  # without a split.json every 8th view by name is a test view (LLFF's rule)
 
@@ -116,6 +119,71 @@ def find_mask_folders(root: Path) -> dict[str, Path]:
         return {}
     found = {p.name: p for p in sorted(folder.iterdir()) if p.is_dir() and p.name[0] != "."}
     return {name: path for name, path in found.items() if any(path.glob("*.png"))}
+
+
+def mask_path_of(folder: SceneFolder, masks: str | Path | None) -> Path:
+    """The folder of label maps meant by ``masks``: a provider's name, a path, None = the only one.
+
+    Raises ``GagaError`` when there is none, or no telling which.
+    """
+    providers = folder.mask_folders
+    if masks is None:
+        if not providers:
+            raise GagaError(f"There are no masks in {folder.root / 'masks'}. Make masks first.")
+        if len(providers) > 1:
+            names = ", ".join(sorted(providers))
+            raise GagaError(f"There are several mask folders: {names}. Choose one of them.")
+        return next(iter(providers.values()))
+    if str(masks) in providers:
+        return providers[str(masks)]
+    for path in (Path(masks), folder.root / masks):
+        if path.is_dir():
+            return path
+    known = ", ".join(sorted(providers)) or "none"
+    raise GagaError(f"There is no mask folder {masks}. In this scene: {known}.")
+
+
+def select_views(folder: SceneFolder, views: str | Sequence[str]) -> tuple[Camera, ...]:
+    """Cameras of "train", "test", "all", or of names (with or without suffix, comma-separated)."""
+    by_name = {camera.name: camera for camera in folder.cameras}
+    if not by_name:
+        raise GagaError(f"There are no cameras in {folder.root}. Add a COLMAP model (sparse/0).")
+    if not isinstance(views, str) and len(views) == 1:
+        views = views[0]
+    if views == "all":
+        return folder.cameras
+    if isinstance(views, str) and views in ("train", "test"):
+        names = folder.train if views == "train" else folder.test
+        if not names:
+            raise GagaError(f"No views are set apart as {views} in {folder.root}.")
+        return tuple(by_name[name] for name in names)
+    wanted = views.split(",") if isinstance(views, str) else views
+    by_stem = {Path(name).stem: camera for name, camera in by_name.items()}
+    found = {name: by_name.get(name) or by_stem.get(name) for name in wanted}
+    unknown = [name for name, camera in found.items() if camera is None]
+    if unknown or not found:
+        raise GagaError(f"There is no view {', '.join(unknown)} among {len(by_name)} views.")
+    return tuple(camera for camera in found.values() if camera is not None)
+
+
+def read_model(folder: SceneFolder) -> Stage[Gaussians]:
+    """Read the scene's splats."""
+    if folder.model_path is None:
+        raise GagaError(
+            f"There is no model in {folder.root}. Put a point_cloud.ply there, or name one."
+        )
+    return (yield from read_splats_stage(folder.model_path))
+
+
+def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
+    """The text of report.json with one entry replaced; an unreadable report starts again."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        report = {}
+    if not isinstance(report, dict):
+        report = {}
+    return json.dumps({**report, key: value}, indent=2) + "\n"
 
 
 def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:

@@ -22,8 +22,7 @@ from typing import Literal, cast, get_args
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
-from gaga_core.io.scene_folder import is_scene_folder
-from gaga_core.pipeline.associate import with_entry
+from gaga_core.io.scene_folder import is_scene_folder, with_entry
 from gaga_core.pipeline.reconstruct import find_photos
 from gaga_core.pipeline.run import RunConfig, run_folder
 from gaga_core.progress import Progress, Stage, run_stage

@@ -12,10 +12,9 @@ from gaga_core.errors import GagaError
 from gaga_core.io.mask_import import recognise
 from gaga_core.io.mask_import_base import ImportedMasks, MaskList, MaskSource
 from gaga_core.io.masks import write_labels
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.scene_folder import SceneFolder, select_views
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import dense_labels, resize_labels
-from gaga_core.pipeline.associate import select_views
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import scored_masks
 from gaga_core.segmentation.flatten import MOST_LABELS, FlattenConfig, flatten

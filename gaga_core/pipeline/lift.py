@@ -12,10 +12,10 @@ from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.bank_file import load_bank
+from gaga_core.grouping.bank_file import load_bank, read_groups
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.views import load_labels, views_with_masks
-from gaga_core.grouping.votes import LabelMap
+from gaga_core.grouping.votes import VOID_BELOW, LabelMap, splat_groups
 from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
 from gaga_core.identity.field import (
     Identity,
@@ -28,17 +28,9 @@ from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
 from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.io.masks import mask_folder, write_labels
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.scene_folder import SceneFolder, read_model, select_views, with_entry
 from gaga_core.io.staging import publish, staging_folder
-from gaga_core.pipeline.associate import (
-    VOID_BELOW,
-    paint_views,
-    read_groups,
-    read_model,
-    select_views,
-    splat_groups,
-    with_entry,
-)
+from gaga_core.pipeline.render import paint_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -195,7 +187,7 @@ def render_identity(
 ) -> Stage[tuple[Path, ...]]:
     """Write the groups that the rendered encodings decode to: one uint16 <stem>.png a view.
 
-    Ids are those of `pipeline.render_views` with "groups", 0 = none. ``out`` is
+    Ids are those of `render.render_views` with "groups", 0 = none. ``out`` is
     ``folder.work / "renders" / "identity"`` unless given. Raises ``GagaError`` without a lift.
     """
     cameras = select_views(folder, views)

@@ -17,6 +17,7 @@ from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.color import colorize_labels
 from gaga_core.errors import GagaError
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.coco import (
     CocoJson,
     LabelledPicture,
@@ -31,7 +32,6 @@ from gaga_core.io.masks import write_labels
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import resize_labels
-from gaga_core.pipeline.associate import splat_groups
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer

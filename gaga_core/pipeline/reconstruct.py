@@ -21,8 +21,13 @@ from gaga_core.io.cameras_json import write_cameras_json
 from gaga_core.io.colmap import read_colmap
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, find_model, find_sparse, open_scene_folder
-from gaga_core.pipeline.associate import with_entry
+from gaga_core.io.scene_folder import (
+    SceneFolder,
+    find_model,
+    find_sparse,
+    open_scene_folder,
+    with_entry,
+)
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer

@@ -15,8 +15,8 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.images import read_rgb
-from gaga_core.pipeline.associate import splat_groups
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.auto_names import NameConfig, name_by_nouns
 from gaga_core.query.box_voting import vote_boxes

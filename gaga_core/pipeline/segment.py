@@ -23,9 +23,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
-from gaga_core.pipeline.associate import read_model, select_views
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer

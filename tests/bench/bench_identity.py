@@ -11,7 +11,7 @@ from gaga_core.evaluate.metrics import score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.views import load_labels
-from gaga_core.grouping.votes import associated_labels
+from gaga_core.grouping.votes import VOID_BELOW, associated_labels, vote_labels
 from gaga_core.identity.closed_form import Voted, vote_identity
 from gaga_core.identity.codebook import code_book
 from gaga_core.identity.field import IdentityField, decode_view
@@ -22,8 +22,6 @@ from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import refine_identity
 from gaga_core.identity.rows import Batch
 from gaga_core.identity.training import Gradients, Rates, adam_step, cross_entropy, start_from_zeros
-from gaga_core.identity.votes import vote_labels
-from gaga_core.pipeline.associate import VOID_BELOW
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import PixelWeights
 from gaga_core.raster.cpu import CpuRasterizer

@@ -20,8 +20,8 @@ import numpy as np
 from gaga_core.arrays import IntArray
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.masks import MaskSet
-from gaga_core.pipeline.associate import splat_groups
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.bench.figures import Figure

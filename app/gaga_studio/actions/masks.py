@@ -303,8 +303,8 @@ def export(session: Session, form: MaskForm, out: Path) -> None:
 
     def stage() -> Stage[str]:
         # These modules draw: numba is a good part of the launch time.
-        from gaga_core.pipeline.associate import export_masks
         from gaga_core.pipeline.mask_dataset import export_mask_dataset
+        from gaga_core.pipeline.render import export_masks
 
         yield Progress("Export masks", 0, 0)
         if form == "png":

@@ -30,11 +30,12 @@ from gaga_core.evaluate.metrics import UNANSWERED, score_stage
 from gaga_core.evaluate.sparse import sparse_views
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.grouping.bank_file import read_groups
 from gaga_core.io.datasets.base import Dataset, DatasetScene
 from gaga_core.io.masks import list_label_files, read_labels
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
-from gaga_core.pipeline.associate import associate_scene, read_groups, read_model, select_views
+from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, render_identity
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose

@@ -7,8 +7,8 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
+from gaga_core.grouping.votes import vote_labels
 from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
-from gaga_core.identity.votes import vote_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.test_associate import true_map

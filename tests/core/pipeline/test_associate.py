@@ -13,19 +13,14 @@ from PIL import Image
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.grouping.bank_file import load_bank
+from gaga_core.grouping.bank_file import load_bank, read_groups
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
-from gaga_core.pipeline.associate import (
-    associate_scene,
-    mask_path_of,
-    read_groups,
-    render_views,
-    select_views,
-)
+from gaga_core.io.scene_folder import SceneFolder, mask_path_of, open_scene_folder, select_views
+from gaga_core.pipeline.associate import associate_scene
+from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
 from tests.core.grouping.test_associate import permuted, true_map
 from tests.scenes import objects_scene

@@ -12,6 +12,8 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.grouping.bank_file import read_groups
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.closed_form import Voted, vote_identity
 from gaga_core.identity.paper import PaperConfig
 from gaga_core.identity.refine import RefineConfig
@@ -19,14 +21,8 @@ from gaga_core.identity.rows import RowConfig
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.masks import mask_folder, read_labels, write_labels
 from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
-from gaga_core.pipeline.associate import (
-    associate_scene,
-    read_groups,
-    read_model,
-    select_views,
-    splat_groups,
-)
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model, select_views
+from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import (
     CHECKPOINT,
     LiftConfig,

@@ -16,8 +16,9 @@ from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.rle import decode_rle
 from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.pipeline.associate import associate_scene, export_masks
+from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.mask_dataset import export_mask_dataset
+from gaga_core.pipeline.render import export_masks
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import Project, open_path_stage
 from tests.core.grouping.test_associate import permuted, true_map

@@ -13,10 +13,11 @@ from gaga_core.errors import GagaError
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model
 from gaga_core.pipeline import run
-from gaga_core.pipeline.associate import associate_scene, read_model, render_views
+from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
+from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import SceneStage, Work, missing_stages, run_missing
 from gaga_core.progress import Progress, Stage, run_stage
 from tests.core.grouping.test_associate import permuted, true_map

@@ -1,0 +1,113 @@
+"""Renders of the views of a scene: color, groups or depth, one picture a view."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import read_groups
+from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.images import write_rgb
+from gaga_core.io.masks import write_labels
+from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
+from gaga_core.io.staging import publish, staging_folder
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.export import exported_indices
+from gaga_core.scene.project import Project
+
+What = Literal["rgb", "groups", "depth"]
+
+
+def render_views(
+    folder: SceneFolder,
+    out: Path | None = None,
+    *,
+    what: What = "groups",
+    views: str | Sequence[str] = "test",
+    gaussians: Gaussians | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[tuple[Path, ...]]:
+    """Render ``views`` (train, test, all, or names) into ``out`` and return the files.
+
+    One <stem>.png a view: "rgb" 8-bit color; "groups" uint16 group ids, 0 = none; "depth" uint16
+    thousandths of the scene unit of the expected depth, 0 = nothing there, 65535 = that or more.
+    ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay.
+    `lift.render_identity` renders what the identity encodings say.
+    """
+    if what not in get_args(What):
+        kinds = ", ".join(get_args(What))
+        raise GagaError(f"There is nothing called {what!r} to render. Choose one of {kinds}.")
+    cameras = select_views(folder, views)
+    if gaussians is None:
+        gaussians = yield from read_model(folder)
+    model, engine = gaussians, rasterizer or choose()
+    labels = read_groups(folder, len(model))[0] if what == "groups" else np.zeros(0, np.int32)
+
+    def paint(path: Path, camera: Camera) -> None:
+        if what == "groups":
+            write_labels(path, splat_groups(engine, model, camera, labels))
+        elif what == "depth":
+            write_labels(path, _depth_thousandths(engine, model, camera))
+        else:
+            write_rgb(path, engine.render(model, camera).image)
+
+    return (yield from paint_views(cameras, out or folder.work / "renders" / what, what, paint))
+
+
+def paint_views(
+    cameras: Sequence[Camera], target: Path, what: str, paint: Callable[[Path, Camera], None]
+) -> Stage[tuple[Path, ...]]:
+    """``paint`` a <stem>.png of every camera and move them to ``target`` when all are done."""
+    written = []
+    with staging_folder(target) as staging:
+        for i, camera in enumerate(cameras):
+            yield Progress(f"Render {what}", i, len(cameras), camera.name)
+            path = staging / f"{Path(camera.name).stem}.png"
+            paint(path, camera)
+            written.append(path.name)
+        for name in written:
+            publish(staging, name, target)
+    yield Progress(f"Render {what}", len(cameras), len(cameras), f"{len(written)} files")
+    return tuple(target / name for name in written)
+
+
+def export_masks(
+    project: Project, out: Path, *, rasterizer: Rasterizer | None = None
+) -> Stage[tuple[Path, ...]]:
+    """Group maps of every view as the edited scene shows them: one uint16 <stem>.png a view.
+
+    Hidden and deleted splats take no part, and moved ones show where they stand. Raises
+    ``GagaError`` when the project has no views or nothing is visible.
+    """
+    if project.folder is None or not project.folder.cameras:
+        raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
+    shown = exported_indices(project.scene)
+    if len(shown) == 0:
+        raise GagaError("Nothing is visible, so there are no group maps to export.")
+    gaussians = yield from bake_stage(project.scene, indices=shown)
+    labels, engine = project.scene.labels[shown], rasterizer or choose()
+    cameras = project.folder.cameras
+    with staging_folder(out) as staging:
+        for i, camera in enumerate(cameras):
+            yield Progress("Export masks", i, len(cameras), camera.name)
+            path = staging / f"{Path(camera.name).stem}.png"
+            write_labels(path, splat_groups(engine, gaussians, camera, labels))
+        written = sorted(path.name for path in staging.iterdir())
+        for name in written:
+            publish(staging, name, out)
+    return tuple(out / name for name in written)
+
+
+def _depth_thousandths(rasterizer: Rasterizer, gaussians: Gaussians, camera: Camera) -> IntArray:
+    channels = np.zeros((len(gaussians), 1), np.float32)
+    depth = rasterizer.render(gaussians, camera, channels=channels).expected_depth
+    result: IntArray = np.minimum(np.rint(depth * 1000.0), 65535).astype(np.int32)
+    return result
