@@ -27,7 +27,7 @@ print(time.process_time())
 """
 _ALL = """
 import time
-from gaga_core.warm import warm_up_stage
+from gaga_core.pipeline.compile_kernels import warm_up_stage
 steps = sum(1 for _ in warm_up_stage())
 print(time.process_time(), steps)
 """
