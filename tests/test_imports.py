@@ -1,5 +1,9 @@
 """Who may import whom, where no import contract says it."""
 
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
 import grimp
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -25,3 +29,26 @@ def test_no_files_import_one_another_in_a_circle() -> None:
     for module, circle in zip(modules, circle_of, strict=True):
         circles[circle].append(module)
     assert [circle for circle in circles if len(circle) > 1] == []
+
+
+def test_no_test_imports_from_another_test_file() -> None:
+    """What tests share is a fixture, or stands in a helper module."""
+    tests = Path(__file__).parent
+    found = [
+        f"{path.relative_to(tests)} imports {module}"
+        for folder in ("core", "gpu")
+        for path in sorted((tests / folder).rglob("*.py"))
+        for module in _imported(ast.parse(path.read_text(encoding="utf-8")))
+        if module.rpartition(".")[2].startswith("test_")
+    ]
+    assert found == []
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    """Every module, and every name of a package, that a file imports."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)

@@ -15,8 +15,7 @@ from gaga_core.cli.main import main
 from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
 from tests.app.folders import write_scene
-
-Capture = pytest.CaptureFixture[str]
+from tests.core.cli.calls import Capture, answer, refusal
 
 
 @pytest.fixture(scope="module")
@@ -26,26 +25,6 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_scene(root)
     assert main(["associate", str(root), "--preset", "paper"]) == 0
     return root
-
-
-def answer(capsys: Capture, *arguments: str) -> dict[str, object]:
-    """What a command prints with --json; fails unless it succeeds."""
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0
-    values: dict[str, object] = json.loads(capsys.readouterr().out)
-    return values
-
-
-def refusal(capsys: Capture, *arguments: str) -> str:
-    """The one sentence of a command that fails with exit status 1 and prints no result."""
-    capsys.readouterr()
-    assert main(list(arguments)) == 1
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    said = captured.err.strip()
-    assert said.startswith("gaga: ")
-    assert "Traceback" not in said
-    return said
 
 
 def test_every_command_explains_itself(capsys: Capture) -> None:

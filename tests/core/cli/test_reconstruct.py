@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.io.scene_folder import open_scene_folder
-from tests.core.cli.test_main import answer, refusal
+from tests.core.cli.calls import answer, refusal
 from tests.core.conftest import PlacedRoom
 
 Capture = pytest.CaptureFixture[str]

@@ -30,7 +30,7 @@ from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import permuted, true_map
+from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import Synthetic, objects_scene
 
 

@@ -15,7 +15,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.confidence import confidence_histogram, uncertain
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
-from tests.core.grouping.test_associate import masks_of
+from tests.core.grouping.true_masks import masks_of
 from tests.scenes import Synthetic, objects_scene
 
 

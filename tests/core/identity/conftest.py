@@ -11,7 +11,7 @@ from gaga_core.grouping.votes import vote_labels
 from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import true_map
+from tests.core.grouping.true_masks import true_map
 from tests.core.identity.noisy import HELD_OUT, G
 from tests.scenes import Synthetic, objects_scene
 

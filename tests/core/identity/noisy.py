@@ -5,7 +5,7 @@ import numpy as np
 from gaga_core.identity.field import IdentityField, decode_view
 from gaga_core.identity.rows import RowConfig
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import true_map
+from tests.core.grouping.true_masks import true_map
 from tests.scenes import Synthetic
 
 G = 6  # five balls and the floor

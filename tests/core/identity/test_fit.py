@@ -16,7 +16,7 @@ from gaga_core.identity.fit_kernels import keep_labels
 from gaga_core.identity.linear_kernels import D
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import true_map
+from tests.core.grouping.true_masks import true_map
 from tests.core.identity.noisy import ROWS, right_pixels
 from tests.scenes import Synthetic
 

@@ -1,6 +1,5 @@
 """Whatever bytes a file holds, reading it gives a result or one sentence, and never less."""
 
-import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
+from tests.core.io.damage import one_sentence_or_result
 from tests.scenes import orbit_cameras, random_gaussians
 
 
@@ -29,26 +29,6 @@ def opened(path: Path) -> Project:
 def bank_of(n: int) -> MemoryBank:
     log = tuple(Decision(f"{i}.jpg", i, i % 5 + 1, i < 5, 0.3, 0, 0.1, 40) for i in range(60))
     return MemoryBank((np.arange(n) % 5 + 1).astype(np.int32), 5, log, preset="paper")
-
-
-def one_sentence_or_result(path: Path, read: Callable[[], object], seed: int) -> int:
-    """Flip and cut bytes of ``path`` in many ways; returns how often it was refused."""
-    good, rng = path.read_bytes(), random.Random(seed)
-    said = []
-    for i in range(250):
-        bad = bytearray(good)
-        if i % 3 == 0:
-            bad = bad[: rng.randrange(len(bad))]
-        for _ in range(rng.choice((1, 3, 20)) if i % 3 else 0):
-            bad[rng.randrange(len(bad))] = rng.randrange(256)
-        path.write_bytes(bad)
-        try:
-            read()
-        except GagaError as error:
-            said.append(str(error))
-    path.write_bytes(good)
-    assert not any("\n" in text for text in said)
-    return len(said)
 
 
 def test_a_damaged_bank_is_refused_in_words(tmp_path: Path) -> None:

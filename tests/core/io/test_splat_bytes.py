@@ -21,7 +21,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.splat_files import read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from tests.core.io.test_damaged_files import one_sentence_or_result
+from tests.core.io.damage import one_sentence_or_result
 
 
 def test_a_splat_record_is_read_as_its_author_wrote_it(tmp_path: Path) -> None:

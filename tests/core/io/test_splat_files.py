@@ -26,7 +26,7 @@ from gaga_core.io.splat_files import (
 )
 from gaga_core.io.spz import fraction_bits
 from gaga_core.scene.sh_rotation import sh_rotation
-from tests.core.io.test_damaged_files import one_sentence_or_result
+from tests.core.io.damage import one_sentence_or_result
 from tests.scenes import random_gaussians
 
 COMPACT = [form for form in SplatFormat if form is not SplatFormat.PLY]

@@ -22,7 +22,7 @@ from gaga_core.io.scene_folder import SceneFolder, mask_path_of, open_scene_fold
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
-from tests.core.grouping.test_associate import permuted, true_map
+from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
 
 

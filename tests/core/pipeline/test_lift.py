@@ -33,7 +33,7 @@ from gaga_core.pipeline.lift import (
 )
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import permuted, true_map
+from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
 
 _ROWS = RowConfig(per_view=1000)

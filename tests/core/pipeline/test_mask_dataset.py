@@ -21,7 +21,7 @@ from gaga_core.pipeline.mask_dataset import export_mask_dataset
 from gaga_core.pipeline.render import export_masks
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import Project, open_path_stage
-from tests.core.grouping.test_associate import permuted, true_map
+from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
 
 

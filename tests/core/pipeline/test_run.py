@@ -20,7 +20,7 @@ from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import SceneStage, Work, missing_stages, run_missing
 from gaga_core.progress import Progress, Stage, run_stage
-from tests.core.grouping.test_associate import permuted, true_map
+from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
 
 

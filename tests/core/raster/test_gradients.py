@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, frozen
+from gaga_core.arrays import AnyArray, frozen
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base
@@ -15,21 +14,10 @@ from gaga_core.raster.cpu import CpuRasterizer, backward_kernels
 from gaga_core.raster.reference import project
 from gaga_core.reconstruct.losses import photometric, psnr
 from tests import torch_reference
+from tests.core.raster.autograd import BACKGROUND, autograd
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CPU: base.TrainableRasterizer = CpuRasterizer()
-BACKGROUND = np.array([0.2, 0.5, 0.7])
-
-
-def autograd(
-    gaussians: Gaussians, camera: Camera, by_image: FloatArray, by_alpha: FloatArray
-) -> dict[str, DoubleArray]:
-    """Gradients of all columns, and of the centres ("shift"), by the float64 reference."""
-    leaves = torch_reference.parameters(gaussians)
-    image, alpha = torch_reference.render(leaves, camera, BACKGROUND)
-    total = (image * torch.tensor(by_image)).sum() + (alpha * torch.tensor(by_alpha)).sum()
-    total.backward()  # type: ignore[no-untyped-call]
-    return {name: torch_reference.gradient(leaf) for name, leaf in leaves.items()}
 
 
 def assert_matches(gaussians: Gaussians, camera: Camera) -> tuple[base.Gradients, AnyArray]:

@@ -18,7 +18,7 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Frame
-from tests.core.grouping.test_associate import true_map
+from tests.core.grouping.true_masks import true_map
 from tests.scenes import Synthetic, objects_scene
 
 PRESETS = ("paper", "robust")

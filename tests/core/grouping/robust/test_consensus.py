@@ -16,7 +16,7 @@ from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points,
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import masks_of, permuted, true_map
+from tests.core.grouping.true_masks import masks_of, permuted, true_map
 from tests.scenes import Synthetic, objects_scene
 
 Spoil = Callable[[int, IntArray], None]

@@ -9,7 +9,7 @@ from gaga_core.grouping.robust.contacts import contacts_of, surface_normals
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import true_map
+from tests.core.grouping.true_masks import true_map
 from tests.scenes import objects_scene
 
 

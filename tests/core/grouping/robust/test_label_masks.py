@@ -14,7 +14,7 @@ from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, vot
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.grouping.test_associate import masks_of, true_map
+from tests.core.grouping.true_masks import masks_of, true_map
 from tests.scenes import Synthetic, objects_scene
 
 
