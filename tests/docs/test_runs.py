@@ -14,10 +14,10 @@ import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.progress import run_stage
-from gaga_core.scene.edits.script import OPERATIONS, run_script
-from gaga_core.scene.edits.script_ops import OBJECT_KINDS
-from gaga_core.scene.edits.script_regions import REGION_KINDS
 from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.script.operations import OBJECT_KINDS
+from gaga_core.scene.script.regions import REGION_KINDS
+from gaga_core.scene.script.run import OPERATIONS, run_script
 from tests.docs.pages import DOCS, ROOT, code_blocks, tables
 
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")])
