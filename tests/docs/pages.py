@@ -23,7 +23,8 @@ def tables(page: Path) -> dict[str, list[list[str]]]:
 
 def fields(page: Path, heading: str) -> tuple[set[str], set[str]]:
     """Names in the first cells of a heading's tables: those always there, and the optional ones."""
-    required, optional = set(), set()
+    required: set[str] = set()
+    optional: set[str] = set()
     for cells in tables(page)[heading]:
         names = re.findall(r"`([^`]+)`", cells[0])
         (optional if "optional" in " ".join(cells[1:]) else required).update(names)
