@@ -9,8 +9,7 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
-from gaga_core.errors import GagaError
-from gaga_core.query.embed import load_part, read_config
+from gaga_core.query.model_files import load_model
 
 if TYPE_CHECKING:
     import torch
@@ -106,18 +105,15 @@ def load_detector(folder: Path, device: "Device" = "auto") -> BoxModel:
 
     Raises ``GagaError`` when transformers is missing, or the folder holds no such model.
     """
-    kind = str(read_config(folder).get("model_type", ""))
-    if kind not in _KINDS:
-        raise GagaError(
-            f"{folder} holds no Grounding DINO or OWLv2 model (it says {kind or 'nothing'!r}). "
-            "Choose the folder of one."
-        )
-    from gaga_core.segmentation.loading import choose_device, load_folder
-
-    where = choose_device(device)
-    model = load_folder("text_boxes", folder)
-    processor = load_part("AutoProcessor", folder)
-    return BoxModel(cast(_Model, model.to(where)), cast(_Processor, processor), kind)
+    found = load_model(
+        folder,
+        "text_boxes",
+        _KINDS,
+        "AutoProcessor",
+        title="Grounding DINO or OWLv2",
+        device=device,
+    )
+    return BoxModel(cast(_Model, found.network), cast(_Processor, found.companion), found.kind)
 
 
 def as_boxes(

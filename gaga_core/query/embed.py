@@ -4,8 +4,7 @@ Models are read from a local folder, never downloaded; transformers and torch ar
 is loaded. Pictures are prepared here (square already, resized, normalised), so no torchvision.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
@@ -14,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
-from gaga_core.errors import GagaError
+from gaga_core.query.model_files import load_model, read_json
 from gaga_core.segmentation.weights import Weights, weights_id
 
 if TYPE_CHECKING:
@@ -108,67 +107,29 @@ def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
 
     Raises ``GagaError`` when transformers is missing, or the folder holds no such model.
     """
-    kind = str(read_config(folder).get("model_type", ""))
-    if kind not in _KINDS:
-        raise GagaError(
-            f"{folder} holds no CLIP or SigLIP model (it says {kind or 'nothing'!r}). "
-            "Choose the folder of one."
-        )
-    from gaga_core.segmentation.loading import choose_device, load_folder
-
-    where = choose_device(device)
-    model = load_folder("text_image", folder)
-    tokenizer = load_part("AutoTokenizer", folder)
-    shown = _read_json(folder / "preprocessor_config.json")
-    mean, std = (
-        tuple(float(v) for v in shown[key]) if _is_triple(shown.get(key)) else usual
-        for key, usual in zip(("image_mean", "image_std"), _NORMAL[kind], strict=True)
+    found = load_model(
+        folder, "text_image", _KINDS, "AutoTokenizer", title="CLIP or SigLIP", device=device
     )
-    towers = cast(_TwoTowers, model.to(where))
+    shown = read_json(folder / "preprocessor_config.json")
+    mean, std = (
+        _triple(shown.get(key)) or usual
+        for key, usual in zip(("image_mean", "image_std"), _NORMAL[found.kind], strict=True)
+    )
+    towers = cast(_TwoTowers, found.network)
     return TextImageModel(
-        fingerprint=weights_id(Weights(folder, kind)),
+        fingerprint=weights_id(Weights(folder, found.kind)),
         model=towers,
-        tokenizer=cast("PreTrainedTokenizerBase", tokenizer),
-        kind=kind,
+        tokenizer=cast("PreTrainedTokenizerBase", found.companion),
+        kind=found.kind,
         size=int(towers.config.vision_config.image_size),
         mean=mean,
         std=std,
     )
 
 
-def load_part(auto: str, folder: Path) -> object:
-    """What belongs to a model: its tokenizer or processor, by the name of transformers' class."""
-    from gaga_core.segmentation.loading import first_line, offline
-
-    with offline():
-        import transformers
-
-        try:
-            return getattr(transformers, auto).from_pretrained(folder, local_files_only=True)
-        except (OSError, ValueError, RuntimeError, KeyError, TypeError, ImportError) as error:
-            raise GagaError(
-                f"The files beside the model in {folder} cannot be loaded ({first_line(error)}). "
-                "Copy the whole folder again, with its tokenizer and preprocessor files."
-            ) from error
-
-
-def read_config(folder: Path) -> Mapping[str, object]:
-    """The config.json of a model folder; ``GagaError`` when there is none."""
-    if not (folder / "config.json").is_file():
-        raise GagaError(f"{folder} holds no model: it has no config.json. Choose a model's folder.")
-    return _read_json(folder / "config.json")
-
-
-def _read_json(path: Path) -> dict[str, list[float]]:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return value if isinstance(value, dict) else {}
-
-
-def _is_triple(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 3
+def _triple(value: object) -> tuple[float, ...]:
+    """Three numbers of a JSON list; empty when it is none."""
+    return tuple(map(float, value)) if isinstance(value, list) and len(value) == 3 else ()
 
 
 def _unit(found: object) -> FloatArray:

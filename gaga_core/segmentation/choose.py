@@ -4,9 +4,11 @@ torch and transformers are imported when a model's provider is made, not when th
 """
 
 import importlib.util
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.base import ModelCard, Provider
@@ -24,6 +26,9 @@ from gaga_core.segmentation.weights import (
     weights_id,
     where_to_put,
 )
+
+if TYPE_CHECKING:
+    from gaga_core.segmentation.model_provider import MaskMaker
 
 _NO_TRANSFORMERS = (
     "The package transformers is missing. Install it: pip install 'gaga-studio[models]'."
@@ -125,14 +130,18 @@ def provider_named(
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     title = model.title if model else f"{found.model_type} ({found.path.name})"
+    from gaga_core.segmentation.model_provider import ModelProvider
+
+    loader = _sam_loader if found.family == "sam" else _universal_loader
+    load, changing = loader(found, settings)
     card = ModelCard(
         model=title,
         licence=model.licence if model else "",
         source=str(found.path),
         page=model.page if model else "",
+        settings=changing,
     )
-    make = _make_sam if found.family == "sam" else _make_universal
-    return make(name, card, found, settings)
+    return ModelProvider(name, card, weights_id(found), load, settings.flatten)
 
 
 def _known_entry(model: KnownModel, has_package: bool) -> ProviderEntry:
@@ -181,43 +190,36 @@ def _weights_of(name: str, model: KnownModel | None, weights: Path | None) -> We
     )
 
 
-def _make_sam(name: str, card: ModelCard, weights: Weights, settings: ProviderSettings) -> Provider:
+def _sam_loader(
+    weights: Weights, settings: ProviderSettings
+) -> tuple[Callable[[], "MaskMaker"], dict[str, object]]:
+    """What loads the model, and the settings that change its masks."""
     from gaga_core.segmentation.loading import choose_device, load_folder
-    from gaga_core.segmentation.sam import SamProvider, sam_settings
+    from gaga_core.segmentation.sam import load_sam, sam_settings
     from gaga_core.segmentation.sam_checkpoint import load_sam_checkpoint
 
     device = choose_device(settings.device)
     generator = settings.generator_of(weights.model_type, on_gpu=device.type != "cpu")
     is_folder = weights.path.is_dir()
-    load = (
+    network = (
         partial(load_folder, "mask_generation", weights.path)
         if is_folder
         else partial(load_sam_checkpoint, weights.path)
     )
-    card = replace(card, settings=sam_settings(generator, settings.flatten))
-    return SamProvider(name, card, weights_id(weights), load, generator, settings.flatten, device)
+    load = partial(load_sam, network, generator, device)
+    return load, sam_settings(generator, settings.flatten)
 
 
-def _make_universal(
-    name: str, card: ModelCard, weights: Weights, settings: ProviderSettings
-) -> Provider:
+def _universal_loader(
+    weights: Weights, settings: ProviderSettings
+) -> tuple[Callable[[], "MaskMaker"], dict[str, object]]:
+    """What loads the model, and the settings that change its masks."""
     from gaga_core.segmentation.loading import choose_device
-    from gaga_core.segmentation.universal import (
-        UniversalProvider,
-        load_universal,
-        universal_settings,
-    )
+    from gaga_core.segmentation.universal import load_universal, universal_settings
 
-    card = replace(card, settings=universal_settings(settings.universal, settings.flatten))
-    return UniversalProvider(
-        name,
-        card,
-        weights_id(weights),
-        partial(load_universal, weights.path),
-        settings.universal,
-        settings.flatten,
-        choose_device(settings.device),
-    )
+    device = choose_device(settings.device)
+    load = partial(load_universal, weights.path, settings.universal, device)
+    return load, universal_settings(settings.universal, settings.flatten)
 
 
 def _megabytes(path: Path) -> int:

@@ -1,9 +1,11 @@
 """Masks of everything in a picture from a model that is prompted with points.
 
-Segment Anything's automatic generation (Kirillov 2023, section 5 and appendix D): a grid of points,
-three masks each, filtered by predicted IoU and stability, thinned by non-maximum suppression of
-their boxes, optionally on crops too. Written anew: it needs no torchvision, filters at the model's
-own resolution so that only survivors are scaled up, and can be stopped between two batches.
+Segment Anything's automatic generation (Kirillov et al., ICCV 2023, appendix B "Automatic mask
+generation"), in the paper's order: crops; in each crop a grid of points; of each point three masks;
+filters by predicted IoU and stability; masks that the crop's edge cuts; non-maximum suppression
+inside a crop and then among crops; small masks. Settings have the names of Segment Anything's own
+generator. This code needs no torchvision, filters at the model's own resolution so that only
+survivors are scaled up, and can be stopped between two batches.
 """
 
 from collections.abc import Callable
@@ -65,6 +67,7 @@ def generate(
     """
     config = config or GeneratorConfig()
     height, width = image.shape[:2]
+    # Crops: the whole picture, then overlapping parts of it.
     windows = crop_windows(height, width, config)
     totals = [config.points_in(window.layer) ** 2 for window in windows]
     done = 0
@@ -72,6 +75,7 @@ def generate(
     for window, n_points in zip(windows, totals, strict=True):
         yield Progress(_STAGE, done, sum(totals), "look at the picture")
         encoded = encode(np.ascontiguousarray(image[window.y0 : window.y1, window.x0 : window.x1]))
+        # A regular grid of foreground points, sparser in smaller crops.
         points = point_grid(config.points_in(window.layer)) * (
             window.x1 - window.x0,
             window.y1 - window.y0,
@@ -137,24 +141,28 @@ def _candidates(
     config: GeneratorConfig,
 ) -> _Found:
     """Masks of a batch of points that pass the filters, still at the model's resolution."""
+    # Three masks of each point (whole, part, subpart), each with the IoU that the model predicts.
     logits, scores = encoded.decode(points)
     logits, scores = logits.flatten(0, 1).float(), scores.flatten().float()
-    good = scores >= config.min_predicted_iou
+    # Confident masks: predicted IoU.
+    good = scores >= config.pred_iou_thresh
     logits, scores = logits[good], scores[good]
+    # Stable masks: IoU of the mask cut at logits +offset and -offset; the one lies in the other.
     h, w = logits.shape[-2:]
     rows, columns = (max(1, round(n * s)) for n, s in zip((h, w), encoded.shown, strict=True))
     seen = logits[:, :rows, :columns]
-    tight = (seen > config.stability_offset).flatten(1).sum(1)
-    wide = (seen > -config.stability_offset).flatten(1).sum(1)
+    tight = (seen > config.stability_score_offset).flatten(1).sum(1)
+    wide = (seen > -config.stability_score_offset).flatten(1).sum(1)
     inside = seen > 0
-    # A pixel of the model's is worth several of the picture's: be generous here, exact later.
-    good = (tight >= config.min_stability * wide) & inside.flatten(1).any(1)
+    # Empty masks go here; small ones after scaling up, as a pixel here is several of the picture.
+    good = (tight >= config.stability_score_thresh * wide) & inside.flatten(1).any(1)
     logits, scores, inside = logits[good], scores[good], inside[good]
     scale = torch.tensor(
         [(window.x1 - window.x0) / columns, (window.y1 - window.y0) / rows] * 2,
         device=logits.device,
     )
     boxes = boxes_of(inside) * scale
+    # Masks that the crop's edge cuts are whole in another crop.
     good = ~_is_cut(boxes, window, size)
     return _Found(logits[good], scores[good], boxes[good])
 
@@ -197,7 +205,9 @@ def _survivors(
     logits = torch.cat([part.logits for part in found])
     scores = torch.cat([part.scores for part in found])
     boxes = torch.cat([part.boxes for part in found])
-    kept = non_maximum_suppression(boxes, scores, config.max_box_overlap)
+    # Duplicates inside a crop: non-maximum suppression of boxes, by predicted IoU.
+    kept = non_maximum_suppression(boxes, scores, config.box_nms_thresh)
+    # Survivors at the picture's size, without small ones.
     least = max(1.0, config.min_area * size[0] * size[1])
     places: list[tuple[int, int, int, int]] = []
     crops: list[BoolArray] = []
@@ -230,7 +240,7 @@ def _merge(
     areas = [(w.x1 - w.x0) * (w.y1 - w.y0) for w in windows]
     nearness = np.repeat(1.0 / np.array(areas), [len(part) for part in parts])
     kept = non_maximum_suppression(
-        torch.from_numpy(boxes).float(), torch.from_numpy(nearness), config.max_box_overlap
+        torch.from_numpy(boxes).float(), torch.from_numpy(nearness), config.box_nms_thresh
     ).numpy()
     scores = np.concatenate([part.scores for part in parts])
     order = kept[np.argsort(-scores[kept], kind="stable")]

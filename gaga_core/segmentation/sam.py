@@ -5,8 +5,8 @@ for most of these models.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import torch
@@ -14,13 +14,12 @@ from torch import Tensor
 from torch.nn import Module
 from torch.nn.functional import interpolate, pad
 
-from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation.base import ModelCard, Picture, ScoredMasks, fingerprint_of
-from gaga_core.segmentation.flatten import FlattenConfig, flatten
+from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.generator import Encoded, Encoder, generate
 from gaga_core.segmentation.loading import normalized
+from gaga_core.segmentation.model_provider import MaskMaker
 from gaga_core.segmentation.settings import GeneratorConfig
 
 if TYPE_CHECKING:
@@ -31,37 +30,11 @@ _HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 _PADDED = ("sam", "sam_hq")  # longest side to the model's, rest filled; the others are stretched
 
 
-@dataclass(frozen=True)
-class SamProvider:
-    """Masks of all from a Segment Anything model. ``load`` is called at the first picture."""
-
-    name: str
-    card: ModelCard
-    weights_id: str  # hash of the weights
-    load: Callable[[], Module]
-    generator: GeneratorConfig
-    flatten: FlattenConfig
-    device: torch.device
-    cues: frozenset[str] = frozenset()
-    work_width: int = 0
-
-    def fingerprint(self) -> str:
-        """Hash of weights and of the settings that change masks."""
-        return fingerprint_of(self.weights_id, self.card.settings)
-
-    def label_map(self, picture: Picture) -> Stage[IntArray]:
-        """Label map of a picture; progress counts points."""
-        return flatten((yield from self.masks(picture)), self.flatten)
-
-    def masks(self, picture: Picture) -> Stage[ScoredMasks]:
-        """The scored masks before they are flattened, the best first."""
-        if "_encoder" not in self.__dict__:
-            yield Progress("Segment", 0, 0, f"load {self.card.model}")
-        return (yield from generate(self._encoder, picture.image, self.generator))
-
-    @cached_property
-    def _encoder(self) -> Encoder:
-        return sam_encoder(self.load().to(self.device))
+def load_sam(
+    load: Callable[[], Module], generator: GeneratorConfig, device: torch.device
+) -> MaskMaker:
+    """What makes masks with the model that ``load`` reads; progress counts points."""
+    return partial(generate, sam_encoder(load().to(device)), config=generator)
 
 
 def sam_settings(generator: GeneratorConfig, flatten_config: FlattenConfig) -> dict[str, object]:

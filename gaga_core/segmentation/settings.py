@@ -15,13 +15,13 @@ class GeneratorConfig:
     """Points along each side of the grid; time grows with the square. 1..128."""
     points_per_batch: int = 64
     """Points decoded at once: memory, and how soon a cancel acts; same masks. 1..1024."""
-    min_predicted_iou: float = 0.80
+    pred_iou_thresh: float = 0.80
     """Least quality that the model predicts for its own mask. 0..1."""
-    min_stability: float = 0.92
+    stability_score_thresh: float = 0.92
     """Least IoU of the mask cut a little tighter and a little wider. 0..1."""
-    stability_offset: float = 1.0
+    stability_score_offset: float = 1.0
     """How much tighter and wider, in logits. 0.1..5."""
-    max_box_overlap: float = 0.70
+    box_nms_thresh: float = 0.70
     """IoU of two masks' boxes above which the worse one is a duplicate. 0..1."""
     min_area: float = 0.0002
     """Least area of a mask as a share of the picture. 0..1."""
@@ -37,8 +37,8 @@ class GeneratorConfig:
         for name, least in {**whole, "crop_point_divisor": 1}.items():
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected at least {least}, got {getattr(self, name)}")
-        if not 0 <= self.crop_overlap < 1 or self.stability_offset <= 0:
-            raise ValueError(f"crop_overlap or stability_offset out of range: {self}")
+        if not 0 <= self.crop_overlap < 1 or self.stability_score_offset <= 0:
+            raise ValueError(f"crop_overlap or stability_score_offset out of range: {self}")
 
     @staticmethod
     def of(kind: str, *, on_gpu: bool) -> "GeneratorConfig":
@@ -49,7 +49,7 @@ class GeneratorConfig:
         """
         config = GeneratorConfig()
         if kind in _SAM_KINDS:
-            config = replace(config, min_predicted_iou=0.88, min_stability=0.95)
+            config = replace(config, pred_iou_thresh=0.88, stability_score_thresh=0.95)
         return config if on_gpu else replace(config, points_per_side=16, points_per_batch=4)
 
     def points_in(self, layer: int) -> int:

@@ -6,9 +6,8 @@ EoMT. Classes are used for confidence only; what comes out is class-agnostic.
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -19,18 +18,13 @@ from torch import Tensor
 from torch.nn import Module
 from torch.nn.functional import interpolate
 
-from gaga_core.arrays import BoolArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation.base import (
-    ModelCard,
-    Picture,
-    ScoredMasks,
-    fingerprint_of,
-    scored_masks,
-)
-from gaga_core.segmentation.flatten import FlattenConfig, flatten
+from gaga_core.segmentation.base import ScoredMasks, scored_masks
+from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.loading import load_folder, normalized
+from gaga_core.segmentation.model_provider import MaskMaker
 from gaga_core.segmentation.settings import UniversalConfig
 
 if TYPE_CHECKING:
@@ -61,54 +55,26 @@ class Queries:
     logits: Tensor  # (Q, h, w) of the masks; h x w shows the picture and nothing else
 
 
-@dataclass(frozen=True)
-class UniversalProvider:
-    """Masks from a universal segmenter. ``load`` is called at the first picture."""
-
-    name: str
-    card: ModelCard
-    weights_id: str  # hash of the weights
-    load: Callable[[], tuple[Module, Preparation]]
-    config: UniversalConfig
-    flatten: FlattenConfig
-    device: torch.device
-    cues: frozenset[str] = frozenset()
-    work_width: int = 0
-
-    def fingerprint(self) -> str:
-        """Hash of weights and of the settings that change masks."""
-        return fingerprint_of(self.weights_id, self.card.settings)
-
-    def label_map(self, picture: Picture) -> Stage[IntArray]:
-        """Label map of a picture."""
-        return flatten((yield from self.masks(picture)), self.flatten)
-
-    def masks(self, picture: Picture) -> Stage[ScoredMasks]:
-        """The scored masks before they are flattened."""
-        if "_loaded" not in self.__dict__:
-            yield Progress(_STAGE, 0, 0, f"load {self.card.model}")
-        model, preparation = self._loaded
-        yield Progress(_STAGE, 0, 2, "look at the picture")
-        queries = ask(model, preparation, picture.image)
-        yield Progress(_STAGE, 1, 2, "choose masks")
-        height, width = picture.image.shape[:2]
-        if self.config.kind == "panoptic":
-            return panoptic_masks(queries, height, width, self.config)
-        return (yield from entity_masks(queries, height, width, self.config))
-
-    @cached_property
-    def _loaded(self) -> tuple[Module, Preparation]:
-        model, preparation = self.load()
-        return model.to(self.device), preparation
-
-
-def load_universal(folder: Path) -> tuple[Module, Preparation]:
-    """The model in ``folder`` and how it wants its pictures; ``GagaError`` as `load_folder`."""
+def load_universal(folder: Path, config: UniversalConfig, device: torch.device) -> MaskMaker:
+    """What makes masks with the model in ``folder``; ``GagaError`` as `load_folder`."""
     model = load_folder("universal", folder)
-    config = cast("PreTrainedModel", model).config
-    size = getattr(config, "image_size", 0)
+    settings = cast("PreTrainedModel", model).config
+    size = getattr(settings, "image_size", 0)
     side = int(size if isinstance(size, int) else size[0])
-    return model, read_preparation(folder, str(config.model_type), side)
+    preparation = read_preparation(folder, str(settings.model_type), side)
+    return partial(_masks, model.to(device), preparation, config)
+
+
+def _masks(
+    model: Module, preparation: Preparation, config: UniversalConfig, image: UInt8Array
+) -> Stage[ScoredMasks]:
+    yield Progress(_STAGE, 0, 2, "look at the picture")
+    queries = ask(model, preparation, image)
+    yield Progress(_STAGE, 1, 2, "choose masks")
+    height, width = image.shape[:2]
+    if config.kind == "panoptic":
+        return panoptic_masks(queries, height, width, config)
+    return (yield from entity_masks(queries, height, width, config))
 
 
 def universal_settings(config: UniversalConfig, flatten_config: FlattenConfig) -> dict[str, object]:

@@ -23,7 +23,7 @@ from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.grouping.repair.reassociate import Repair
-    from gaga_core.grouping.repair.split_group import Halves
+    from gaga_core.grouping.repair.split_group import GroupSplit
     from gaga_core.grouping.repair.view_evidence import Evidence
 
 # Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
@@ -138,26 +138,26 @@ def split_by_masks(session: Session) -> bool:
     rows = np.flatnonzero(labels == group).astype(np.int32)
     is_same = _watch(session, document)
 
-    def stage() -> "Stage[Halves]":
-        from gaga_core.grouping.repair.split_group import halves_stage
+    def stage() -> "Stage[GroupSplit]":
+        from gaga_core.grouping.repair.split_group import split_group_stage
         from gaga_core.pipeline.compile_kernels import after_warm_up
 
         yield Progress("Vote again", 0, 0, "Preparing")
-        work = halves_stage(evidence, log, rows, choose(), name=name)
+        work = split_group_stage(evidence, log, rows, choose(), name=name)
         return (yield from after_warm_up(work))
 
-    def done(halves: "Halves") -> None:
+    def done(split: "GroupSplit") -> None:
         if not is_same():
             return
         from gaga_core.grouping.repair.split_group import split_bank
 
         now = document.settled().scene
         into = edits.free_group(now)
-        new_bank = split_bank(bank, halves, group, into)
+        new_bank = split_bank(bank, split, group, into)
         title = f"Split {name} by its masks"
-        document.do(edits.split_off(now, group, halves.rows, new_bank, into, title))
-        text = f"{name} is two now: {len(halves.masks)} of its {len(log)} masks and "
-        session.notify(Level.INFO, f"{text}{len(halves.rows):,} splats left it.")
+        document.do(edits.split_off(now, group, split.rows, new_bank, into, title))
+        text = f"{name} is two now: {len(split.masks)} of its {len(log)} masks and "
+        session.notify(Level.INFO, f"{text}{len(split.rows):,} splats left it.")
 
     return session.jobs.start(f"Split {name}", stage(), None, done)
 

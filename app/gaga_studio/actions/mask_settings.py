@@ -41,9 +41,9 @@ SLIDERS: dict[Family, tuple[Slider, ...]] = {
     "sam": (
         Slider("generator", "points_per_side", "Points along each side", 4, 64,
                "More find smaller things; time grows with the square", is_whole=True),
-        Slider("generator", "min_predicted_iou", "Least quality", 0.0, 1.0,
+        Slider("generator", "pred_iou_thresh", "Least quality", 0.0, 1.0,
                "That the model predicts for its own mask"),
-        Slider("generator", "min_stability", "Least stability", 0.0, 1.0,
+        Slider("generator", "stability_score_thresh", "Least stability", 0.0, 1.0,
                "How little a mask may change when it is cut tighter or wider"),
         Slider("generator", "crop_layers", "Closer looks", 0, 3,
                "Also look at 4, 16, ... crops, for small things; takes longer", is_whole=True),

@@ -28,21 +28,21 @@ _NEIGHBOURS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Halves:
+class GroupSplit:
     """A group in two. The larger side keeps the group's id."""
 
     rows: IntArray  # (K,) splats of the smaller side
     masks: frozenset[tuple[str, int]]  # (view, mask) that go with it
 
 
-def halves_stage(
+def split_group_stage(
     evidence: Evidence,
     log: Sequence[Decision],  # of the group
     rows: IntArray,  # (K,) its splats
     rasterizer: Rasterizer,
     *,
     name: str = "The object",
-) -> Stage[Halves]:
+) -> Stage[GroupSplit]:
     """Cluster the masks of a group into two by the splats that they cover, its splats with them.
 
     Raises ``GagaError`` when the masks do not tell two things apart.
@@ -71,14 +71,14 @@ def halves_stage(
             f"The masks of {name} show it in one piece. Paint a part of it and use Separate."
         )
     masks = frozenset((d.view, d.mask) for d, s in zip(log, side, strict=True) if s < 0)
-    return Halves(rows[second], masks)
+    return GroupSplit(rows[second], masks)
 
 
-def split_bank(bank: MemoryBank, halves: Halves, group: int, into: int) -> MemoryBank:
-    """The bank in which the masks and splats of ``halves`` are group ``into``."""
+def split_bank(bank: MemoryBank, split: GroupSplit, group: int, into: int) -> MemoryBank:
+    """The bank in which the masks and splats of ``split`` are group ``into``."""
     log, opened = [], False
     for d in bank.log:
-        if d.group == group and (d.view, d.mask) in halves.masks:
+        if d.group == group and (d.view, d.mask) in split.masks:
             d = Decision(  # noqa: PLW2901
                 d.view,
                 d.mask,
@@ -93,7 +93,7 @@ def split_bank(bank: MemoryBank, halves: Halves, group: int, into: int) -> Memor
             opened = True
         log.append(d)
     owners = bank.group.copy()
-    rows = halves.rows[owners[halves.rows] == group]
+    rows = split.rows[owners[split.rows] == group]
     owners[rows] = into
     return replace(bank, group=owners, n_groups=max(bank.n_groups, into), log=tuple(log))
 

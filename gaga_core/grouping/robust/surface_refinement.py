@@ -78,7 +78,7 @@ def follow_surfaces(
     config: SurfaceConfig,
 ) -> Stage[IntArray]:
     """Labels (N,) after the surfaces were asked; new groups have the ids after the largest one."""
-    looking = _looks(gaussians, views, masks, rasterizer)
+    looking = _observe(gaussians, views, masks, rasterizer)
     seen = yield from part(looking, 0, _STEPS, STAGE)
     shown = finite(gaussians) & (seen.weights.max(axis=1) > config.least_weight)
     rows = np.flatnonzero(shown)
@@ -95,19 +95,19 @@ def follow_surfaces(
 
 
 @dataclass(frozen=True, eq=False)
-class _Looks:
+class _ViewObservations:
     """What each view shows of each Gaussian."""
 
     masks: IntArray  # (N, V) mask of most of its pixels, 0 = none
     weights: FloatArray  # (N, V) summed blending weight
 
-    def take(self, rows: LongArray) -> "_Looks":
-        return _Looks(self.masks[rows], self.weights[rows])
+    def take(self, rows: LongArray) -> "_ViewObservations":
+        return _ViewObservations(self.masks[rows], self.weights[rows])
 
 
-def _looks(
+def _observe(
     gaussians: Gaussians, views: Sequence[Camera], masks: MaskSet, rasterizer: Rasterizer
-) -> Stage[_Looks]:
+) -> Stage[_ViewObservations]:
     of = np.zeros((len(gaussians), len(views)), np.int32)
     weights = np.zeros((len(gaussians), len(views)), np.float32)
     for v, camera in enumerate(views):
@@ -116,7 +116,7 @@ def _looks(
         stage = vote_labels(gaussians, [camera], partial(_same, labels), count, rasterizer)
         votes = yield from part(stage, v, len(views), STAGE)
         of[:, v], weights[:, v] = np.maximum(votes.labels - 1, 0), votes.weight
-    return _Looks(of, weights)
+    return _ViewObservations(of, weights)
 
 
 def _same(labels: IntArray, _: Camera) -> IntArray:
@@ -126,7 +126,7 @@ def _same(labels: IntArray, _: Camera) -> IntArray:
 def _pieced(
     gaussians: Gaussians,
     views: Sequence[Camera],
-    seen: _Looks,
+    seen: _ViewObservations,
     labels: IntArray,
     config: SurfaceConfig,
 ) -> Stage[IntArray]:
@@ -147,7 +147,9 @@ def _pieced(
     return pieces.parted(labels, config.crease, least)
 
 
-def _said_by_masks(graph: Neighbours, seen: _Looks, config: SurfaceConfig) -> DoubleArray:
+def _said_by_masks(
+    graph: Neighbours, seen: _ViewObservations, config: SurfaceConfig
+) -> DoubleArray:
     """What all views say of each edge (E,): > 0 its ends show in one mask, < 0 in two."""
     result = np.zeros(len(graph.first))
     for of, weight in zip(seen.masks.T, seen.weights.T.astype(np.float64), strict=True):

@@ -90,14 +90,14 @@ def test_every_tile_is_found_once() -> None:
 def test_thresholds_choose() -> None:
     image = _picture()
     for change in (
-        {"min_predicted_iou": 0.91},  # leaves the unstable and the empty ones
+        {"pred_iou_thresh": 0.91},  # leaves the unstable and the empty ones
         {"min_area": 0.2},
     ):
         assert len(run_stage(generate(Tiles(), image, replace(_CONFIG, **change)))) == 0  # type: ignore[arg-type]
-    loose = replace(_CONFIG, min_stability=0.0)
+    loose = replace(_CONFIG, stability_score_thresh=0.0)
     masks = run_stage(generate(Tiles(), image, loose))
     assert masks.scores.tolist() == pytest.approx([0.95] * 12)  # the vague one is the better now
-    all_of_them = run_stage(generate(Tiles(), image, replace(_CONFIG, max_box_overlap=1.0)))
+    all_of_them = run_stage(generate(Tiles(), image, replace(_CONFIG, box_nms_thresh=1.0)))
     assert len(all_of_them) == 64
 
 
@@ -112,7 +112,7 @@ def test_batches_change_nothing() -> None:
 
 def test_crops_find_no_cut_masks_and_no_duplicates() -> None:
     image, model = _picture(), Tiles()
-    config = replace(_CONFIG, crop_layers=1, min_predicted_iou=0.5)
+    config = replace(_CONFIG, crop_layers=1, pred_iou_thresh=0.5)
     masks = run_stage(generate(model, image, config))
     assert model.looks == 5
     assert sorted(_tiles_found(masks, image)) == list(range(1, 13))
@@ -197,9 +197,9 @@ def test_points_lie_in_the_middle_of_their_cells() -> None:
 
 
 def test_settings_are_checked() -> None:
-    for change in ({"points_per_side": 0}, {"crop_overlap": 1.0}, {"stability_offset": 0.0}):
+    for change in ({"points_per_side": 0}, {"crop_overlap": 1.0}, {"stability_score_offset": 0.0}):
         with pytest.raises(ValueError, match=next(iter(change))):
             GeneratorConfig(**change)
     on_cpu, on_gpu = (GeneratorConfig.of("sam2", on_gpu=on) for on in (False, True))
     assert (on_cpu.points_per_side, on_gpu.points_per_side) == (16, 32)
-    assert GeneratorConfig.of("sam", on_gpu=True).min_predicted_iou == 0.88
+    assert GeneratorConfig.of("sam", on_gpu=True).pred_iou_thresh == 0.88

@@ -68,7 +68,7 @@ def test_masks_from_a_checkpoint(tmp_path: Path, photo: UInt8Array) -> None:
     path = tmp_path / "sam_vit_b_01ec64.pth"
     torch.save(random_state(Shape()), path)
     generator = GeneratorConfig(
-        points_per_side=4, min_predicted_iou=-1e9, min_stability=0.0, min_area=0.0
+        points_per_side=4, pred_iou_thresh=-1e9, stability_score_thresh=0.0, min_area=0.0
     )
     settings = ProviderSettings(generator=generator, flatten=FlattenConfig(-1e9, 0.0))
     provider = provider_named("own", weights=path, settings=settings)

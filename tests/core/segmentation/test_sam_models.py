@@ -17,7 +17,8 @@ from gaga_core.segmentation.base import Picture
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
 from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.loading import load_folder
-from gaga_core.segmentation.sam import SamProvider, fitted, sam_encoder
+from gaga_core.segmentation.model_provider import ModelProvider
+from gaga_core.segmentation.sam import fitted, sam_encoder
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.conftest import SAM_KINDS
 
@@ -25,17 +26,17 @@ Folder = Callable[[str], Path]
 _OPEN = GeneratorConfig(  # random weights: every mask will do
     points_per_side=4,
     points_per_batch=6,
-    min_predicted_iou=-1e9,
-    min_stability=0.0,
-    max_box_overlap=0.999,
+    pred_iou_thresh=-1e9,
+    stability_score_thresh=0.0,
+    box_nms_thresh=0.999,
     min_area=0.0,
 )
 
 
-def _provider(folder: Path, generator: GeneratorConfig = _OPEN) -> SamProvider:
+def _provider(folder: Path, generator: GeneratorConfig = _OPEN) -> ModelProvider:
     settings = ProviderSettings(generator=generator, flatten=FlattenConfig(-1e9, 0.0), device="cpu")
     provider = provider_named("tiny", weights=folder, settings=settings)
-    assert isinstance(provider, SamProvider)
+    assert isinstance(provider, ModelProvider)
     return provider
 
 

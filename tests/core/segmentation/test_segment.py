@@ -192,7 +192,7 @@ def test_a_model_from_a_folder_end_to_end(
     folder: SceneFolder, model_folder: Callable[[str], Path]
 ) -> None:
     generator = GeneratorConfig(
-        points_per_side=2, min_predicted_iou=-1e9, min_stability=0.0, min_area=0.0
+        points_per_side=2, pred_iou_thresh=-1e9, stability_score_thresh=0.0, min_area=0.0
     )
     settings = ProviderSettings(generator=generator, flatten=FlattenConfig(-1e9, 0.0))
     weights = model_folder("sam2")

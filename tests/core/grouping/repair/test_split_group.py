@@ -8,7 +8,7 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
-from gaga_core.grouping.repair.split_group import halves_stage, split_bank, two_sides
+from gaga_core.grouping.repair.split_group import split_bank, split_group_stage, two_sides
 from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
@@ -46,21 +46,21 @@ def test_a_group_that_a_merged_mask_opened_falls_into_its_two_things(
     log = [d for d in found.bank.log if d.group == group]
     rows = np.flatnonzero(found.labels == group).astype(np.int32)
     evidence = Evidence.of(scene.gaussians, scene.cameras, masks, config)
-    halves = run_stage(halves_stage(evidence, log, rows, choose()))
-    second = np.isin(rows, halves.rows)
+    split = run_stage(split_group_stage(evidence, log, rows, choose()))
+    second = np.isin(rows, split.rows)
     truth = scene.labels[rows] == scene.labels[rows[second]][0]
     assert (second == truth).mean() > 0.95
-    ids = {mask for _, mask in halves.masks}
+    ids = {mask for _, mask in split.masks}
     assert len(ids) == 1  # of one ball alone
-    assert all(view not in ("000.png", "005.png") for view, _ in halves.masks)
-    bank = split_bank(found.bank, halves, group, 40)
+    assert all(view not in ("000.png", "005.png") for view, _ in split.masks)
+    bank = split_bank(found.bank, split, group, 40)
     moved = {(d.view, d.mask) for d in bank.log if d.group == 40}
-    assert moved == set(halves.masks)
+    assert moved == set(split.masks)
     assert bank.n_groups == 40
     assert sum(d.is_new for d in bank.log if d.group == 40) == 1
     assert (
         (bank.group == 40)
-        == np.isin(np.arange(len(bank.group)), halves.rows) & (found.bank.group == group)
+        == np.isin(np.arange(len(bank.group)), split.rows) & (found.bank.group == group)
     ).all()
 
 
@@ -71,9 +71,9 @@ def test_one_thing_stays_one(scene: Synthetic) -> None:
     log = [d for d in found.bank.log if d.group == 3]
     rows = np.flatnonzero(found.labels == 3).astype(np.int32)
     with pytest.raises(GagaError, match="in one piece"):
-        run_stage(halves_stage(evidence, log, rows, choose(), name="mug"))
+        run_stage(split_group_stage(evidence, log, rows, choose(), name="mug"))
     with pytest.raises(GagaError, match="too few masks"):
-        run_stage(halves_stage(evidence, log[:1], rows, choose()))
+        run_stage(split_group_stage(evidence, log[:1], rows, choose()))
 
 
 def test_merged_masks_are_silent() -> None:

@@ -1,0 +1,81 @@
+"""A model of words in a folder as transformers saves it: network, and tokenizer or processor.
+
+Read from disk, never downloaded; torch and transformers are imported when one is loaded.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from torch.nn import Module
+
+    from gaga_core.segmentation.loading import ModelKind
+    from gaga_core.segmentation.settings import Device
+
+Companion = Literal["AutoTokenizer", "AutoProcessor"]  # class of transformers
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedModel:
+    """A network and what prepares its input."""
+
+    kind: str  # model_type of config.json
+    network: "Module"  # on its device, frozen
+    companion: object  # tokenizer or processor
+
+
+def load_model(
+    folder: Path,
+    task: "ModelKind",
+    kinds: Sequence[str],  # model types of config.json that will do
+    companion: Companion,
+    *,
+    title: str,
+    device: "Device" = "auto",
+) -> LoadedModel:
+    """The model in ``folder``; ``title`` is what a person calls such models.
+
+    Raises ``GagaError`` when transformers is missing, or the folder holds another kind of model.
+    """
+    if not (folder / "config.json").is_file():
+        raise GagaError(f"{folder} holds no model: it has no config.json. Choose a model's folder.")
+    kind = str(read_json(folder / "config.json").get("model_type", ""))
+    if kind not in kinds:
+        raise GagaError(
+            f"{folder} holds no {title} model (it says {kind or 'nothing'!r}). "
+            "Choose the folder of one."
+        )
+    from gaga_core.segmentation.loading import choose_device, load_folder
+
+    where = choose_device(device)
+    network = load_folder(task, folder)
+    return LoadedModel(kind, network.to(where), _load_companion(companion, folder))
+
+
+def read_json(path: Path) -> dict[str, object]:
+    """The object in a JSON file; empty when there is none that can be read."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _load_companion(name: Companion, folder: Path) -> object:
+    from gaga_core.segmentation.loading import first_line, offline
+
+    with offline():
+        import transformers
+
+        try:
+            return getattr(transformers, name).from_pretrained(folder, local_files_only=True)
+        except (OSError, ValueError, RuntimeError, KeyError, TypeError, ImportError) as error:
+            raise GagaError(
+                f"The files next to the model in {folder} cannot be loaded ({first_line(error)}). "
+                "Copy the whole folder again, with its tokenizer and preprocessor files."
+            ) from error
