@@ -31,7 +31,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def display_problem(platform: str, environment: dict[str, str]) -> str:
-    """Why no window can be opened here, as a sentence; empty when nothing speaks against it."""
+    """Why no window can be opened here, as a sentence; empty when it can be opened."""
     if not platform.startswith("linux"):
         return ""
     if environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"):

@@ -45,11 +45,11 @@ from gaga_studio.ui.viewport.viewport import ViewportPanel
 
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
-_JOB_RATE = 12.0  # while a job runs: its progress moves, and the processor is the job's
+_JOB_RATE = 12.0  # while a job runs: its progress moves, and the job needs the processor
 
 
 class Studio:
-    """The program with a window. ``session`` is what tests look at."""
+    """The program with a window."""
 
     def __init__(
         self,
@@ -176,7 +176,7 @@ class Studio:
             self._document = self.session.document
             self.ui.forget()
             self._masks = None
-        if self.session.masks is not self._masks:  # made anew, they have the same names
+        if self.session.masks is not self._masks:  # made again, they have the same names
             self._masks = self.session.masks
             if self.images is not None:
                 self.images.clear()
@@ -226,13 +226,13 @@ class Studio:
     # --- the picture
 
     def _render(self, camera: Camera) -> int:
-        """The finished picture's texture; drawn anew only when something in it changed."""
+        """The finished picture's texture; drawn again only when something in it changed."""
         if self.viewport is None:
             return 0
         session = self.session
         view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
         if cleanup.shown(session) is not None:
-            view = replace(view, mode=Mode.COLOR)  # the preview speaks in colors of its own
+            view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
         before, start = self.viewport.n_draws, time.perf_counter()
         texture = self.viewport.draw(session.shown, camera, view, self._overlays())
         if self.viewport.n_draws != before and self._ctx is not None:

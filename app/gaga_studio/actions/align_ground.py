@@ -1,4 +1,4 @@
-"""Three clicks that say where the ground is: the points so far, and what the third one does."""
+"""Align the scene to the ground that three clicks mark."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ HELP = "Choose them far apart. Drag orbits, Backspace takes one back, Esc leaves
 
 
 def begin(session: Session) -> None:
-    """Take the tool, without a point; the former tool comes back when it ends."""
+    """Start the tool without a point; the former tool returns when it ends."""
     view = session.view
     if session.tool is not ToolName.GROUND:
         view.former_tool = session.tool
@@ -23,19 +23,19 @@ def begin(session: Session) -> None:
 
 
 def leave(session: Session) -> None:
-    """Go back to the former tool; the points are forgotten."""
+    """Return to the former tool and forget the points."""
     session.tool, session.view.ground = session.view.former_tool, ()
 
 
 def prompt(session: Session) -> str:
-    """What to do now, in words."""
+    """Return what to do now, in words."""
     return f"Click three points on the ground: {len(session.view.ground) + 1} of {_N}"
 
 
 def add(session: Session, point: Point | None) -> bool:
-    """One more point, None where no surface is; whether it was the third and the scene lies level.
+    """Add a point, None where no surface is; return whether it aligned the scene (the third does).
 
-    Three points on a line are all taken back.
+    Three points on a line are all removed.
     """
     view = session.view
     what = prompt(session)
@@ -49,12 +49,12 @@ def add(session: Session, point: Point | None) -> bool:
     if not align(session, points):
         return False
     leave(session)
-    session.notify(Level.INFO, _told(session))
+    session.notify(Level.INFO, _result_text(session))
     return True
 
 
 def take_back(session: Session) -> None:
-    """Forget the newest point."""
+    """Remove the newest point."""
     session.view.ground = session.view.ground[:-1]
 
 
@@ -71,7 +71,7 @@ def align(session: Session, points: DoubleArray) -> bool:
     return document.do(edit, turned=moved)
 
 
-def _told(session: Session) -> str:
+def _result_text(session: Session) -> str:
     done = "The ground is level now, at height 0."
     if not session.cameras:
         return done

@@ -69,7 +69,7 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
 
 
 def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:
-    """Copies of splats follow their originals while both are of one object; added splats stay."""
+    """Make the edit. Copies follow their originals inside one object; added splats stay."""
     known = scene.source < len(before)
     rows = np.where(known, scene.source, 0)
     follows = known & (scene.labels == before[rows])
@@ -83,9 +83,9 @@ def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> ed
 
 
 def overlaps(session: Session, decision: Decision) -> dict[int, float] | None:
-    """Share of the splats behind a mask that each object holds now, the largest first.
+    """Return the share of the splats behind a mask that each object holds, descending.
 
-    None until its view has been looked at, which happens beside: ask again in a later frame.
+    None until a quiet job has read its view: ask again in a later frame.
     """
     document = session.document
     if document is None or document.scene.bank is None:
@@ -166,7 +166,7 @@ def split_by_masks(session: Session) -> bool:
 
 
 def evidence_of(session: Session, document: Document) -> "Evidence":
-    """What the views say, kept with the document: they are drawn once for all repairs.
+    """Return the evidence of the views, cached in the document: they are rendered once.
 
     Raises ``GagaError`` when there are no masks.
     """
@@ -188,7 +188,7 @@ def evidence_of(session: Session, document: Document) -> "Evidence":
 
 
 def file_columns(scene: Scene) -> tuple[IntArray, FloatArray | None]:
-    """Groups (N,) and confidence (N,) 0..1 of the rows of the opened file."""
+    """Return groups (N,) and confidence (N,) 0..1 of the rows of the opened file."""
     n = len(stages.file_gaussians(scene))
     if scene.confidence is None:
         return scene.labels[:n], None

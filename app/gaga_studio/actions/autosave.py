@@ -1,7 +1,7 @@
-"""Autosave beside the user's own files, and what is left after a crash.
+"""Autosave in a folder of its own, and what is left after a crash.
 
-Every minute with unsaved edits the project is written to a folder of its own under `paths.home`;
-saving, discarding or closing removes it. A folder whose program runs no more is what a crash left.
+Every minute with unsaved edits the project is written to a folder under `paths.home`; saving,
+discarding or closing removes it. A folder whose program does not run any more was left by a crash.
 """
 
 import json
@@ -24,13 +24,13 @@ from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
-EVERY_S = 60.0  # at most so much work is at risk
+EVERY_S = 60.0  # at most this much work is lost in a crash
 _NOTE = "recovery.json"
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """Edits that a program which is no more had not saved."""
+    """Unsaved edits of a program that does not run any more."""
 
     folder: Path  # a saved project
     name: str  # of what was open
@@ -74,7 +74,7 @@ class Autosave:
             self._next = time.monotonic() + every
             return
         now = (document, document.save_state.content(document.history.state_id))
-        # A drag is not an edit yet; what is written must be a state that undo knows.
+        # A drag is not an edit yet; only a state of the history is written.
         if time.monotonic() < self._next or session.is_previewing or now == self._written:
             return
         self._next = time.monotonic() + every
@@ -95,12 +95,12 @@ class Autosave:
         self._pending = self._writer.submit(write)
 
     def finish(self) -> None:
-        """The program ends in order: nothing is left to recover."""
+        """Remove the autosave: the program ends normally."""
         self._writer.submit(self._clear)
         self._writer.shutdown(wait=True)
 
     def wait(self) -> None:
-        """Until the writer rests (for tests)."""
+        """Wait for the writer (for tests)."""
         if self._pending is not None:
             self._pending.exception()
 
@@ -118,12 +118,12 @@ class Autosave:
 
 
 def root() -> Path:
-    """Where autosaved projects lie."""
+    """Return the folder of the autosaved projects."""
     return paths.home() / "recovery"
 
 
 def left_over() -> tuple[Recovery, ...]:
-    """What programs that ended without saving left, newest first."""
+    """Return what programs that ended without saving left, newest first."""
     found = []
     for note in root().glob(f"*/{_NOTE}"):
         try:
@@ -145,7 +145,7 @@ def left_over() -> tuple[Recovery, ...]:
 
 
 def offer(session: Session) -> bool:
-    """Ask about the newest thing that a crash left; whether there was one."""
+    """Ask about the newest project that a crash left; return whether there was one."""
     waiting = left_over()
     if not waiting:
         return False

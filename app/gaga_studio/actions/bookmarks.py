@@ -9,7 +9,7 @@ KEYS = tuple(range(1, 10))
 
 
 def listed(session: Session) -> tuple[Bookmark, ...]:
-    """The bookmarks of the open scene, in their order."""
+    """Return the bookmarks of the open scene, in their order."""
     return session.project.bookmarks if session.project is not None else ()
 
 
@@ -28,7 +28,7 @@ def recall(session: Session, index: int) -> None:
 
 
 def index_of(session: Session, key: int) -> int | None:
-    """Place of the bookmark that has a key 1..9; None if none has it."""
+    """Return the index of the bookmark that has a key 1..9; None if none has it."""
     found = [i for i, mark in enumerate(listed(session)) if mark.key == key]
     return found[0] if found else None
 
@@ -51,7 +51,7 @@ def recall_key(session: Session, key: int) -> bool:
 
 
 def update(session: Session, index: int) -> None:
-    """Let a bookmark keep the present view instead."""
+    """Replace the view of a bookmark by the present one."""
     _change(session, index, replace(listed(session)[index], shot=session.rig.shot()))
 
 

@@ -15,14 +15,14 @@ from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, SplatLook
 
-SECONDS = 2.0  # from one keyframe to the next, until a person says otherwise
+SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0
 WHATS: dict[Mode, video.What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
 _MODES = {what: mode for mode, what in WHATS.items()}
 
 
 def path_of(session: Session) -> CameraPath:
-    """The path of the open scene; without keyframes when nothing is open."""
+    """Return the path of the open scene; without keyframes when nothing is open."""
     return session.project.film if session.project is not None else CameraPath()
 
 
@@ -30,7 +30,7 @@ def path_of(session: Session) -> CameraPath:
 
 
 def add_keyframe(session: Session) -> None:
-    """The present view as a keyframe after the chosen one, or at the end."""
+    """Add the present view as a keyframe after the chosen one, or at the end."""
     path, chosen = path_of(session), session.view.playback.chosen
     at = min(chosen + 1, len(path.keyframes))
     key = Keyframe(session.rig.shot(), SECONDS)
@@ -39,14 +39,14 @@ def add_keyframe(session: Session) -> None:
 
 
 def update_keyframe(session: Session, index: int) -> None:
-    """Let a keyframe show the present view instead."""
+    """Replace the view of a keyframe by the present one."""
     keys = list(path_of(session).keyframes)
     keys[index] = replace(keys[index], shot=session.rig.shot())
     _with_keys(session, tuple(keys))
 
 
 def remove_keyframe(session: Session, index: int) -> None:
-    """Take a keyframe out."""
+    """Remove a keyframe."""
     keys = path_of(session).keyframes
     _with_keys(session, (*keys[:index], *keys[index + 1 :]))
     playback = session.view.playback
@@ -65,7 +65,7 @@ def move_keyframe(session: Session, index: int, by: int) -> None:
 
 
 def set_seconds(session: Session, index: int, seconds: float) -> None:
-    """Time from the keyframe before to this one."""
+    """Set the time from the keyframe before to this one."""
     keys = list(path_of(session).keyframes)
     keys[index] = replace(keys[index], seconds=min(max(seconds, 0.05), 600.0))
     _with_keys(session, tuple(keys))
@@ -81,23 +81,23 @@ def set_total(session: Session, seconds: float) -> None:
 
 
 def set_closed(session: Session, closed: bool) -> None:
-    """Go on from the last keyframe to the first, or end."""
+    """Close the path from the last keyframe to the first, or open it."""
     _keep(session, replace(path_of(session), is_closed=closed))
 
 
 def set_even_speed(session: Session, even: bool) -> None:
-    """The same speed all the way, or the times of the keyframes."""
+    """Use one speed along the path, or the times of the keyframes."""
     _keep(session, replace(path_of(session), even_speed=even))
 
 
 def clear(session: Session) -> None:
-    """Forget every keyframe."""
+    """Remove every keyframe."""
     _with_keys(session, ())
     session.view.playback.chosen = 0
 
 
 def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
-    """A circle around what the camera turns around, in place of the path; it begins to play."""
+    """Replace the path by a circle around the pivot, and play it."""
     _keep(session, turntable(session.rig.shot(), session.rig.up, seconds))
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
@@ -129,7 +129,7 @@ def toggle_playing(session: Session) -> None:
 
 
 def tick(session: Session, dt: float) -> None:
-    """Once a frame: let the preview go on. A camera that is moved by hand ends it."""
+    """Advance the preview, once a frame. A camera that is moved by hand ends it."""
     playback, path = session.view.playback, path_of(session)
     if not playback.is_playing:
         return
@@ -222,7 +222,7 @@ def save_picture(
 def _painter(
     session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
 ) -> video.Painter | None:
-    """The window's own drawing at full quality; None for films of depth, whose range would jump."""
+    """Return the window's own drawing at full quality; None for depth, whose range would jump."""
     requests = session.render_requests
     if requests is None or (config.what == "depth" and mode is None):
         return None

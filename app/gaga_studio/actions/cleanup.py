@@ -1,4 +1,4 @@
-"""Cleaning objects: a preview to apply or leave, and cleaning before isolate, delete and export."""
+"""Clean objects: with a preview to apply or cancel, or before isolate, delete and export."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -28,12 +28,12 @@ Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 
 
 def shown(session: Session) -> "CleanPreview | None":
-    """The preview that the picture shows now."""
+    """Return the preview that is shown now."""
     return session.document.cleaning if session.document is not None else None
 
 
 def start(session: Session) -> None:
-    """Find out what cleaning the selected object would change, and show it."""
+    """Compute what cleaning the selected object would change, and show it."""
     groups = session.selected_groups()
     if session.document is None or len(groups) != 1:
         return
@@ -62,7 +62,7 @@ def apply(session: Session) -> bool:
 
 
 def cancel(session: Session) -> bool:
-    """End the preview, nothing is changed; False when there is none."""
+    """Cancel the preview; False when there is none."""
     if shown(session) is None:
         return False
     history.cancel_preview(session)
@@ -85,7 +85,7 @@ def delete_selected(session: Session) -> None:
 def export(
     session: Session, what: stages.Export, path: Path, *, form: SplatFormat = SplatFormat.PLY
 ) -> None:
-    """`files.export`; whole selected objects are cleaned first if that is wanted."""
+    """Export as `files.export` does; whole selected objects are cleaned first if that is wanted."""
     groups = _to_clean(session)
     if not groups:
         files.export(session, what, path, form=form)

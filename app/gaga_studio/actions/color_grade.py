@@ -69,7 +69,7 @@ class GradeSliders:
         self._shows = False
 
     def follow(self, session: Session) -> None:
-        """Forget the values when something else was done since."""
+        """Reset the values when another edit was done."""
         document = session.document
         if self._shows and (document is None or not document.history.is_previewing):
             self._shows = False
@@ -79,17 +79,17 @@ class GradeSliders:
             self.value, self._entry = Grade(), None
 
     def show(self, session: Session, wanted: Grade) -> None:
-        """The selection in this grade, while a slider is dragged."""
+        """Show the selection in this grade while a slider is dragged."""
         document = session.document
         if document is None or len(session.selected_indices()) == 0:
             return
         if not self._shows and self._entry == (document, document.history.state_id):
-            document.undo()  # its place is taken by what is shown now
+            document.undo()  # what is shown now replaces it
         self.value, self._shows, self._entry = wanted, True, None
         preview_grade(session, wanted)
 
     def keep(self, session: Session) -> None:
-        """The slider was let go: one entry."""
+        """Make what is shown one entry: the slider was released."""
         document = session.document
         if document is None or not self._shows:
             return
@@ -98,7 +98,7 @@ class GradeSliders:
             self._entry = (document, document.history.state_id)
 
     def reset(self, session: Session) -> None:
-        """Take the grade back."""
+        """Undo the grade."""
         document = session.document
         self._shows = False
         if document is None:

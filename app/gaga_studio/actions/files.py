@@ -1,4 +1,4 @@
-"""Associate, export, add splats, save a script: what reads and writes files of the open scene.
+"""Associate, export, add splats, save a script.
 
 Long work runs as a job; its result arrives as an edit or a notice.
 """
@@ -40,7 +40,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
 
 
 def _take_groups(document: Document, found: Association) -> int:
-    """Make the groups of an association those of the scene; how many objects there are now."""
+    """Set the groups of the scene; return how many objects there are now."""
     scene = document.settled().scene
     labels = spread(scene, found.labels)  # duplicates follow their originals
     names = names_of_added(scene, labels)
@@ -49,7 +49,7 @@ def _take_groups(document: Document, found: Association) -> int:
 
 
 def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:
-    """Observers of a job that fills a memory bank: of its progress, and of its end.
+    """Return the callbacks of a job that fills a memory bank: for its progress, for its end.
 
     While it runs the picture shows the groups growing; then what it showed before.
     """
@@ -78,7 +78,7 @@ def export(
 ) -> None:
     """Write what is visible, the selection, or one file per (selected, else any) object.
 
-    ``path`` is a folder for "objects", whose files are of ``form``; else its name says the form of
+    ``path`` is a folder for "objects", whose files are of ``form``; else its suffix is the form of
     the file. ``groups`` adds a column with the group to a .ply.
     """
     if session.scene is None:
@@ -89,7 +89,7 @@ def export(
 
 
 def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
-    """Run ``stage``, which exports to ``path`` and says what it has written."""
+    """Run ``stage``, which exports to ``path`` and returns a sentence on what it has written."""
 
     def done(text: str) -> None:
         session.has_exported = True
@@ -106,9 +106,9 @@ def when_agreed(
     then: Callable[[], object],
     form: SplatFormat | None = None,
 ) -> None:
-    """Do ``then``, which exports to ``path``; when that loses something, ask first.
+    """Call ``then``, which exports to ``path``; when that loses something, ask first.
 
-    ``form`` is that of objects' files; else the name of the file says it.
+    ``form`` is that of objects' files; else the suffix of ``path`` decides.
     """
     scene, form = session.need().settled().scene, form or form_of(path)
     if what == "objects":
@@ -159,8 +159,8 @@ def add_splats(session: Session, path: Path) -> None:
         if splats.is_antialiased != document.scene.gaussians.is_antialiased:
             session.notify(
                 Level.WARNING,
-                f"{path.name} was trained for another look (antialiased or not) than this scene, "
-                "so its fine parts may look thinner or thicker here.",
+                f"{path.name} was trained for another kind of drawing (antialiased or not) "
+                "than this scene, so its fine parts may look thinner or thicker here.",
             )
 
     session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)

@@ -1,4 +1,4 @@
-"""Which settings of a mask provider a person can slide, and between what."""
+"""The settings of a mask provider that have a slider, and their bounds."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -28,7 +28,7 @@ class Slider:
 # fmt: off
 _FLATTEN = (
     Slider("flatten", "min_visible", "Least visible share", 0.0, 0.9,
-           "A mask of which less stays uncovered by surer ones is dropped"),
+           "A mask of which less stays uncovered by more confident ones is dropped"),
 )
 SLIDERS: dict[Family, tuple[Slider, ...]] = {
     "": (),
@@ -53,7 +53,7 @@ SLIDERS: dict[Family, tuple[Slider, ...]] = {
         Slider("universal", "min_score", "Least confidence", 0.0, 1.0,
                "Surer masks only, or more of them"),
         Slider("universal", "max_overlap", "Most overlap", 0.1, 1.0,
-               "Of two masks that share more than this, the less sure one goes"),
+               "Of two masks that share more than this, the less confident one is dropped"),
         *_FLATTEN,
     ),
 }
@@ -61,7 +61,7 @@ SLIDERS: dict[Family, tuple[Slider, ...]] = {
 
 
 def family(entry: ProviderEntry) -> Family:
-    """What kind of settings a provider takes; "" while its weights are not here."""
+    """Return the kind of settings that a provider takes; "" while its weights are not here."""
     if entry.kind == "regions":
         return "regions"
     found = family_of(_model_type(entry))
@@ -69,14 +69,14 @@ def family(entry: ProviderEntry) -> Family:
 
 
 def value_of(settings: ProviderSettings, slider: Slider, entry: ProviderEntry) -> float:
-    """Where a slider stands: at the provider's own default until it is moved."""
+    """Return the value of a slider: the provider's own default until it is moved."""
     return float(getattr(getattr(settings, slider.part) or _defaults(entry), slider.field))
 
 
 def with_value(
     settings: ProviderSettings, slider: Slider, entry: ProviderEntry, value: float
 ) -> ProviderSettings:
-    """The settings with a slider moved, inside its bounds."""
+    """Return the settings with a slider moved, inside its bounds."""
     if slider.part == "generator" and settings.generator is None:
         settings = replace(settings, generator=_defaults(entry))
     bounded = min(max(value, slider.low), slider.high)
@@ -92,7 +92,7 @@ def with_value(
 
 
 def _defaults(entry: ProviderEntry) -> GeneratorConfig:
-    """Of a SAM on the processor; untouched settings follow the device by themselves."""
+    """Return those of a SAM on the CPU; settings that were not touched follow the device."""
     return GeneratorConfig.of(_model_type(entry), on_gpu=False)
 
 

@@ -1,4 +1,4 @@
-"""Masks of the open scene: who can make them, making, trying, importing, choosing, exporting."""
+"""Masks of the open scene: providers, making, trying, importing, choosing, exporting."""
 
 import shutil
 from collections.abc import Callable
@@ -25,13 +25,13 @@ from gaga_studio.session.session import Session
 Views = Literal["train", "all"]
 MaskForm = Literal["png", "dataset", "coco"]
 _PREVIEW = ".preview"  # mask folder of a preview; a leading dot keeps it out of the lists
-_UNNAMED = "imported"  # what `recognise` calls masks whose maker it does not know
+_UNNAMED = "imported"  # name that `recognise` gives to masks of an unknown provider
 _CANCEL = "Cancel"
 
 
 @dataclass(frozen=True)
 class MaskRequest:
-    """What masks are wanted."""
+    """The masks that a user asks for."""
 
     provider: str = REGIONS
     settings: ProviderSettings = field(default_factory=ProviderSettings)
@@ -43,7 +43,7 @@ class MaskRequest:
 
 @dataclass(frozen=True, eq=False)
 class MaskPreview:
-    """What a request gave for one photo."""
+    """The masks of one photo, made to see what the settings give."""
 
     request: MaskRequest
     view: str
@@ -56,24 +56,24 @@ class MaskPreview:
 
 
 def providers() -> tuple[ProviderEntry, ...]:
-    """Every provider, those that can be used first, in the order of the list otherwise."""
+    """Return every provider, those that can be used first."""
     return tuple(sorted(available_providers(), key=lambda entry: not entry.is_available))
 
 
 def has_model(entries: tuple[ProviderEntry, ...]) -> bool:
-    """Whether a model is here, beside what needs none."""
+    """Return whether a model is here; regions need none."""
     return any(entry.is_available and entry.kind != "regions" for entry in entries)
 
 
 def entry_of(path: Path) -> ProviderEntry:
-    """A line of the list for a model elsewhere; ``GagaError`` when it makes no masks."""
+    """Return the entry of a model in another folder; ``GagaError`` when it makes no masks."""
     found = weights_at(path)
     title = f"{found.model_type} in {found.path.name}"
     return ProviderEntry(path.stem, title, True, "", "own", found.path, licence="its own")
 
 
 def first_steps() -> str:
-    """What to say while no model is here."""
+    """Return what to tell the user while no model is here."""
     return (
         "Regions work at once, on any computer: they follow color, texture and the shape of the "
         "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects. Nothing"
@@ -85,17 +85,17 @@ def first_steps() -> str:
 
 
 def why_not(session: Session, entry: ProviderEntry | None) -> str:
-    """Why masks cannot be made now; "" when they can."""
+    """Return why masks cannot be made now; "" when they can."""
     reason = no_photos(session)
     if reason:
         return reason
     if entry is None:
-        return "Choose who makes the masks."
+        return "Choose a mask provider."
     return "" if entry.is_available else entry.reason
 
 
 def no_photos(session: Session) -> str:
-    """Needs photos with places, and the job runner."""
+    """Return why there is no photo with a pose, or no free job runner; "" when there is."""
     if session.project is None:
         return "No scene is open."
     folder = session.project.folder
@@ -108,7 +108,7 @@ def no_photos(session: Session) -> str:
 
 
 def photos_of(session: Session, views: Views) -> tuple[str, ...]:
-    """Names of the photos that a request would look at."""
+    """Return the names of the photos that a request covers."""
     folder = session.project.folder if session.project is not None else None
     if folder is None:
         return ()
@@ -119,7 +119,7 @@ def photos_of(session: Session, views: Views) -> tuple[str, ...]:
 def make(session: Session, request: MaskRequest | None = None) -> None:
     """Make the masks of all wanted photos; those that are there already stay unless ``redo``.
 
-    What is finished when the job is cancelled is kept, and the next run goes on from there.
+    What is finished when the job is cancelled is kept, and the next run continues from there.
     """
     request = request or MaskRequest()
     reason = no_photos(session)
@@ -190,7 +190,7 @@ def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stag
 
 
 def _keep_partial(session: Session, provider: str) -> None:
-    """After a cancel or an error: what is finished is there, and said."""
+    """After a cancel or an error, use what is finished and tell the user."""
     chosen = session.provider
     _look_again(session.need())
     folders = mask_folders(session)
@@ -207,7 +207,7 @@ def _keep_partial(session: Session, provider: str) -> None:
 
 
 def mask_folders(session: Session) -> tuple[str, ...]:
-    """Names of the mask folders of the scene."""
+    """Return the names of the mask folders of the scene."""
     folder = session.project.folder if session.project is not None else None
     return tuple(folder.mask_folders) if folder is not None else ()
 
@@ -234,7 +234,7 @@ def _look_again(document: Document) -> None:
 
 
 def import_from(session: Session, source: Path) -> None:
-    """Say what lies in a folder or file of masks, ask, then import it as a mask folder."""
+    """Recognise what a folder or file of masks holds, ask, then import it as a mask folder."""
     document = session.need()
     folder = _folder(document)
 
@@ -251,7 +251,7 @@ def import_from(session: Session, source: Path) -> None:
     session.jobs.start(f"Look at {source.name}", look(), on_done=seen)
 
 
-def _ask(session: Session, folder: SceneFolder, source: Path, said: str, name: str) -> None:
+def _ask(session: Session, folder: SceneFolder, source: Path, described: str, name: str) -> None:
     taken = (folder.root / "masks" / name).exists()
     other = free_name(folder, name)
     keep, instead = f"Import as {other}", f"Replace {name}"
@@ -264,11 +264,11 @@ def _ask(session: Session, folder: SceneFolder, source: Path, said: str, name: s
         as_name = other if choice == keep else name
         _import(session, folder, source, as_name, replace_old=choice == instead)
 
-    session.pending_question = UserQuestion(f"{said}{extra}", choices, chosen)
+    session.pending_question = UserQuestion(f"{described}{extra}", choices, chosen)
 
 
 def free_name(folder: SceneFolder, name: str) -> str:
-    """``name``, or the first of "name 2", "name 3" ... that is not taken."""
+    """Return ``name``, or the first of "name 2", "name 3" ... that is not taken."""
     k, free = 1, name
     while (folder.root / "masks" / free).exists():
         k += 1
@@ -323,7 +323,7 @@ def export(session: Session, form: MaskForm, out: Path) -> None:
 def _folder(document: Document) -> SceneFolder:
     folder = document.project.folder
     if folder is None:
-        raise GagaError("A lone splat file has no photos. Open its scene folder for masks.")
+        raise GagaError("A single splat file has no photos. Open its scene folder for masks.")
     return folder
 
 

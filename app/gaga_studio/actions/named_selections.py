@@ -1,4 +1,4 @@
-"""Selections that are kept under a name."""
+"""Selections with a name, to be selected again later."""
 
 from gaga_core.scene import edits
 from gaga_core.scene.edits import How

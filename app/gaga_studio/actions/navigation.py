@@ -1,4 +1,4 @@
-"""Where to look: training views one after the other, an object, the whole scene."""
+"""Move the camera to: training views one after the other, an object, the whole scene."""
 
 import numpy as np
 
@@ -15,13 +15,13 @@ def go_to_view(session: Session, index: int) -> None:
 
 
 def view_index(session: Session, name: str) -> int | None:
-    """Place of the photo called ``name`` in ``session.cameras``; None if there is none."""
+    """Return the index of the photo ``name`` in ``session.cameras``; None if there is none."""
     names = [camera.name for camera in session.cameras]
     return names.index(name) if name in names else None
 
 
 def next_view(session: Session, step: int) -> None:
-    """Fly to the next (1) or previous (-1) photo, round and round."""
+    """Fly to the next (1) or previous (-1) photo, cyclically."""
     if session.cameras:
         at = session.active_view if session.active_view is not None else -step
         go_to_view(session, (at + step) % len(session.cameras))
@@ -48,7 +48,7 @@ def frame_group(session: Session, group: int) -> None:
 
 
 def focus_at(session: Session, u: float, v: float, width: int, height: int) -> bool:
-    """Turn around the surface at a pixel from now on (double click)."""
+    """Make the surface at a pixel the pivot of the camera (double click)."""
     found = session.pick(u, v, width, height)
     if found is not None:
         session.rig.set_pivot(found.point)

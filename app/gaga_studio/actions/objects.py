@@ -61,7 +61,7 @@ def merge(session: Session) -> bool:
 
 @notifies
 def split(session: Session) -> bool:
-    """Take the selected object apart where its parts do not touch."""
+    """Split the selected object into the components that do not touch."""
     document = session.need()
     groups = document.read.selected_groups()
     if len(groups) != 1:

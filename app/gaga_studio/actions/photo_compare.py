@@ -1,4 +1,4 @@
-"""The photo against the picture, at the photo's own camera."""
+"""Compare a photo with the picture, at the photo's own camera."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +27,7 @@ class PhotoPlacement:
 
 
 def set_mode(session: Session, mode: PhotoCompareMode) -> None:
-    """Compare in this way, or no more when it is on already; flies to a photo first."""
+    """Compare in this way, or stop when it is on already; fly to a photo first."""
     view = session.view
     view.compare = PhotoCompareMode.OFF if view.compare is mode else mode
     if view.compare is not PhotoCompareMode.OFF and compared(session) is None:
@@ -42,7 +42,7 @@ def hold(session: Session) -> None:
 
 
 def compared(session: Session) -> Camera | None:
-    """Camera of the photo at which the view stands exactly; None elsewhere and on the way."""
+    """Return the camera of the photo that the view shows exactly; None elsewhere."""
     index = session.active_view
     if index is None or index >= len(session.cameras):
         return None
@@ -56,7 +56,7 @@ def compared(session: Session) -> Camera | None:
 
 
 def place(photo: Camera, view: Camera) -> PhotoPlacement:
-    """Where the photo lies in the picture of ``view``, which has the same pose.
+    """Return where the photo lies in the picture of ``view``, which has the same pose.
 
     Exact for any principal point and for pixels that are not square.
     """
@@ -69,7 +69,7 @@ def place(photo: Camera, view: Camera) -> PhotoPlacement:
 def difference(
     scene: Scene, camera: Camera, photo: Path, *, side: int = SIDE
 ) -> tuple[UInt8Array, float]:
-    """|photo - picture| as a heat map (H, W, 3), and its mean over pixels and channels, 0..1.
+    """Return |photo - picture| as a heat map (H, W, 3), and its mean, 0..1.
 
     The picture is of the whole scene as it is, drawn by the best rasterizer here at the photo's
     exact camera, over black; slow enough to want a thread.
@@ -86,12 +86,12 @@ def difference(
 
 
 def snapshot(scene: Scene) -> Scene:
-    """The scene as it is now: columns are replaced by edits, never written."""
+    """Return the scene as it is now: edits replace columns, they never write into them."""
     return replace(scene)
 
 
 def content_mark(scene: Scene) -> str:
-    """Name of what is to be seen: differs when the picture does."""
+    """Return a key that changes when the picture does."""
     r = scene.revision
     return f"{r.splats} {r.state} {r.placement} {r.placements}"
 
@@ -105,7 +105,7 @@ def _heat(amount: FloatArray) -> UInt8Array:
 
 
 def _go(session: Session) -> None:
-    """To the photo of the moment, or the one that was taken nearest to here, at once."""
+    """Go to the active photo, or the nearest one, at once."""
     index = session.active_view
     if index is None:
         eye = session.rig.eye

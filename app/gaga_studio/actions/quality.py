@@ -1,4 +1,4 @@
-"""How good the objects are: measured on demand, kept for every state of the groups."""
+"""Quality of the objects: measured on demand, cached for every state of the groups."""
 
 from typing import TYPE_CHECKING
 
@@ -41,7 +41,7 @@ def measure(session: Session) -> bool:
 
 
 def shown(session: Session) -> "tuple[Quality | None, bool]":
-    """The newest measure of the open scene, and whether it is of the groups as they are now."""
+    """Return the newest measurement, and whether it is of the present groups."""
     document = session.document
     if document is None or not document.quality:
         return None, False
@@ -50,13 +50,13 @@ def shown(session: Session) -> "tuple[Quality | None, bool]":
 
 
 def of_group(session: Session, group: int) -> "GroupQuality | None":
-    """What was measured of one object."""
+    """Return the measurement of one object, None if there is none."""
     found, _ = shown(session)
     return None if found is None else found.groups.get(group)
 
 
 def column(session: Session, table: ObjectTable) -> DoubleArray:
-    """Agreement (G,) of the rows of the list, -1 where nothing is known."""
+    """Return the agreement (G,) of the rows of the list, -1 where nothing is known."""
     found, _ = shown(session)
     return np.full(len(table), -1.0) if found is None else found.agreement(table.ids)
 

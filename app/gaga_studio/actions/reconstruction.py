@@ -1,4 +1,4 @@
-"""From photos to splats in the window: the offer, the job, what it shows, and what is asked."""
+"""From photos to splats: the offer, the job, its preview, and its question."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
 @dataclass(frozen=True)
 class ReconstructionPlan:
-    """What a person wants to be made of the photos that were found."""
+    """What to make of the photos that were found."""
 
     config: "ReconstructConfig"
     scene: Path  # folder to write
@@ -36,7 +36,7 @@ class _Refused:
 
 
 def why_not(session: Session) -> str:
-    """Why no splats can be made now; "" when they can."""
+    """Return why no splats can be made now; "" when they can."""
     if session.photos is None:
         return "No photos without splats are open. Open a folder of photos, or a video."
     job = session.jobs.running
@@ -44,7 +44,7 @@ def why_not(session: Session) -> str:
 
 
 def plan_of(found: "PhotoFind") -> ReconstructionPlan:
-    """What is made when nobody says otherwise: what was begun, else a draft."""
+    """Return the default plan: the one that was begun, else a draft."""
     from gaga_core.pipeline.reconstruct import ReconstructConfig
 
     return ReconstructionPlan(found.going_on or ReconstructConfig(), found.scene)
@@ -61,8 +61,8 @@ def title(session: Session) -> str:
     return f"Train splats on {what}" if found.is_placed else f"Make splats from {what}"
 
 
-def said(found: "PhotoFind") -> str:
-    """What was found, in a sentence."""
+def found_text(found: "PhotoFind") -> str:
+    """Return what was found, in a sentence."""
     if found.going_on is not None:
         share = 100 * found.iteration / found.going_on.train().iterations
         return f"The training of {found.name} was stopped at {share:.0f} %. It can go on there."
@@ -116,7 +116,7 @@ def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
 
 @notifies
 def _look_again(session: Session, scene: Path) -> None:
-    """After a cancel or an error: what is finished is there, and offered to go on from."""
+    """After a cancel or an error, offer to continue from what is finished."""
     from gaga_core.pipeline.photo_source import look_at_photos
 
     if scene.is_dir():
@@ -151,7 +151,7 @@ def _nothing() -> Stage[None]:
 
 
 def _in_steps(start: float, end: float) -> Callable[[Progress], Progress]:
-    """Progress as that of a share of the job; the bar never goes back from one step to the next."""
+    """Map progress into a share of the job; the bar never goes back."""
     best = start
 
     def change(step: Progress) -> Progress:
@@ -174,7 +174,7 @@ def _placed(stage: str, done: float) -> float:
 
 
 def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:
-    """Payloads that hold everything so far."""
+    """Make payloads hold everything so far."""
 
     def change(step: Progress) -> Progress:
         from gaga_core.reconstruct.train import TrainUpdate
@@ -208,7 +208,7 @@ def plan_with(
     max_side: int | None = None,
     focal: float | None = None,
 ) -> ReconstructionPlan:
-    """``plan`` with other settings; ``GagaError`` when they do not do. 0 = as the quality says."""
+    """Return ``plan`` with other settings; ``GagaError`` for invalid ones. 0 = by the quality."""
     changes: dict[str, object] = {}
     if quality is not None and quality != plan.config.quality:
         changes |= {"quality": quality, "iterations": None, "max_side": None}

@@ -1,4 +1,4 @@
-"""Asking the open scene: words as they are typed, an index of pictures, a detector, names."""
+"""Search the open scene: by words, by an index of pictures, by a detector; name objects."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.search_state import look_up_stage, measure_stage
 from gaga_studio.session.session import NO_GROUPS, Session
 
-_LONGEST = 800  # pixels of the picture that a detector looks at
+_LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
@@ -37,7 +37,7 @@ EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
 def tick(session: Session) -> None:
-    """Measure what has changed, look words up, and bring the answer up to date."""
+    """Measure what has changed, look up nouns, and update the answer."""
     document = session.document
     if document is None or session.live is not None:
         return
@@ -68,7 +68,7 @@ def _measure(session: Session, document: Document, cameras: Sequence[Camera], ke
 
 
 def type_text(session: Session, text: str, size: tuple[int, int]) -> None:
-    """The text of the box; left and right are those of the picture of ``size`` now."""
+    """Take the text of the box; left and right are those of the present picture of ``size``."""
     if session.document is not None:
         camera = session.rig.camera(max(size[0], 1), max(size[1], 1))
         session.document.search.type(text, camera)
@@ -93,7 +93,7 @@ def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> 
 
 
 def take_all(session: Session) -> bool:
-    """Add all that fit to the selection."""
+    """Add all objects that answer the text to the selection."""
     meant = session.document.search.meant if session.document is not None else ()
     if not meant:
         return False
@@ -104,31 +104,31 @@ def take_all(session: Session) -> bool:
 
 
 def embedder_folder() -> Path | None:
-    """Folder of the first CLIP or SigLIP model that is here."""
+    """Return the folder of the first CLIP or SigLIP model that is here."""
     return find_any(KNOWN_EMBEDDERS)
 
 
 def detector_folder() -> Path | None:
-    """Folder of the first Grounding DINO or OWLv2 model that is here."""
+    """Return the folder of the first Grounding DINO or OWLv2 model that is here."""
     return find_any(KNOWN_DETECTORS)
 
 
 def no_embedder() -> str:
-    """Needs a CLIP or SigLIP model."""
+    """Return why there is no CLIP or SigLIP model; "" when there is one."""
     if embedder_folder() is not None:
         return ""
     return f"That needs a model of words and pictures. {where_to_put_all(KNOWN_EMBEDDERS[0])}"
 
 
 def no_detector() -> str:
-    """Needs a Grounding DINO or OWLv2 model."""
+    """Return why there is no Grounding DINO or OWLv2 model; "" when there is one."""
     if detector_folder() is not None:
         return ""
     return f"That needs a detector of phrases. {where_to_put_all(KNOWN_DETECTORS[0])}"
 
 
 def no_index(session: Session) -> str:
-    """Needs an index of the scene."""
+    """Return why there is no index of the scene; "" when there is one."""
     document = session.document
     if document is None:
         return "No scene is open."
@@ -138,7 +138,7 @@ def no_index(session: Session) -> str:
 
 
 def index_state(session: Session) -> str:
-    """One sentence: what the index knows, or what there is without one."""
+    """Return one sentence on what the index knows, or what works without one."""
     document = session.document
     if document is None:
         return "No scene is open."
@@ -158,7 +158,7 @@ def index_state(session: Session) -> str:
 
 
 def no_question(session: Session) -> str:
-    """Needs a text in the box, objects, and the job runner."""
+    """Return why the detector cannot be asked now; "" when it can."""
     document = session.document
     if document is None:
         return "No scene is open."
@@ -174,7 +174,7 @@ def no_question(session: Session) -> str:
 
 
 def index(session: Session) -> None:
-    """Look at every object that the index does not know yet; cancelling keeps the former index."""
+    """Index every object that the index does not know yet; cancelling keeps the former index."""
     document = session.need()
     project = document.settled()
     frozen = replace(project, scene=replace(project.scene))
@@ -195,7 +195,7 @@ def index(session: Session) -> None:
 
 
 def find_here(session: Session, size: tuple[int, int]) -> None:
-    """Ask a detector what the text means in the picture as it is now."""
+    """Find what the text names in the present picture, with a detector."""
     document = session.need()
     search, text = document.search, document.search.text.strip()
     scene = replace(document.settled().scene)
@@ -220,7 +220,7 @@ def find_here(session: Session, size: tuple[int, int]) -> None:
 
 
 def name_all(session: Session) -> None:
-    """Name the objects without a name that the index is sure of, as one edit."""
+    """Name the objects without a name that the index knows with confidence, as one edit."""
     document = session.need()
     project = document.settled()
     scene, before = replace(project.scene), document.history.state_id
@@ -238,7 +238,7 @@ def name_all(session: Session) -> None:
         elif document.do(name_groups(document.scene, names)):
             session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
         else:
-            session.notify(Level.INFO, "The index is sure of no further name.")
+            session.notify(Level.INFO, "The index knows no further name with confidence.")
 
     session.jobs.start("Name the objects", stage(), on_done=done)
 

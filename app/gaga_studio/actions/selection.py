@@ -1,4 +1,4 @@
-"""What is selected: by a click, whole objects, neighbours, likeness, and by numbers.
+"""Select: by a click, whole objects, neighbours, similar encodings, numbers.
 
 Numbers are ranges of columns, colors and boxes: what the "Select by" panel calls.
 """
@@ -24,7 +24,7 @@ from gaga_studio.session.session import NO_GROUPS, Session
 
 
 def click(session: Session, u: float, v: float, width: int, height: int, how: How = "set") -> int:
-    """Select the object at a pixel, add or remove it; its group, 0 for none.
+    """Select the object at a pixel, add or remove it; return its group, 0 for none.
 
     To set the selection by a click on nothing, or on splats without a group, selects nothing.
     """
@@ -75,7 +75,7 @@ def select_inverse(session: Session) -> bool:
 
 @notifies
 def select_uncertain(session: Session) -> bool:
-    """Select the splats of doubtful group: of the selected objects, or of everything."""
+    """Select splats of low confidence: of the selected objects, or of everything."""
     document = session.need()
     scene, groups = document.settled().scene, document.read.selected_groups()
     among = group_indices(scene, groups) if groups else algebra.everything(scene)
@@ -87,7 +87,7 @@ def select_uncertain(session: Session) -> bool:
     return document.select(found, "set", "Select uncertain")
 
 
-# --- neighbours and likeness
+# --- neighbours and similar splats
 
 
 @notifies
@@ -113,7 +113,7 @@ def shrink(session: Session) -> bool:
 
 @notifies
 def grow_by_identity(session: Session, likeness: float = 0.9) -> bool:
-    """Add every splat whose identity encoding is like the selection's."""
+    """Add every splat whose identity encoding is similar to the selection's."""
     from gaga_core.scene.selection.neighbourhood import grown_by_identity
 
     def grown(scene: Scene, splats: IntArray) -> IntArray:
@@ -138,7 +138,7 @@ class Histograms:
         self._kept: Histogram | None = None
 
     def of(self, session: Session, name: str) -> Histogram:
-        """Counts of a column, those of the selection apart."""
+        """Return the counts of a column, with those of the selection."""
         document = session.need()
         scene = document.history.base
         key = (document, scene.revision.total(), name)
@@ -174,7 +174,10 @@ def crop(session: Session, lo: DoubleArray, hi: DoubleArray) -> bool:
 
 
 def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:
-    """World from the unit cube (4, 4); a side is never shorter than a thousandth of the longest."""
+    """Return the map (4, 4) from the unit cube to the world.
+
+    A side is never shorter than a thousandth of the longest.
+    """
     sides = np.abs(hi - lo)
     sides = np.maximum(sides, max(float(sides.max()) * 1e-3, 1e-9))
     matrix = np.eye(4)
@@ -184,7 +187,7 @@ def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:
 
 
 def selected_color(session: Session) -> tuple[float, float, float]:
-    """Mean color of the selection; grey when nothing is selected."""
+    """Return the mean color of the selection; grey when nothing is selected."""
     document = session.need()
     red, green, blue = mean_color(document.history.base, document.read.selected_indices())
     return float(red), float(green), float(blue)

@@ -28,7 +28,7 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 
 SIDE = 96  # pixels
-_TRIED = 3  # photos that are looked at for the best one
+_TRIED = 3  # photos that are compared
 _HELD = 0.6  # share of an object's splats that its masks must have given it
 _MOST = 60_000  # splats that are drawn
 _BACK = 46  # grey behind an object that is drawn alone
@@ -37,7 +37,7 @@ Load = Callable[[], UInt8Array]
 
 
 def request(session: Session, table: ObjectTable, row: int) -> tuple[str, Load] | None:
-    """Key and loader of the picture of a row of the object list; None when there is none now."""
+    """Return key and loader of the picture of a row of the list; None if there is none yet."""
     document = session.document
     group = int(table.ids[row])
     if document is None or group == 0:
@@ -62,7 +62,7 @@ Photo = tuple[Path, Loader, frozenset[int]]  # its file, its label map, the mask
 
 
 def _photos(session: Session, document: Document, group: int) -> tuple[Photo, ...]:
-    """The photos to try, those with most of the object's splats behind its masks."""
+    """Return the photos to try, those with most of the object's splats behind its masks."""
     folder = document.project.folder
     if folder is None or document.read.held_by_masks().get(group, 0.0) < _HELD:
         return ()
@@ -149,7 +149,7 @@ def _alone(scene: Scene, group: int, view: _ObjectView) -> UInt8Array:
 
 
 def _mark(document: Document, table: ObjectTable, row: int) -> str:
-    """Short name of what an object looks like: where its splats are, how many, which colors."""
+    """Return a digest of an object: positions, count and colors of its splats."""
     where = np.concatenate([table.centre[row], table.lo[row], table.hi[row]])
     content = [where.tobytes(), str(table.counts[row]).encode()]
     content += [document.scene.placements.color.tobytes()]

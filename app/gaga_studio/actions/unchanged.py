@@ -1,4 +1,4 @@
-"""Whether a job's result still belongs to what is open."""
+"""Check that the result of a job still fits what is open."""
 
 from collections.abc import Callable
 
@@ -10,12 +10,12 @@ from gaga_studio.session.session import Session
 def watch(
     session: Session, document: Document, is_same: Callable[[], bool], text: str
 ) -> Callable[[], bool]:
-    """A question for the end of a job: whether ``document`` is open still, and ``is_same``.
+    """Return a check for the end of a job: is ``document`` still open, and ``is_same`` true?
 
-    When ``is_same`` says no, the notice ``text`` tells the user.
+    When ``is_same`` is false, the user gets the notice ``text``.
     """
 
-    def ask() -> bool:
+    def check() -> bool:
         if session.document is not document:
             return False
         if is_same():
@@ -23,4 +23,4 @@ def watch(
         session.notify(Level.WARNING, text)
         return False
 
-    return ask
+    return check

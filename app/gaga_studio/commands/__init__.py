@@ -60,29 +60,29 @@ _BY_KEYS = {
 
 
 def command(command_id: str) -> Command:
-    """The command with this id; ``KeyError`` when there is none."""
+    """Return the command with this id; ``KeyError`` when there is none."""
     return _BY_ID[command_id]
 
 
 def for_shortcut(keys: str, session: Session) -> Command | None:
-    """The command of a shortcut. While flying, the fly keys are the camera's, Shift or not."""
+    """Return the command of a shortcut. While flying, the fly keys move the camera."""
     profile = _profile(session)
     letters = keys.removeprefix("Shift+").removeprefix("Alt+")
     if session.rig.is_flying and letters in FLY_KEYS:
         return None
     clicks_points = session.view.outline is not None or session.tool is ToolName.GROUND
-    if keys == "Backspace" and clicks_points:  # with none left it tells so: it never deletes
+    if keys == "Backspace" and clicks_points:  # it never deletes then
         return _BY_ID["tool.remove_corner"]
     return _BY_KEYS[profile].get(keys)
 
 
 def keys_of(chosen: Command, session: Session) -> Keys:
-    """Every shortcut of a command in the profile that the user chose."""
+    """Return every shortcut of a command in the profile that the user chose."""
     return PROFILES[_profile(session)][chosen.id]
 
 
 def shortcut_of(chosen: Command, session: Session) -> str:
-    """The shortcut that is shown for a command; "" when it has none."""
+    """Return the shortcut that is shown for a command; "" when it has none."""
     keys = keys_of(chosen, session)
     return keys[0] if keys else ""
 

@@ -69,11 +69,11 @@ def no_groups(session: Session) -> str:
 
 
 def no_confidence(session: Session) -> str:
-    """Needs to know how sure each splat is of its group."""
+    """Needs the confidence of the splats."""
     scene = session.scene
     if scene is not None and scene.confidence is not None:
         return ""
-    return no_scene(session) or "How sure the groups are is not known. Use Find objects."
+    return no_scene(session) or "The confidence of the groups is not known. Use Find objects."
 
 
 def not_exportable_objects(session: Session) -> str:
@@ -90,7 +90,7 @@ def no_masks(session: Session) -> str:
 
 
 def no_photos_for_masks(session: Session) -> str:
-    """Needs photos with places, and the job runner."""
+    """Needs photos with poses, and the job runner."""
     return masks.no_photos(session)
 
 

@@ -37,7 +37,7 @@ class Command:
 
 
 def ask(request: str) -> Callable[[Session], None]:
-    """Run: the window shows this dialog (see `Session.take_request`)."""
+    """Return an action that asks for this dialog (see `Session.take_request`)."""
 
     def run(session: Session) -> None:
         session.request = request

@@ -1,4 +1,4 @@
-"""What commands do in more than one call, and titles of the moment."""
+"""Handlers that change the view or need several actions, and titles that change."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
 
-# --- titles of the moment
+# --- titles
 
 
 def undo_title(session: Session) -> str:
@@ -28,11 +28,11 @@ def remove_title(session: Session) -> str:
     return "Take back the last point" if on_ground else "Take back the last corner"
 
 
-# --- acts
+# --- handlers
 
 
 def cancel(session: Session) -> None:
-    """End the innermost thing: a drag, flying, the tool, the selection."""
+    """End what is active: a drag, flying, the tool, or the selection."""
     if session.is_previewing:
         history.cancel_preview(session)
     elif session.rig.is_flying:
@@ -58,7 +58,7 @@ def previous_view(session: Session) -> None:
 
 
 def toggle_clean_first(session: Session) -> None:
-    """Clean objects before they are isolated, deleted or exported, or do not."""
+    """Switch cleaning of objects before they are isolated, deleted or exported."""
     settings = session.settings
     session.change_settings(replace(settings, clean_first=not settings.clean_first))
 
@@ -89,12 +89,12 @@ def toggle_info(session: Session) -> None:
 
 
 def toggle_splats(session: Session) -> None:
-    """Tools that select regions: whole objects or single splats."""
+    """Let region tools select whole objects or single splats."""
     session.view.takes_splats = not session.view.takes_splats
 
 
 def toggle_visible_only(session: Session) -> None:
-    """Tools that select regions: the visible surface or through everything."""
+    """Let region tools select the visible surface or everything behind it, too."""
     session.view.visible_only = not session.view.visible_only
 
 
@@ -109,7 +109,7 @@ def larger_brush(session: Session) -> None:
 
 
 def confirm(session: Session) -> None:
-    """End what waits for a yes: the outline, the cleaning."""
+    """Confirm what waits: the outline or the cleaning."""
     if session.view.outline is not None:
         close_outline(session)
     else:
@@ -117,7 +117,7 @@ def confirm(session: Session) -> None:
 
 
 def remove_corner(session: Session) -> None:
-    """Take the last corner of the outline back, or the last point of the ground."""
+    """Remove the last corner of the outline, or the last point of the ground."""
     if session.tool is ToolName.GROUND:
         align_ground.take_back(session)
     elif session.view.outline is not None:
@@ -125,18 +125,18 @@ def remove_corner(session: Session) -> None:
 
 
 def toggle_first_steps(session: Session) -> None:
-    """The card of five steps: bring it back, or put it away."""
+    """Show or hide the card of five steps."""
     put_away = not session.settings.first_steps_done
     session.change_settings(replace(session.settings, first_steps_done=put_away))
 
 
 def toggle_snap(session: Session) -> None:
-    """Handles: freely or in steps."""
+    """Move handles freely or in steps."""
     session.view.snaps = not session.view.snaps
 
 
 def toggle_local_axes(session: Session) -> None:
-    """Handles: along the world's axes or the object's own."""
+    """Put handles along the world's axes or the object's own."""
     session.view.local_axes = not session.view.local_axes
 
 

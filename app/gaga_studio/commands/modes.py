@@ -1,4 +1,4 @@
-"""View: what the splats' color says, how they are drawn, and what is behind them."""
+"""View: what the color of splats means, how they are drawn, and the background."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ _BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray
 
 
 def next_mode(session: Session) -> None:
-    """The next mode that has something to show, and round again."""
+    """Switch to the next mode that has something to show, cyclically."""
     current = [command.id for command in _MODES].index(f"view.{session.view.mode}")
     for command in (*_MODES[current + 1 :], *_MODES):
         if not command.enabled(session):
@@ -20,7 +20,7 @@ def next_mode(session: Session) -> None:
 
 
 def next_background(session: Session) -> None:
-    """Dark, black, gray, white; remembered like every preference."""
+    """Switch to the next background: dark, black, gray, white."""
     now = session.settings.background
     at = _BACKGROUNDS.index(now) if now in _BACKGROUNDS else -1
     color = _BACKGROUNDS[(at + 1) % len(_BACKGROUNDS)]

@@ -81,7 +81,7 @@ class CameraRig:
         return right
 
     def camera(self, width: int, height: int) -> Camera:
-        """The view at this picture size (at least 1 x 1), for drawing and for picking."""
+        """Return the camera at this picture size (at least 1 x 1), for drawing and for picking."""
         self._size = (max(width, 1), max(height, 1))
         return self._camera(self._size)
 
@@ -99,7 +99,7 @@ class CameraRig:
         return Camera(K, matrix, *size, "view")
 
     def shot(self) -> Shot:
-        """The present view, for a bookmark, a keyframe or a picture of any size.
+        """Return the present view, for a bookmark, a keyframe or a picture of any size.
 
         Another picture size shows it as the picture does when the window is resized.
         """
@@ -120,7 +120,7 @@ class CameraRig:
         self.pose = replace(self.pose, yaw=yaw, pitch=pitch, roll=self._levelled())
 
     def look(self, dx: float, dy: float) -> None:
-        """Turn the head by a drag in pixels: the eye stays."""
+        """Turn the camera about its own position by a drag in pixels."""
         self._stop()
         eye = self.eye
         yaw, pitch = self._turned(0.5 * dx, 0.5 * dy)
@@ -189,7 +189,7 @@ class CameraRig:
         self._jump(pose, animated)
 
     def set_orthographic(self, flat: bool) -> None:
-        """Draw far things as large as near ones, or not; what is at the pivot keeps its size."""
+        """Switch the orthographic projection; what is at the pivot keeps its size."""
         self._jump(replace(self._target(), is_orthographic=flat), animated=False)
 
     def look_from(self, side: Sequence[float]) -> None:
@@ -212,7 +212,7 @@ class CameraRig:
         return result
 
     def look_along(self, axis: str) -> None:
-        """An axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
+        """Show an axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
         headings = {"front": 90.0, "back": -90.0, "left": 0.0, "right": 180.0}
         pose = self._target()
         if axis in headings:
@@ -225,7 +225,7 @@ class CameraRig:
         self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
 
     def follow(self, world: DoubleArray) -> None:
-        """Go along when the whole scene was turned: ``world`` (4, 4) says by what since the start.
+        """Follow a turn of the whole scene: ``world`` (4, 4) is its motion since it was opened.
 
         The picture stays what it was, then it is levelled, smoothly.
         """
@@ -246,7 +246,7 @@ class CameraRig:
         *,
         animated: bool = False,
     ) -> None:
-        """A good first view of a scene with the robust box lo..hi (3,): its first photo, if any.
+        """Set a first view of a scene with the robust box lo..hi (3,): its first photo, if any.
 
         Without cameras: from the front, a little above, the whole box. Sets up and the scale too.
         """
@@ -256,7 +256,7 @@ class CameraRig:
         centre = (lo + hi) / 2
         self.radius = max(float(np.linalg.norm(hi - lo)) / 2, 1e-6)
         if not cameras:
-            # Seen from its front: lone models are made in a world where cameras look along +z.
+            # Models without cameras are made in a world where cameras look along +z.
             yaw = float(np.arctan2(*(self._basis @ np.array([0, 0, 1.0]))[1::-1]))
             self.pose = Pose(centre, 3 * self.radius, yaw, -0.3)
             self.focus(centre, 0.8 * self.radius, animated=animated)
@@ -268,7 +268,7 @@ class CameraRig:
         self.go_to(cameras[0], animated=animated)
 
     def update(self, dt: float) -> bool:
-        """Advance a jump by ``dt`` seconds; whether the camera moved."""
+        """Advance a jump by ``dt`` seconds; return whether the camera moved."""
         if self._goal is None or self._start is None:
             return False
         self._elapsed += dt
@@ -346,7 +346,7 @@ class CameraRig:
 
 
 def _between(a: Pose, b: Pose, t: float) -> Pose:
-    """The pose at share ``t`` of the way; angles go the short way round."""
+    """Interpolate two poses at ``t`` in 0..1; angles take the shorter way."""
 
     def angle(x: float, y: float) -> float:
         return x + t * float(np.angle(np.exp(1j * (y - x))))
@@ -364,5 +364,5 @@ def _between(a: Pose, b: Pose, t: float) -> Pose:
 
 
 def _quarter(yaw: float) -> float:
-    """The nearest quarter turn: a view from the top keeps its edges upright."""
+    """Return the nearest quarter turn: a view from the top keeps its edges upright."""
     return round(yaw / (np.pi / 2)) * float(np.pi / 2)

@@ -54,14 +54,14 @@ class Document:
 
     @property
     def unsaved(self) -> bool:
-        """Whether there are edits that are not on disk; a mere selection is none."""
+        """Whether there are edits that are not on disk; a selection is not an edit."""
         return self.save_state.is_unsaved(self.history)
 
     # --- history
 
     @property
     def world(self) -> DoubleArray:
-        """How the whole scene has been turned since it was opened (4, 4): what a camera follows.
+        """Motion (4, 4) of the whole scene since it was opened: what a camera follows.
 
         The same array as long as it was not turned again.
         """
@@ -83,18 +83,18 @@ class Document:
         return done
 
     def _note(self, before: int, is_content: bool, world: DoubleArray) -> None:
-        """What is known of the present state, which was made from state ``before``."""
+        """Record what the present state, made from state ``before``, holds."""
         self.save_state.note(before, self.history.state_id, is_content)
         self._worlds.setdefault(self.history.state_id, world)
 
     def undo(self) -> str | None:
-        """Take the newest edit back; its title, None if there is none."""
+        """Undo the newest edit; return its title, None if there is none."""
         title = self.history.undo()
         self._keep_focus()
         return title
 
     def redo(self) -> str | None:
-        """Do the next undone edit again; its title, None if there is none."""
+        """Redo the next undone edit; return its title, None if there is none."""
         title = self.history.redo()
         self._keep_focus()
         return title
@@ -105,7 +105,7 @@ class Document:
         self._keep_focus()
 
     def _keep_focus(self) -> None:
-        """The inspector follows the selection."""
+        """Keep the focused group inside the selection."""
         groups = self.read.selected_groups()
         if groups and self.focus not in groups:
             self.focus = groups[0]
@@ -120,18 +120,18 @@ class Document:
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
         if self.cleaning is not None:
-            return False  # its colors are only to look at: see `actions.cleanup.apply`
+            return False  # its colors are no edit to keep: see `actions.cleanup.apply`
         before, world = self.history.state_id, self.world
         done = self.history.commit_preview()
         self._note(before, True, world)
         return done
 
     def cancel_preview(self) -> None:
-        """Drop the preview: everything is as before the drag."""
+        """Cancel the preview: everything is as before the drag."""
         self.history.preview(None)
 
     def settled(self) -> Project:
-        """What is open, without a preview: what a file must be written from."""
+        """Cancel the preview and return the project: what edits and files are made from."""
         self.history.preview(None)
         return self.project
 
@@ -139,7 +139,7 @@ class Document:
 
     @property
     def cleaning(self) -> "CleanPreview | None":
-        """What the picture shows in colors of its own: splats that would come and go."""
+        """The cleaning whose preview is shown: splats that would join and leave the object."""
         held = self._cleaning
         return held[0] if held is not None and held[1] is self.history.preview_edit else None
 

@@ -15,7 +15,7 @@ _STILL_PIXELS = 2.0
 
 
 class Hovering:
-    """Answers late, never blocks: the newest resting place wins."""
+    """Look up the hovered object without blocking; only the newest position counts."""
 
     def __init__(self) -> None:
         self.group = 0  # under the mouse; 0 = none
@@ -27,7 +27,7 @@ class Hovering:
         self._asked_at = 0.0
 
     def at(self, u: float, v: float, width: int, height: int) -> None:
-        """The mouse is at pixel (u, v) of a picture of this size."""
+        """Note that the mouse is at pixel (u, v) of a picture of this size."""
         before = self._wanted
         far = before is None or max(abs(before[0] - u), abs(before[1] - v)) > _STILL_PIXELS
         if far or before is None or before[2:] != (width, height):
@@ -35,7 +35,7 @@ class Hovering:
             self._moved_at = time.monotonic()
 
     def away(self) -> None:
-        """The mouse left the picture, or a drag or a jump is on."""
+        """Note that the mouse left the picture, or that a drag or a jump runs."""
         self.group, self._wanted, self._asked = 0, None, None
 
     def update(
@@ -47,7 +47,7 @@ class Hovering:
     ) -> None:
         """Take an answer, ask the next question. ``pose`` tells whether the camera moved.
 
-        ``antialiased`` is the look that the person sees, as in `pick`.
+        ``antialiased`` is how the splats are drawn, as in `pick`.
         """
         if self._answer is not None:
             if not self._answer.done():

@@ -1,4 +1,4 @@
-"""Runs one stage at a time in a thread: progress, cancel, error; and a quiet one beside it.
+"""Run one stage at a time in a thread, with progress, cancel and errors, and one quiet job.
 
 The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
 which the main thread calls every frame.
@@ -19,7 +19,7 @@ T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
 _QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
-_LEAST_FOR_ETA = 0.03  # below this share of the work a rate says nothing
+_LEAST_FOR_ETA = 0.03  # below this share of the work a rate is no estimate
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Job:
 
 
 class JobRunner:
-    """One worker thread at most, and one for a quiet job: preparation that nobody asked for.
+    """One worker thread at most, and one for a quiet job: preparation that the user did not start.
 
     ``notify`` gets the sentence when a job fails; a quiet one fails into the log.
     """
@@ -75,7 +75,7 @@ class JobRunner:
 
     @property
     def quiet(self) -> Job | None:
-        """The quiet job that runs beside; it stops no other and cannot be cancelled by hand."""
+        """The quiet job that runs in parallel; it stops no other and the user cannot cancel it."""
         return self._quiet.describe() if self._quiet is not None else None
 
     def start_quiet(self, title: str, stage: Stage[object]) -> bool:
@@ -154,7 +154,7 @@ class JobRunner:
 
 
 class _Delivery(Generic[T]):
-    """A stage and who waits for it."""
+    """A stage and the callbacks for its results."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class _Worker(threading.Thread):
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Thread body."""
+        """Run in the thread."""
         try:
             while not self._stop_asked.is_set():
                 if not self.delivery.step():

@@ -1,4 +1,4 @@
-"""Motions by numbers: what the inspector's fields mean."""
+"""World maps from the numbers in the inspector's fields."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def motion(
     turn_degrees: tuple[float, float, float] = (0.0, 0.0, 0.0),
     scale: float | tuple[float, float, float] = 1.0,
 ) -> DoubleArray:
-    """World map (3, 4): scale about ``pivot`` (3,), turn about x, then y, then z, then move."""
+    """Return the world map (3, 4): scale about ``pivot`` (3,), turn about x, y, z, then move."""
     linear = np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
     for axis, degrees in enumerate(turn_degrees):
         half = np.radians(degrees) / 2
@@ -24,5 +24,5 @@ def motion(
 
 
 def shift(by: DoubleArray) -> DoubleArray:
-    """World map (3, 4) that moves by ``by`` (3,)."""
+    """Return the world map (3, 4) that moves by ``by`` (3,)."""
     return np.column_stack([np.eye(3), by])

@@ -1,4 +1,4 @@
-"""The one thing that a scene lacks next, with a button and a time."""
+"""The stage that a scene needs next, with a button and a time estimate."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
 
 @dataclass(frozen=True)
 class StageOffer:
-    """A missing stage. Without an ``action`` there is no button: the reason says what to do."""
+    """A missing stage. Without an ``action`` there is no button: the reason tells what to do."""
 
     reason: str  # "48 photos have masks but no objects yet."
     action: str = ""  # text of the button
@@ -40,11 +40,11 @@ class StageOffer:
 
 
 def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
-    """What a scene without groups lacks. ``n_masks``: views with masks."""
+    """Return the stage that a scene without groups needs. ``n_masks``: views with masks."""
     folder, scene = project.folder, project.scene
     if folder is None:
         return StageOffer(
-            "A lone splat file has no photos, so there are no masks to make groups from. "
+            "A single splat file has no photos, so there are no masks to make groups from. "
             "Open its scene folder for that."
         )
     if not folder.mask_folders:
@@ -66,7 +66,7 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
     if not folder.cameras:
         return StageOffer(
             "This folder has splats but no photos with a place, so there is nothing to make groups "
-            "from. Put images/ and sparse/ beside them."
+            "from. Put images/ and sparse/ next to them."
         )
     n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
     if n_photos == 0:

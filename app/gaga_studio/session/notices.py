@@ -1,4 +1,4 @@
-"""What the session tells a person, and what it asks."""
+"""Notices and questions for the user, and the errors that become notices."""
 
 import time
 from collections.abc import Callable
@@ -35,7 +35,7 @@ class NothingSelectedError(GagaError):
 
 
 class Notifier(Protocol):
-    """Who shows notices: the session."""
+    """Something that shows notices: the session."""
 
     def notify(self, level: Level, text: str) -> None:
         """Tell the user one sentence."""
@@ -80,7 +80,7 @@ class UserQuestion:
 def unsaved_question(
     text: str, save: Callable[[], None], discard: Callable[[], None]
 ) -> UserQuestion:
-    """Save, discard, or cancel."""
+    """Build the question: save, discard, or cancel."""
 
     def chosen(choice: str) -> None:
         if choice == "Save":

@@ -1,4 +1,4 @@
-"""Pictures that a job wants and only the thread with the OpenGL context can draw."""
+"""Pictures that a job needs and only the thread with the OpenGL context can draw."""
 
 import queue
 import threading
@@ -34,7 +34,7 @@ class RenderRequests:
         self._closed = False
 
     def paint(self, camera: Camera, view: ViewState, *, transparent: bool = False) -> UInt8Array:
-        """The picture (H, W, 3), or (H, W, 4) with straight colors and alpha if ``transparent``.
+        """Return the picture (H, W, 3), or with ``transparent`` (H, W, 4) in straight alpha.
 
         Raises ``GagaError`` when the window closes or does not answer.
         """
@@ -44,7 +44,7 @@ class RenderRequests:
             self._ask(camera, replace(view, background=(level, level, level))).astype(np.int16)
             for level in (0.0, 1.0)
         )
-        # What the background adds is what the splats let through.
+        # The difference of the backgrounds is the light that the splats let through.
         alpha = 255 - np.clip(light - dark, 0, 255).max(axis=2, keepdims=True)
         straight = np.where(alpha > 0, dark * 255.0 / np.maximum(alpha, 1), 0)
         picture = np.concatenate([straight, alpha], axis=2)
@@ -53,11 +53,11 @@ class RenderRequests:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether somebody waits for a picture: the window must not rest."""
+        """Whether a picture is requested: the window must not rest."""
         return not self._waiting.empty()
 
     def serve(self, draw: Draw) -> bool:
-        """Draw one picture that is waited for; whether there was one."""
+        """Draw one requested picture; return whether there was one."""
         try:
             request = self._waiting.get_nowait()
         except queue.Empty:
@@ -67,7 +67,7 @@ class RenderRequests:
         return True
 
     def close(self) -> None:
-        """The window closes: nobody waits any longer."""
+        """Release every waiting worker: the window closes."""
         self._closed = True
         while True:
             try:

@@ -15,22 +15,22 @@ class SaveState:
         self._saved: Content | None = (0, 0)
 
     def note(self, before: int, after: int, is_content: bool) -> None:
-        """State ``after`` was made from ``before`` by an edit."""
+        """Note that an edit made state ``after`` from ``before``."""
         if before == after:
             return
         self._newest += is_content
         self._content[after] = self._newest if is_content else self._content.get(before, 0)
 
     def note_outside_history(self) -> None:
-        """Something changed that a save keeps and undo does not know: bookmarks, the path."""
+        """Note a change that a save keeps and undo does not know: bookmarks, the path."""
         self._outside += 1
 
     def content(self, state: int) -> Content:
-        """The content that a state holds, and what changed outside it."""
+        """Return the content of a state, and the count of changes outside the history."""
         return self._content.get(state, 0), self._outside
 
     def saved(self, content: Content | None) -> None:
-        """``content`` is on disk now; None: nothing of it is."""
+        """Note that ``content`` is on disk now; None: nothing is."""
         self._saved = content
 
     def is_unsaved(self, history: History) -> bool:

@@ -1,4 +1,4 @@
-"""What panels read of a scene, computed once for each revision of it."""
+"""What panels read of a scene, computed once for each of its revisions."""
 
 import hashlib
 import re
@@ -24,7 +24,7 @@ SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 
 class SceneCache:
-    """Caches of one scene: each value with the revision that it was computed for."""
+    """Cache of one scene: each value with the revision that it was computed for."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -38,7 +38,7 @@ class SceneCache:
         return cast(T, kept[1])
 
     def objects(self, live: BankSnapshot | None, is_previewing: bool) -> ObjectTable:
-        """The object list; of the growing bank while ``live``. Stands still during a drag."""
+        """The object list; of the growing bank while ``live``. Unchanged during a drag."""
         scene = self._scene
         kept = self._kept.get("objects")
         if is_previewing and kept is not None:
@@ -79,7 +79,7 @@ class SceneCache:
         )
 
     def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
-        """Box lo, hi (3,) of the selection, world; as before the drag while one is on."""
+        """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
         kept = self._kept.get("box")
         if is_previewing and kept is not None:
             return cast(tuple[DoubleArray, DoubleArray], kept[1])
@@ -101,7 +101,7 @@ class SceneCache:
         return self._once("listed", key, lambda: listed(table, text, sort, descending, quality))
 
     def labels_digest(self) -> str:
-        """Short name of which splat belongs to which group, the same again after an undo."""
+        """Digest of the groups of all splats; an undo restores it."""
         revision = self._scene.revision
         key = (revision.splats, revision.labels)
         return self._once("digest", key, lambda: _digest(self._scene.labels))
@@ -118,14 +118,14 @@ class SceneCache:
         return bank is not None and bank.preset == "robust"
 
     def decision_now(self, former: Decision | None) -> Decision | None:
-        """What is decided now of the mask of ``former``; None when the bank does not know it."""
+        """Return the present decision on the mask of ``former``; None if the bank has none."""
         bank = self._scene.bank
         if former is None or bank is None:
             return None
         return self.decision_of(former.view, former.mask)
 
     def decision_of(self, view: str, mask: int) -> Decision | None:
-        """What the bank decided of a mask, if anything."""
+        """Return the decision of the bank on a mask, None if there is none."""
         bank = self._scene.bank
         if bank is None:
             return None
@@ -187,7 +187,7 @@ def listed(
     descending: bool = False,
     quality: DoubleArray | None = None,
 ) -> IntArray:
-    """Rows (R,) of ``table`` to show: name or id contains ``text``; id 0 stands last.
+    """Rows (R,) of ``table`` to show: name or id contains ``text``; id 0 comes last.
 
     ``quality`` (G,) is by row. Equal keys stay in the order of their ids.
     """
@@ -210,6 +210,6 @@ def listed(
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Sorts "group 9" before "group 12"."""
+    """Sort key: "group 9" comes before "group 12"."""
     words = re.split(r"(\d+)", name.casefold())
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words if word]

@@ -1,7 +1,7 @@
 """What the search box holds: a text, what it means, and what was measured of the scene for it.
 
-Measuring runs beside (`JobRunner.start_quiet`) on a snapshot, once for each state of the scene;
-typing then needs milliseconds. Nouns that only an index knows are looked up beside as well.
+Measuring runs in parallel (`JobRunner.start_quiet`) on a snapshot, once for each state of the
+scene; typing then needs milliseconds. Nouns that only an index knows are looked up that way, too.
 """
 
 import time
@@ -24,7 +24,7 @@ from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.scene import Scene, State
 
-_PAUSE_S = 0.35  # without a key before a noun is looked up: half a word means nothing
+_PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be complete
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class SceneMeasurements:
     facts: GroupFacts
     groups: IntArray  # (G,)
     digests: LongArray  # (G,) of what they look like now
-    pictures: Pictures | None  # the index that lies beside the project
+    pictures: Pictures | None  # the index next to the project file
     problem: str = ""  # why the index cannot be used
 
     @property
@@ -50,18 +50,18 @@ class SearchHit:
 
     group: int
     score: float  # 0..1
-    fits: bool  # one of those meant; else it comes near
+    fits: bool  # answers the text; else it is only similar
 
 
 class SearchState:
-    """The search of one document. Main thread only; what runs beside hands in whole values."""
+    """The search of one document. Main thread only; jobs hand over whole values."""
 
     def __init__(self) -> None:
         self.text = ""
         self.at = 0  # line of the answer that Enter takes
         self.hits: tuple[SearchHit, ...] = ()
         self.sentence = ""  # what was understood
-        self.problem = ""  # why a look-up failed
+        self.problem = ""  # why a noun could not be looked up
         self.measured: SceneMeasurements | None = None
         self.detector: Detector | None = None  # the one that was used last, loaded
         self.in_view = ""  # text whose answer came from a detector; "" = from words
@@ -74,7 +74,7 @@ class SearchState:
         self._new_index = 0
 
     def type(self, text: str, camera: Camera | None) -> None:
-        """The text is this now; places are those that ``camera`` shows."""
+        """Take a new text; left, right and the like are those of ``camera``."""
         self.text, self._camera = text, camera
         self.at, self.in_view, self.problem = 0, "", ""
         self._asked = set()
@@ -83,7 +83,7 @@ class SearchState:
             self.hits, self.sentence, self._answered = (), "", None
 
     def clear(self) -> None:
-        """Nothing is looked for."""
+        """Empty the search."""
         self.type("", None)
 
     def move(self, step: int) -> None:
@@ -98,7 +98,7 @@ class SearchState:
     # --- measuring
 
     def key(self, scene: Scene, cameras: Sequence[Camera]) -> object:
-        """Changes with all that facts and digests depend on; not with what is selected."""
+        """Return a key that changes with what facts and digests depend on, not the selection."""
         r = scene.revision
         state = (r.splats, r.state)
         if self._state[0] != state:
@@ -108,18 +108,18 @@ class SearchState:
         return (looks, self._state[1], len(cameras), self._new_index)
 
     def forget_index(self) -> None:
-        """The file of the index has changed: read it again."""
+        """Read the file of the index again at the next measurement."""
         self._new_index += 1
         self._known = set()
 
     def take(self, measured: SceneMeasurements) -> None:
-        """Hand in what was measured; from any thread."""
+        """Take what was measured; from any thread."""
         self.measured = measured
 
     # --- looking up nouns
 
     def nouns_to_look_up(self) -> tuple[str, ...]:
-        """Nouns of the text that the index may know, once nobody types."""
+        """Nouns of the text that the index may know, after a pause in typing."""
         waits = time.monotonic() - self._typed_at < _PAUSE_S
         if waits or self.problem:
             return ()
@@ -131,7 +131,7 @@ class SearchState:
         return bool(self._asked - self._known) and not self.problem
 
     def know(self, nouns: Sequence[str], problem: str = "") -> None:
-        """Hand in that these nouns have vectors now, or why not; from any thread."""
+        """Note that these nouns have vectors now, or why not; from any thread."""
         self.problem = problem
         if not problem:
             self._known = self._known | set(nouns)
@@ -173,12 +173,12 @@ class SearchState:
         self._show(answer, table)
 
     def show_in_view(self, text: str, answer: Answer, table: ObjectTable) -> None:
-        """The answer of a detector to ``text``, until something else is typed."""
+        """Show the answer of a detector to ``text``, until something else is typed."""
         self.in_view = text
         self._show(answer, table)
 
     def _show(self, answer: Answer, table: ObjectTable) -> None:
-        """The answer, then objects that are merely called like the text, by a part of a word."""
+        """Show the answer, then objects whose names only contain the text."""
         there = {int(group) for group in table.ids}
         pairs = zip(answer.groups.tolist(), answer.scores.tolist(), strict=True)
         hits = [
@@ -221,7 +221,7 @@ def measure_stage(
 def look_up_stage(
     pictures: Pictures, nouns: Sequence[str], know: Callable[[Sequence[str], str], None]
 ) -> Stage[None]:
-    """Vectors of ``nouns``, by the index's model where they are new; ``know`` is told."""
+    """Compute the vectors of ``nouns`` that are new, with the index's model, and call ``know``."""
     yield Progress("Look up words", 0, 1, ", ".join(nouns))
     try:
         pictures.texts.anything()

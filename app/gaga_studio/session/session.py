@@ -1,4 +1,4 @@
-"""What panels see and call: the open document, the view, the jobs, the notices.
+"""The state of the program: the open document, the view, the jobs, the notices.
 
 Pull, not push: panels read it every frame. Main thread only; works without a window.
 """
@@ -39,7 +39,7 @@ NO_GROUPS = "There are no groups here. Use Find objects to make them."
 
 
 class Session:
-    """One open document at most, and everything that a person does with it."""
+    """At most one open document, its view and its jobs. Edits are in ``gaga_studio.actions``."""
 
     def __init__(self, settings: Settings | None = None) -> None:
         self.document: Document | None = None
@@ -56,7 +56,7 @@ class Session:
         self.photos: PhotoFind | None = None  # opened, but without splats
         self.training: TrainingPreview | None = None  # while splats are made of them
         self.filter = ""  # of the object list
-        self.hint = ""  # what the last click met, until the next one
+        self.hint = ""  # about the last click, until the next one
         self.images: ImageSource | None = None
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
@@ -75,13 +75,13 @@ class Session:
         self.notices = (*self.notices, Notice(level, text))[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
-        """The user's answer to the pending question."""
+        """Answer the pending question."""
         question, self.pending_question = self.pending_question, None
         if question is not None:
             question.on_choice(choice)
 
     def take_request(self) -> str:
-        """The dialog that a command asked for since the last call, or ""."""
+        """Return the dialog that a command asked for since the last call, or ""."""
         request, self.request = self.request, ""
         return request
 
@@ -121,7 +121,7 @@ class Session:
 
     @property
     def unsaved(self) -> bool:
-        """Whether there are edits that are not on disk; a mere selection is none."""
+        """Whether there are edits that are not on disk; a selection is not an edit."""
         return self.document is not None and self.document.unsaved
 
     @property
@@ -265,7 +265,7 @@ class Session:
         return self.document.read.live_labels(self.live)
 
     def objects(self) -> ObjectTable:
-        """The object list (of the growing bank while an association runs). Needs an open scene."""
+        """Return the object list, of the growing bank while an association runs."""
         return self.need().read.objects(self.live, self.is_previewing)
 
     def selected_indices(self) -> IntArray:
@@ -277,17 +277,17 @@ class Session:
         return self.document.read.selected_groups() if self.document is not None else ()
 
     def decisions(self, group: int) -> tuple[Decision, ...]:
-        """Which masks joined a group and why, in the order of the association."""
+        """Return which masks joined a group and why, in the order of the association."""
         return self.need().read.decisions(group, self.live)
 
     def stage_offer(self) -> next_stage.StageOffer | None:
-        """What the open scene lacks next; None when nothing, or while a job runs."""
+        """Return the stage that the open scene needs next; None if none, or while a job runs."""
         if self.document is None or self.jobs.running or self.document.read.has_groups():
             return None
         return next_stage.stage_offer(self.document.project, len(self.masks), self.settings.preset)
 
     def need(self) -> Document:
-        """The open document; ``GagaError`` when there is none."""
+        """Return the open document; ``GagaError`` when there is none."""
         if self.document is None:
             raise GagaError("No scene is open. Open one first.")
         return self.document
@@ -295,12 +295,12 @@ class Session:
     # --- pointing: at pixel (u, v) of the picture; pixel centres are at +0.5
 
     def pick(self, u: float, v: float, width: int, height: int) -> Pick | None:
-        """What is at a pixel; None if nothing is."""
+        """Return what is at a pixel; None if nothing is."""
         camera = self.rig.camera(width, height)
         if self.scene is None:
             return None
         return pick(self.scene, camera, u, v, antialiased=self.view.is_antialiased(self.scene))
 
     def hover(self, u: float, v: float, width: int, height: int) -> None:
-        """The mouse is at this pixel: `hovered_group` follows once it rests."""
+        """Note that the mouse is at this pixel: `hovered_group` follows once it rests."""
         self.hovering.at(u, v, width, height)

@@ -44,9 +44,9 @@ class Settings:
     keys: str = "supersplat"  # or "blender": the profile of shortcuts
     background: str = "#1c1c1f"  # behind the picture, as in HTML
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
-    autosave_minutes: float = 1.0  # so much work is at risk at most
+    autosave_minutes: float = 1.0  # at most this much work is lost in a crash
     undo_megabytes: float = 1024.0  # what undo may hold
-    first_steps_done: bool = False  # the card of five steps was put away for good
+    first_steps_done: bool = False  # the card of five steps is hidden
 
     @property
     def background_color(self) -> tuple[float, float, float]:
@@ -80,7 +80,7 @@ def hex_color(rgb: Sequence[float]) -> str:
 
 
 def settings_file() -> Path:
-    """Where the settings are kept."""
+    """Return the path of the settings file."""
     return paths.home() / "settings.json"
 
 
@@ -103,7 +103,7 @@ def load_settings() -> tuple[Settings, str]:
 
 
 def save_settings(settings: Settings) -> None:
-    """Write the settings, whole or not at all. Raises ``GagaError`` when the disk says no."""
+    """Write the settings, whole or not at all. Raises ``GagaError`` when they cannot be written."""
     with atomic_write(settings_file()) as temporary:
         temporary.write_text(json.dumps(asdict(settings), indent=1) + "\n", encoding="utf-8")
 

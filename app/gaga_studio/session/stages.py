@@ -120,7 +120,7 @@ def export_stage(
     groups: bool = False,
     form: SplatFormat = SplatFormat.PLY,
 ) -> Stage[str]:
-    """Export, and the sentence that says what was written. ``form`` is that of objects' files."""
+    """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
     if what == "objects":
         stage = export_objects_stage(scene, path, list(chosen) or None, form=form)
 

@@ -1,4 +1,4 @@
-"""Splats that are being trained: what the window shows of them meanwhile."""
+"""What the window shows of splats while they are trained."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class TrainingPreview:
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:
-        """Show what is new; whether the photos have just been placed."""
+        """Show what is new; return whether the photos have just been placed."""
         is_first = not self.cameras and bool(live.cameras)
         self.cameras, self.update = live.cameras, live.update
         if live.gaussians is not None and live.gaussians is not self._shown:
@@ -46,7 +46,7 @@ class TrainingPreview:
         return is_first
 
     def _show(self, gaussians: Gaussians) -> None:
-        """Other splats in the same scene, so that the picture goes on with the former order."""
+        """Replace the splats inside the same scene, so that the former depth order is kept."""
         self._shown, new = gaussians, Scene.of(gaussians)
         if self.scene is None:
             self.scene = new
@@ -58,7 +58,7 @@ class TrainingPreview:
 
 
 def smoothed(losses: Sequence[float] | np.ndarray, n: int = _POINTS) -> list[tuple[float, float]]:
-    """A curve of at most ``n`` points (iteration, mean loss) of the loss of every iteration.
+    """Return a curve of at most ``n`` points (iteration, mean loss) of the loss of every iteration.
 
     Each point is the mean over its share of the iterations: single views differ a lot.
     """

@@ -11,12 +11,12 @@ from gaga_core.scene.scene import Scene
 
 
 class Mode(StrEnum):
-    """What the splats' color says."""
+    """What the color of the splats means."""
 
     COLOR = "color"
     GROUPS = "groups"
     DEPTH = "depth"
-    CONFIDENCE = "confidence"  # how sure each splat is of its group
+    CONFIDENCE = "confidence"  # confidence of each splat in its group
     CENTRES = "centres"
     RINGS = "rings"  # the rim of each ellipse
     MASK = "mask"  # the object in the inspector, white on black
@@ -60,11 +60,11 @@ class Outline:
     pose: bytes  # of the camera; an outline belongs to one picture
 
     def with_corner(self, corner: tuple[float, float]) -> "Outline":
-        """One corner more."""
+        """Return the outline with one more corner."""
         return replace(self, points=(*self.points, corner))
 
     def without_last(self) -> "Outline | None":
-        """One corner less; None when none is left."""
+        """Return the outline without its last corner; None when none is left."""
         return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
@@ -116,7 +116,7 @@ class ViewState:
     pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
 
     def is_antialiased(self, scene: Scene) -> bool:
-        """Whether the splats are drawn in the mip look: as the file says, unless overridden."""
+        """Return whether the splats are drawn antialiased: as the file asks, unless overridden."""
         if self.look is SplatLook.AUTO:
             return scene.gaussians.is_antialiased
         return self.look is SplatLook.ANTIALIASED

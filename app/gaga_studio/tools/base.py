@@ -1,4 +1,4 @@
-"""What every tool is: it takes the left drag of the picture, or only clicks."""
+"""The interface of a tool, which takes the left drag of the picture or only clicks."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -48,58 +48,58 @@ class Tool(Protocol):
     takes_drag: bool  # the left drag is the tool's; else it orbits
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """A press that did not move."""
+        """Handle a press that did not move."""
         ...
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """A drag begins here."""
+        """Begin a drag."""
         ...
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """The drag is here now."""
+        """Continue a drag."""
         ...
 
     def release(self, session: Session, place: ViewportPoint) -> None:
-        """The drag ends here."""
+        """End a drag."""
         ...
 
     def cancel(self, session: Session) -> None:
-        """Escape: everything is as before the press."""
+        """Cancel (Escape): everything is as before the press."""
         ...
 
     def overlay(self) -> RectShape | PathShape | None:
-        """What to draw over the picture now."""
+        """Return what to draw over the picture now."""
         ...
 
     def hint(self, session: Session) -> str:
-        """What a click or drag does now, for the status line."""
+        """Return what a click or drag does now, for the status line."""
         ...
 
 
 class ClickTool:
-    """What a tool of clicks alone does with drags: they are the camera's."""
+    """Base of tools that only take clicks: drags move the camera."""
 
     takes_drag = False
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """The camera's."""
+        """Do nothing: drags move the camera."""
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """The camera's."""
+        """Do nothing: drags move the camera."""
 
     def release(self, session: Session, place: ViewportPoint) -> None:
-        """The camera's."""
+        """Do nothing: drags move the camera."""
 
     def cancel(self, session: Session) -> None:
-        """There is no gesture to take back."""
+        """Do nothing: there is no gesture."""
 
     def overlay(self) -> RectShape | None:
-        """Nothing is drawn."""
+        """Draw nothing."""
         return None
 
 
 def region_hint(session: Session, act: str) -> str:
-    """What a gesture that selects a region does, in words."""
+    """Return what a gesture that selects a region does, in words."""
     document, view = session.document, session.view
     whole = not view.takes_splats and document is not None and document.read.has_groups()
     what = "objects" if whole else "visible splats" if view.visible_only else "splats"

@@ -29,12 +29,12 @@ class BrushTool:
         self._next = 0.0  # when the preview may be made again
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """A dab."""
+        """Select what the brush covers, once."""
         self.press(session, place)
         self.release(session, place)
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """The stroke begins with a dab."""
+        """Begin a stroke."""
         self._region = Region(session, place)
         self._mask = np.zeros(self._region.shape, np.bool_)
         self._radius = session.view.brush_radius
@@ -42,7 +42,7 @@ class BrushTool:
         self._paint(place)
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """The stroke goes on, and what it selects is shown."""
+        """Continue the stroke, and show what it selects."""
         if self._region is None:
             return
         self._paint(place)
@@ -60,13 +60,13 @@ class BrushTool:
             region.take(self._mask)
 
     def cancel(self, session: Session) -> None:
-        """Everything is as before the stroke."""
+        """Cancel: everything is as before the stroke."""
         region, self._region = self._region, None
         if region is not None:
             region.cancel()
 
     def hover(self, session: Session, place: ViewportPoint | None) -> None:
-        """The brush follows the resting mouse."""
+        """Show the brush at the mouse."""
         self._radius = session.view.brush_radius
         self._at = None if place is None else (place.u, place.v)
 

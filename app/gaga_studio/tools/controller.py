@@ -1,4 +1,4 @@
-"""Joins mouse, keys, tools and camera: one call a frame for the picture."""
+"""Join mouse, keys, tools and camera: one call a frame for the picture."""
 
 from gaga_studio.actions import align_ground, navigation, selection
 from gaga_studio.session.session import Session
@@ -50,7 +50,7 @@ class ToolController:
         return self._tools[session.tool]
 
     def cancel(self, session: Session) -> bool:
-        """Escape: end the gesture without an edit; whether there was one."""
+        """Cancel the gesture without an edit (Escape); return whether there was one."""
         had = self._gestures.is_dragging or session.is_previewing
         self._gestures.cancel()
         self.tool(session).cancel(session)
@@ -75,7 +75,7 @@ class ToolController:
 
 
 def _move_camera(session: Session, action: Action) -> bool:
-    """Whether the action was the camera's."""
+    """Move the camera; return whether the action was the camera's."""
     rig = session.rig
     if action.act is Act.ORBIT:
         rig.orbit(action.dx, action.dy)
@@ -112,11 +112,10 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
 
 
 def _menu(session: Session, place: ViewportPoint) -> None:
-    """A right click: the menu of the object there, which is selected.
+    """Open the menu of the object at a right click, and select it.
 
-    In an outline, and among points of the ground: one less.
-
-    With nothing there the menu is the whole scene's.
+    In an outline, and among points of the ground, remove one point instead. With no object there
+    the menu is that of the scene.
     """
     view = session.view
     if view.outline is not None:
@@ -133,7 +132,7 @@ def _menu(session: Session, place: ViewportPoint) -> None:
 
 
 def _rest(session: Session, tool: Tool, place: ViewportPoint | None) -> None:
-    """The mouse rests at a place of the picture, or is elsewhere."""
+    """Handle a mouse that rests on the picture, or is elsewhere."""
     if isinstance(tool, BrushTool | PolygonTool):
         tool.hover(session, place)
     elif place is not None:

@@ -1,4 +1,4 @@
-"""Mouse and keys over the picture, turned into what a person means. Knows no window toolkit.
+"""Turn mouse and keys over the picture into actions. Independent of the window toolkit.
 
 Middle drag orbits, always; left drag orbits unless the tool wants it; Alt + left drag orbits too
 (trackpads). Right drag and Shift + middle drag pan; the wheel and Ctrl + middle drag zoom. A click
@@ -107,8 +107,8 @@ class Gestures:
     def update(
         self, pointer: PointerState, keys: KeyState, *, tool_drags: bool, looks: bool
     ) -> tuple[Action, ...]:
-        """What this frame's mouse means. ``tool_drags``: the tool wants the left drag; ``looks``:
-        flying, so left and right drags turn the head."""
+        """Return this frame's actions. ``tool_drags``: the tool wants the left drag; ``looks``:
+        flying, so left and right drags turn the camera in place."""
         actions = tuple(self._actions(pointer, keys, tool_drags, looks))
         self._last = (pointer.u, pointer.v)
         return actions
@@ -161,7 +161,7 @@ class Gestures:
             if max(abs(pointer.u - press.u), abs(pointer.v - press.v)) < CLICK_PIXELS:
                 return
             press.is_drag = True
-            last_u, last_v = press.u, press.v  # nothing of the way is lost
+            last_u, last_v = press.u, press.v  # no part of the motion is lost
             if press.act is Act.TOOL_DRAG:
                 yield Action(Act.TOOL_PRESS, press.u, press.v, how=press.how)
         dx, dy = pointer.u - last_u, pointer.v - last_v
@@ -185,14 +185,14 @@ _BUTTONS: tuple[Button, ...] = ("left", "right", "middle")
 
 
 def how_of(keys: KeyState) -> How:
-    """What the modifiers do to a selection."""
+    """Return what the modifiers do to a selection."""
     if keys.shift and keys.ctrl:
         return "intersect"
     return "add" if keys.shift else "remove" if keys.ctrl else "set"
 
 
 def fly_move(keys: KeyState, is_flying: bool) -> tuple[tuple[float, float, float], float]:
-    """Direction (right, up, forward), each -1..1, and speed factor of the fly keys held.
+    """Return the direction (right, up, forward), each -1..1, and speed factor of the fly keys held.
 
     Shift is fast, Alt slow. Ctrl makes shortcuts of the letters, and so does Shift of a D alone
     (duplicate) unless ``is_flying``.
@@ -209,7 +209,7 @@ def fly_move(keys: KeyState, is_flying: bool) -> tuple[tuple[float, float, float
 
 
 def _meaning(button: Button, keys: KeyState, tool_drags: bool, looks: bool) -> Act:
-    """What a drag of this button does."""
+    """Return what a drag of this button does."""
     if button == "middle":
         return Act.PAN if keys.shift else Act.ZOOM if keys.ctrl else Act.ORBIT
     if button == "right":

@@ -1,15 +1,15 @@
-"""Click three points of the ground; drags orbit, so that each can be seen well."""
+"""Click three points of the ground; drags orbit."""
 
 from gaga_studio.actions import align_ground
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
-_LEAST = 0.25  # opacity of a pixel from which it shows a surface, not a haze
+_LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 
 
 class GroundTool(ClickTool):
-    """The points are kept in ``view.ground``: they stand in space, so the camera may move.
+    """The points are kept in ``view.ground``: they are points in the world, so the camera may move.
 
     The window marks them (``ui.ground``); the end of the tool forgets them.
     """
@@ -17,7 +17,7 @@ class GroundTool(ClickTool):
     name = ToolName.GROUND
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """The surface there is a point of the ground; the third one lays the scene level."""
+        """Add the surface point; the third one aligns the scene."""
         found = session.pick(place.u, place.v, place.width, place.height)
         if found is None or found.weights.sum() < _LEAST:
             align_ground.add(session, None)

@@ -14,7 +14,7 @@ _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Sca
 class MoveTool:
     """A drag of the handles: ``begin``, any number of ``move_to``, then ``finish`` or ``cancel``.
 
-    Clicks select, as with the pick tool; drags beside the handles orbit.
+    Clicks select, as with the pick tool; drags next to the handles orbit.
     """
 
     takes_drag = False
@@ -42,22 +42,22 @@ class MoveTool:
         return matrix
 
     def begin(self, session: Session) -> None:
-        """A handle is grabbed."""
+        """Begin a drag of a handle."""
         self._start = self.handles(session)
 
     def move_to(self, session: Session, handles: DoubleArray) -> None:
-        """The handles are dragged to this matrix (4, 4), world: show the selection there."""
+        """Show the selection at the handles' new matrix (4, 4), world."""
         if self._start is not None:
             motion = (handles @ np.linalg.inv(self._start))[:3]
             transform.preview_move(session, motion, _VERBS[self.name])
 
     def finish(self, session: Session) -> bool:
-        """The handle is let go: one edit, if anything moved."""
+        """End the drag: one edit, if anything moved."""
         self._start = None
         return history.commit_preview(session)
 
     def cancel(self, session: Session) -> None:
-        """Escape: the selection stands where it stood."""
+        """Cancel (Escape): the selection stays where it was."""
         self._start = None
         history.cancel_preview(session)
 
@@ -66,16 +66,16 @@ class MoveTool:
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """Drags beside the handles are the camera's."""
+        """Do nothing: drags next to the handles move the camera."""
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Drags beside the handles are the camera's."""
+        """Do nothing: drags next to the handles move the camera."""
 
     def release(self, session: Session, place: ViewportPoint) -> None:
-        """Drags beside the handles are the camera's."""
+        """Do nothing: drags next to the handles move the camera."""
 
     def overlay(self) -> RectShape | None:
-        """The window draws the handles."""
+        """Draw nothing: the window draws the handles."""
         return None
 
     def hint(self, session: Session) -> str:

@@ -20,7 +20,7 @@ class PolygonTool:
         self._at: tuple[float, float] | None = None  # the mouse
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """A corner; on the first one: close the outline."""
+        """Add a corner; on the first one, close the outline."""
         outline = session.view.outline
         pose = _pose(session, place.width, place.height)
         if outline is None or outline.pose != pose:
@@ -33,7 +33,7 @@ class PolygonTool:
         self._shown = session.view.outline
 
     def double_click(self, session: Session, place: ViewportPoint) -> None:
-        """The last corner: close the outline."""
+        """Add the last corner and close the outline."""
         if session.view.outline is not None:
             close_outline(session)
 
@@ -90,5 +90,5 @@ def _is_near(corner: tuple[float, float], place: ViewportPoint) -> bool:
 
 
 def _pose(session: Session, width: int, height: int) -> bytes:
-    """What the picture is taken of: an outline belongs to one."""
+    """Return the pose of the picture: an outline belongs to one."""
     return session.rig.camera(width, height).cam_from_world.tobytes()

@@ -24,12 +24,12 @@ class RectTool:
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """First corner."""
+        """Set the first corner."""
         self._region = Region(session, place)
         self._from = self._to = place
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Opposite corner, for now."""
+        """Set the opposite corner, for now."""
         self._to = place
 
     def release(self, session: Session, place: ViewportPoint) -> None:

@@ -1,4 +1,4 @@
-"""What a gesture over the picture takes: splats or whole objects, through or on the surface."""
+"""What a region gesture selects: splats or whole objects, everything or the visible surface."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from gaga_studio.tools.base import ViewportPoint
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
 
-_LONGEST = 480  # pixels of the picture that says what lies in front
+_LONGEST = 480  # longest side, pixels, of the depth picture
 
 _worker = ThreadPoolExecutor(1, thread_name_prefix="surface")
 
@@ -61,7 +61,7 @@ class Region:
         return self._document.select(chosen, self.how, title)
 
     def cancel(self) -> None:
-        """Everything is as before the gesture."""
+        """Cancel: everything is as before the gesture."""
         self._document.history.preview(None)
 
     def _chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
@@ -79,7 +79,7 @@ class Region:
         # Imported when first asked for: numba is a good part of the launch time.
         from gaga_core.scene.selection.by_screen import screen
 
-        # Of an object the whole counts, what is seen of it and what is not.
+        # Of an object all splats count, seen or not.
         if self._depth is None or self._whole:
             self._through = self._through or screen(self._scene, self._camera)
             return self._through
@@ -88,7 +88,7 @@ class Region:
 
 
 def _median_depth(scene: Scene, camera: Camera) -> FloatArray:
-    """Median depth (H, W) of what is drawn, at the camera's size, from a smaller picture."""
+    """Render the median depth (H, W) at the camera's size, from a smaller picture."""
     shrink = min(1.0, _LONGEST / max(camera.width, camera.height))
     width, height = max(round(camera.width * shrink), 1), max(round(camera.height * shrink), 1)
     plain = bake(scene)

@@ -30,7 +30,7 @@ class SphereTool:
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """The centre: the surface under the mouse."""
+        """Set the centre: the surface under the mouse."""
         found = session.pick(place.u, place.v, place.width, place.height)
         if found is None:
             session.hint = "There is no surface here. Begin on something."
@@ -41,7 +41,7 @@ class SphereTool:
         self._pixel, self._radius = found.depth / float(focal), 0.0
 
     def drag(self, session: Session, place: ViewportPoint) -> None:
-        """The radius, and what it would select."""
+        """Set the radius, and show what it would select."""
         if self._first is None or self._document is None:
             return
         self._radius = float(np.hypot(place.u - self._first.u, place.v - self._first.v))
@@ -61,7 +61,7 @@ class SphereTool:
         self._first = self._document = None
 
     def cancel(self, session: Session) -> None:
-        """Everything is as before the press."""
+        """Cancel: everything is as before the press."""
         if self._document is not None:
             self._document.history.preview(None)
         self._first = self._document = None

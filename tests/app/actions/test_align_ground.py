@@ -15,7 +15,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.ui.chrome.status_text import status_text
 from tests.app.looks import objects_of, scene_of, snapshot
-from tests.app.tools.test_tools import _H, _W, Hand
+from tests.app.tools.hand import H, Hand, W
 from tests.scenes import random_gaussians
 
 _TILT = np.radians(25.0)
@@ -47,12 +47,12 @@ def _balls(session: Session) -> list[int]:
 
 def _spots(session: Session) -> list[tuple[float, float]]:
     """Pixels of three places of the bare floor, far apart."""
-    pixels, _ = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])
+    pixels, _ = session.rig.camera(W, H).project(_means(session)[_floor(session)])
     middles = np.floor(pixels) + 0.5
     found: list[tuple[float, float]] = []
     for near in ((100, 240), (540, 240), (320, 420)):
         for at in middles[np.argsort(np.hypot(*(middles - near).T))]:
-            hit = session.pick(float(at[0]), float(at[1]), _W, _H)
+            hit = session.pick(float(at[0]), float(at[1]), W, H)
             if hit is None or hit.weights.sum() < 0.8:
                 continue
             if np.isin(hit.splat, _floor(session)):
@@ -114,31 +114,31 @@ def test_the_camera_goes_along_and_comes_back(associated: Session) -> None:
     run("tool.ground", session)
     hand = Hand(session)
     floor = _means(session)[_floor(session)]
-    before = session.rig.camera(_W, _H).project(floor)[0]
+    before = session.rig.camera(W, H).project(floor)[0]
     for u, v in _spots(session):
         hand.click(u, v)
     for go, back in (("", "edit.undo"), ("edit.redo", "edit.undo")):
         assert not go or run(go, session)
         session.tick(0.0)
-        now = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])[0]
+        now = session.rig.camera(W, H).project(_means(session)[_floor(session)])[0]
         np.testing.assert_allclose(now, before, atol=0.1)
         session.tick(1.0)
         assert abs(session.rig.pose.roll) < 1e-9
         assert _seen(session) > 0.5
-        before = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])[0]
+        before = session.rig.camera(W, H).project(_means(session)[_floor(session)])[0]
         assert run(back, session)
         session.tick(0.0)
-        now = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])[0]
+        now = session.rig.camera(W, H).project(_means(session)[_floor(session)])[0]
         np.testing.assert_allclose(now, before, atol=0.1)
         session.tick(1.0)
         assert _seen(session) > 0.5
-        before = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])[0]
+        before = session.rig.camera(W, H).project(_means(session)[_floor(session)])[0]
 
 
 def _seen(session: Session) -> float:
     """Share of the floor that is in the picture."""
-    pixels, depth = session.rig.camera(_W, _H).project(_means(session)[_floor(session)])
-    inside = np.all((pixels > 0) & (pixels < [_W, _H]), axis=1)
+    pixels, depth = session.rig.camera(W, H).project(_means(session)[_floor(session)])
+    inside = np.all((pixels > 0) & (pixels < [W, H]), axis=1)
     return float(np.mean(inside & (depth > 0)))
 
 

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,27 +11,15 @@ import pytest
 from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import State
 from gaga_studio.actions import cleanup, files, history, objects, selection, transform
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.motion import shift
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
+from tests.app.floaters import GROUP, PER, planted
 from tests.app.looks import finish, snapshot
-from tests.scenes import objects_scene
-
-GROUP, _PER = 3, 400
-
-
-def planted(n: int = 20) -> tuple[Scene, np.ndarray]:
-    """Balls of which the third has floaters high above it; their rows."""
-    made = objects_scene(4, _PER)
-    rows = np.flatnonzero(made.labels == GROUP)[:n]
-    means = made.gaussians.means.copy()
-    means[rows] += np.array([0, 0, 2.5], np.float32)
-    means[rows, :2] += np.random.default_rng(1).uniform(-1, 1, (n, 2)).astype(np.float32)
-    return Scene.of(replace(made.gaussians, means=means), made.labels), rows
 
 
 @pytest.fixture
@@ -226,7 +213,7 @@ def test_exports_are_cleaned_and_the_scene_is_not(
         target = tmp_path / "objects" / f"group-{GROUP}.ply"
     finish(session)
     written = read_ply(target)
-    assert _PER * 0.8 < len(written) < _PER
+    assert PER * 0.8 < len(written) < PER
     assert (written.means[:, 2] >= high).mean() < 0.01
     assert snapshot(scene) == before
 

@@ -114,7 +114,7 @@ def test_splats_are_shown_while_they_train_and_cannot_be_edited(
     assert found.going_on == replace(LONG, only="all")
     assert 0 < found.iteration < LONG.train().iterations
     assert command("file.make_splats").title_now(session) == "Continue training"
-    assert "stopped at" in reconstruction.said(found)
+    assert "stopped at" in reconstruction.found_text(found)
     assert not (room / "point_cloud.ply").exists()
 
 

@@ -14,7 +14,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import KeyState
 from gaga_studio.tools.move import MoveTool
-from tests.app.tools.test_tools import Hand
+from tests.app.tools.hand import Hand
 
 
 def _scene(session: Session) -> Scene:

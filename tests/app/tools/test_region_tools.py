@@ -9,7 +9,7 @@ from gaga_studio.commands import for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import KeyState
-from tests.app.tools.test_tools import _H, _W, Hand, _state, _titles
+from tests.app.tools.hand import H, Hand, W, state, titles
 
 
 def _region(session: Session, tool: ToolName) -> tuple[Hand, IntArray]:
@@ -19,8 +19,8 @@ def _region(session: Session, tool: ToolName) -> tuple[Hand, IntArray]:
     hand = Hand(session)
     scene = session.scene
     assert scene is not None
-    pixels, depth = session.rig.camera(_W, _H).project(world_means(scene).astype(np.float64))
-    inside = (np.abs(pixels - [_W / 2, _H / 2]) < [80, 60]).all(axis=1) & (depth > 0)
+    pixels, depth = session.rig.camera(W, H).project(world_means(scene).astype(np.float64))
+    inside = (np.abs(pixels - [W / 2, H / 2]) < [80, 60]).all(axis=1) & (depth > 0)
     return hand, np.flatnonzero(inside).astype(np.int32)
 
 
@@ -36,7 +36,7 @@ def test_a_lasso_selects_what_it_surrounds(associated: Session) -> None:
     assert hand.controller.overlay is not None
     hand.play(left=False)
     assert associated.selected_indices().tolist() == want.tolist()
-    assert _titles(associated) == [f"Select {len(want):,} splats"]
+    assert titles(associated) == [f"Select {len(want):,} splats"]
     assert hand.controller.overlay is None
 
 
@@ -74,26 +74,26 @@ def test_a_polygon_ends_with_escape_or_when_the_camera_moves(associated: Session
         hand.play(u=300, v=300)
         assert associated.view.outline is None
         assert associated.tool is ToolName.POLYGON
-    assert _titles(associated) == []
+    assert titles(associated) == []
 
 
 def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> None:
     hand, _ = _region(associated, ToolName.BRUSH)
-    before = _state(associated)
-    middle = np.array([_W / 2, _H / 2])
+    before = state(associated)
+    middle = np.array([W / 2, H / 2])
     hand.play(u=320, v=200)
     hand.play(left=True)
     hand.play(u=320, v=240)
     assert associated.is_previewing
     assert len(associated.selected_indices())
     associated.need().history.preview(None)
-    assert _state(associated) == before
+    assert state(associated) == before
     hand.play(u=320, v=280)
     hand.play(left=False)
-    assert len(_titles(associated)) == 1
+    assert len(titles(associated)) == 1
     scene = associated.scene
     assert scene is not None
-    pixels, depth = associated.rig.camera(_W, _H).project(world_means(scene).astype(np.float64))
+    pixels, depth = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
     off = pixels - middle
     far = np.hypot(off[:, 0], np.maximum(np.abs(off[:, 1]) - 40, 0))
     want = np.flatnonzero((far <= 24) & (depth > 0))
@@ -105,14 +105,14 @@ def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> No
 
 def test_escape_in_a_stroke_leaves_nothing(associated: Session) -> None:
     hand, _ = _region(associated, ToolName.BRUSH)
-    before = _state(associated)
+    before = state(associated)
     hand.play(u=320, v=200)
     hand.play(left=True)
     hand.play(u=320, v=240)
     assert hand.controller.cancel(associated)
-    assert _state(associated) == before
+    assert state(associated) == before
     hand.play(left=False)
-    assert _titles(associated) == []
+    assert titles(associated) == []
 
 
 def test_the_visible_surface_is_a_part_of_what_lies_behind_each_other(associated: Session) -> None:

@@ -1,7 +1,6 @@
 """Tools and pointing: a gesture is one edit at its end, Escape is none."""
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,61 +14,16 @@ from gaga_studio.actions import history, objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.controller import ToolController
-from gaga_studio.tools.gestures import KeyState, PointerState
+from gaga_studio.tools.gestures import KeyState
 from gaga_studio.ui.chrome.status_text import status_text
-
-_W, _H = 640, 480
-_PLAIN = KeyState()
-
-
-class Hand:
-    """Plays frames of the mouse on a session."""
-
-    def __init__(self, session: Session) -> None:
-        self.session = session
-        self.controller = ToolController()
-        self.pointer = PointerState(5, 5, _W, _H)
-        self.play()
-
-    def play(self, keys: KeyState = _PLAIN, **changes: Any) -> None:
-        self.pointer = replace(self.pointer, **{"is_double": False, "wheel": 0.0, **changes})
-        self.controller.update(self.session, self.pointer, keys, 1 / 60)
-
-    def click_at(self, at: DoubleArray, keys: KeyState = _PLAIN) -> None:
-        self.click(float(at[0]), float(at[1]), keys)
-
-    def click(self, u: float, v: float, keys: KeyState = _PLAIN) -> None:
-        self.play(u=u, v=v)
-        self.play(keys, left=True)
-        self.play(keys, left=False)
-
-    def drag(self, start: DoubleArray, end: DoubleArray, keys: KeyState = _PLAIN) -> None:
-        self.play(u=float(start[0]), v=float(start[1]))
-        self.play(keys, left=True)
-        for t in (0.3, 0.7, 1.0):
-            u, v = start + t * (end - start)
-            self.play(keys, u=float(u), v=float(v))
-        self.play(keys, left=False)
-
-
-def _titles(session: Session) -> list[str]:
-    assert session.history is not None
-    return [entry.title for entry in session.history.entries()]
-
-
-def _state(session: Session) -> bytes:
-    scene = session.scene
-    assert scene is not None
-    return b"".join(
-        a.tobytes() for a in (scene.state, scene.labels, scene.placement, scene.placements.matrix)
-    )
+from tests.app.tools.hand import H, Hand, W, state, titles
 
 
 def _pixels(session: Session, group: int) -> DoubleArray:
     """Where the splats of a group are drawn (K, 2)."""
     assert session.scene is not None
     points = world_means(session.scene, group_indices(session.scene, group)).astype(np.float64)
-    return session.rig.camera(_W, _H).project(points)[0]
+    return session.rig.camera(W, H).project(points)[0]
 
 
 def _objects(session: Session) -> IntArray:
@@ -81,7 +35,7 @@ def _apart(session: Session) -> tuple[int, DoubleArray]:
     """An object that can be clicked at its middle, and that pixel (pixel centre)."""
     for group in _objects(session):
         middle = np.floor(_pixels(session, int(group)).mean(axis=0)) + 0.5
-        found = session.pick(float(middle[0]), float(middle[1]), _W, _H)
+        found = session.pick(float(middle[0]), float(middle[1]), W, H)
         if found is not None and found.group == group:
             return int(group), middle
     raise AssertionError("no object can be clicked")
@@ -96,7 +50,7 @@ def test_click_selects_the_whole_object(associated: Session) -> None:
     np.testing.assert_array_equal(
         associated.selected_indices(), group_indices(associated.scene, group)
     )
-    assert _titles(associated)[-1] == f"Select group {group}"
+    assert titles(associated)[-1] == f"Select group {group}"
     assert associated.focus == group
 
 
@@ -118,7 +72,7 @@ def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Se
 
 def test_click_without_groups_says_what_is_missing(session: Session) -> None:
     hand = Hand(session)
-    hand.click(_W / 2 + 0.5, _H / 2 + 0.5)
+    hand.click(W / 2 + 0.5, H / 2 + 0.5)
     assert session.selected_groups() == ()
     assert session.hint == NO_GROUPS
     assert status_text(session, hand.controller.tool(session)) == NO_GROUPS
@@ -127,16 +81,16 @@ def test_click_without_groups_says_what_is_missing(session: Session) -> None:
 def test_drag_with_the_pick_tool_orbits_and_edits_nothing(associated: Session) -> None:
     hand = Hand(associated)
     _, at = _apart(associated)
-    before, titles = associated.rig.pose, _titles(associated)
+    before, listed = associated.rig.pose, titles(associated)
     hand.drag(at, at + np.array([60.0, 10.0]))
     assert associated.rig.pose.yaw != before.yaw
-    assert _titles(associated) == titles
+    assert titles(associated) == listed
 
 
 def test_double_click_turns_around_the_surface(associated: Session) -> None:
     hand = Hand(associated)
     _, at = _apart(associated)
-    found = associated.pick(float(at[0]), float(at[1]), _W, _H)
+    found = associated.pick(float(at[0]), float(at[1]), W, H)
     assert found is not None
     hand.play(u=at[0], v=at[1])
     hand.play(left=True, is_double=True)
@@ -154,12 +108,12 @@ def test_rectangle_selects_the_objects_inside(associated: Session) -> None:
     hand.drag(most[0], most[1])
     assert group in associated.selected_groups()
     assert len(associated.selected_groups()) < len(_objects(associated))
-    assert len(_titles(associated)) == 1
-    hand.drag(np.array([1.0, 1.0]), np.array([_W - 1.0, _H - 1.0]))
+    assert len(titles(associated)) == 1
+    hand.drag(np.array([1.0, 1.0]), np.array([W - 1.0, H - 1.0]))
     assert set(associated.selected_groups()) == set(_objects(associated).tolist())
-    hand.drag(np.array([1.0, 1.0]), np.array([_W - 1.0, _H - 1.0]), KeyState(ctrl=True))
+    hand.drag(np.array([1.0, 1.0]), np.array([W - 1.0, H - 1.0]), KeyState(ctrl=True))
     assert associated.selected_groups() == ()
-    assert len(_titles(associated)) == 3
+    assert len(titles(associated)) == 3
 
 
 def test_rectangle_takes_single_splats_when_told_so(associated: Session) -> None:
@@ -170,7 +124,7 @@ def test_rectangle_takes_single_splats_when_told_so(associated: Session) -> None
     hand.drag(np.array([100.0, 100.0]), np.array([300.0, 250.0]))
     chosen = associated.selected_indices()
     points = world_means(associated.scene).astype(np.float64)
-    pixels, depth = associated.rig.camera(_W, _H).project(points)
+    pixels, depth = associated.rig.camera(W, H).project(points)
     lo, hi = np.array([100, 100]), np.array([300, 250])
     inside = ((pixels >= lo) & (pixels <= hi)).all(axis=1) & (depth > 0.01)
     np.testing.assert_array_equal(chosen, np.flatnonzero(inside))
@@ -182,7 +136,7 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
 ) -> None:
     hand = Hand(associated)
     associated.tool = ToolName.RECT
-    before = _state(associated)
+    before = state(associated)
     hand.play(u=10.0, v=20.0)
     hand.play(left=True)
     assert hand.controller.overlay is None
@@ -194,8 +148,8 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
     assert hand.controller.overlay is None
     hand.play(u=500.0)
     hand.play(left=False)
-    assert _state(associated) == before
-    assert _titles(associated) == []
+    assert state(associated) == before
+    assert titles(associated) == []
 
 
 def test_another_tool_ends_the_gesture(associated: Session) -> None:
@@ -208,7 +162,7 @@ def test_another_tool_ends_the_gesture(associated: Session) -> None:
     hand.play(u=410.0)
     hand.play(left=False)
     assert hand.controller.overlay is None
-    assert _titles(associated) == []
+    assert titles(associated) == []
     hand.play(left=True)
     hand.play(u=450.0)
     pose = associated.rig.pose
@@ -227,7 +181,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     assert scene is not None
     assert handles is not None
     splats = group_indices(scene, group)
-    start, before = world_means(scene, splats).astype(np.float64), _state(associated)
+    start, before = world_means(scene, splats).astype(np.float64), state(associated)
     tool.begin(associated)
     end = handles.copy()
     for step in range(1, 4):
@@ -244,18 +198,18 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     motion = end @ np.linalg.inv(handles)
     assert tool.finish(associated)
     assert not associated.is_previewing
-    assert _titles(associated)[1:] == [f"{name.title()} group {group}"]
+    assert titles(associated)[1:] == [f"{name.title()} group {group}"]
     wanted = start @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(world_means(scene, splats), wanted, atol=1e-5)
     history.undo(associated)
-    assert _state(associated) == before
+    assert state(associated) == before
 
 
 def test_escape_while_a_handle_is_held_edits_nothing(associated: Session) -> None:
     tool = ToolController().move_tools[ToolName.MOVE]
     group, _ = _apart(associated)
     selection.select_groups(associated, (group,))
-    handles, before = tool.handles(associated), _state(associated)
+    handles, before = tool.handles(associated), state(associated)
     assert handles is not None
     tool.begin(associated)
     moved = handles.copy()
@@ -263,15 +217,15 @@ def test_escape_while_a_handle_is_held_edits_nothing(associated: Session) -> Non
     tool.move_to(associated, moved)
     tool.cancel(associated)
     assert not tool.finish(associated)
-    assert _state(associated) == before
-    assert len(_titles(associated)) == 1
+    assert state(associated) == before
+    assert len(titles(associated)) == 1
 
 
 def test_fly_keys_move_and_a_drag_then_looks(associated: Session) -> None:
     hand = Hand(associated)
     eye = associated.rig.eye
     hand.play(KeyState(held=frozenset("W")))
-    assert (associated.rig.eye - eye) @ associated.rig.camera(_W, _H).forward > 0
+    assert (associated.rig.eye - eye) @ associated.rig.camera(W, H).forward > 0
     eye = associated.rig.eye
     associated.rig.is_flying = True
     hand.drag(np.array([50.0, 50.0]), np.array([150.0, 80.0]))

@@ -11,7 +11,7 @@ from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import State
 from gaga_studio.actions import cleanup, selection
 from gaga_studio.session.view_state import Mode
-from tests.app.actions.test_cleanup import GROUP, planted
+from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot
 from tests.app.window.driver import KEY, Driver, drive
 

@@ -44,7 +44,7 @@ def draw_photos(session: Session, ui: UiState) -> None:
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - em(9)) * 0.42, em(0.5)))
     with theme.face(strong=True, scale=1.35):
         widgets.wrapped(found.name, theme.TEXT)
-    widgets.wrapped(reconstruction.said(found), theme.DIM)
+    widgets.wrapped(reconstruction.found_text(found), theme.DIM)
     imgui.dummy(ImVec2(0, em(0.6)))
     label = _label(session, found)
     width = imgui.calc_text_size(label).x + em(4.5)
@@ -170,7 +170,7 @@ def sheet(session: Session, ui: UiState) -> None:
         ui.plan, ui.plan_of = reconstruction.plan_of(found), id(found)
     with theme.face(strong=True, scale=1.2):
         imgui.text_unformatted(reconstruction.title(session))
-    widgets.dim(reconstruction.said(found), wrap=True)
+    widgets.dim(reconstruction.found_text(found), wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.push_item_width(em(11))
     try:

@@ -1,0 +1,55 @@
+"""A hand that plays mouse and keys on a session, and what tests of tools look at."""
+
+from dataclasses import replace
+from typing import Any
+
+from gaga_core.arrays import DoubleArray
+from gaga_studio.session.session import Session
+from gaga_studio.tools.controller import ToolController
+from gaga_studio.tools.gestures import KeyState, PointerState
+
+W, H = 640, 480
+_PLAIN = KeyState()
+
+
+class Hand:
+    """Plays frames of the mouse on a session."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.controller = ToolController()
+        self.pointer = PointerState(5, 5, W, H)
+        self.play()
+
+    def play(self, keys: KeyState = _PLAIN, **changes: Any) -> None:
+        self.pointer = replace(self.pointer, **{"is_double": False, "wheel": 0.0, **changes})
+        self.controller.update(self.session, self.pointer, keys, 1 / 60)
+
+    def click_at(self, at: DoubleArray, keys: KeyState = _PLAIN) -> None:
+        self.click(float(at[0]), float(at[1]), keys)
+
+    def click(self, u: float, v: float, keys: KeyState = _PLAIN) -> None:
+        self.play(u=u, v=v)
+        self.play(keys, left=True)
+        self.play(keys, left=False)
+
+    def drag(self, start: DoubleArray, end: DoubleArray, keys: KeyState = _PLAIN) -> None:
+        self.play(u=float(start[0]), v=float(start[1]))
+        self.play(keys, left=True)
+        for t in (0.3, 0.7, 1.0):
+            u, v = start + t * (end - start)
+            self.play(keys, u=float(u), v=float(v))
+        self.play(keys, left=False)
+
+
+def titles(session: Session) -> list[str]:
+    assert session.history is not None
+    return [entry.title for entry in session.history.entries()]
+
+
+def state(session: Session) -> bytes:
+    scene = session.scene
+    assert scene is not None
+    return b"".join(
+        a.tobytes() for a in (scene.state, scene.labels, scene.placement, scene.placements.matrix)
+    )
