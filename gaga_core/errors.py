@@ -1,4 +1,4 @@
-"""Errors that a person can mend."""
+"""Errors that a user can fix."""
 
 
 class GagaError(Exception):

@@ -53,7 +53,7 @@ class Gaussians:
 
     @property
     def is_antialiased(self) -> bool:
-        """Whether the comments ask for the antialiased (mip) look: see `raster.base`."""
+        """Whether the comments ask for the antialiased (mip) mode: see `raster.base`."""
         return any(hint in comment.lower() for comment in self.comments for hint in _MIP_HINTS)
 
     @property

@@ -90,7 +90,7 @@ def multiply_quats(a: DoubleArray, b: DoubleArray) -> DoubleArray:
 def look_at(eye: DoubleArray, target: DoubleArray, up: DoubleArray) -> DoubleArray:
     """``cam_from_world`` (4, 4) of a camera at ``eye`` that looks at ``target`` (OpenCV axes).
 
-    ``up`` is the world direction that shall point to the top of the picture.
+    ``up`` is the world direction that must point to the top of the picture.
     """
     forward = np.asarray(target, np.float64) - eye
     forward /= np.linalg.norm(forward)

@@ -47,7 +47,7 @@ class MasksCommand:
     device: Literal["auto", "cpu", "cuda", "mps"] = "auto"
     """Where models run: auto takes CUDA where torch has it."""
     redo: bool = False
-    """Make masks anew that are there already."""
+    """Make masks again that are there already."""
     list: bool = False
     """Print the providers: which can be used here, sizes, licences, and what to put where."""
     json: bool = False

@@ -21,7 +21,7 @@ class RunCommand:
     scene: Positional[Path]
     """Scene folder, folder of photos or video; with --executor a folder of many scenes."""
     to: Path | None = None
-    """Scene folder to make of photos or a video; default: beside them, as NAME-scene."""
+    """Scene folder to make of photos or a video; default: next to them, as NAME-scene."""
     masks: Path | None = None
     """Folder of label maps that are there; default: the only one in SCENE/masks."""
     masks_from: str = ""

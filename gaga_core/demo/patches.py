@@ -167,7 +167,7 @@ def _curve(points: DoubleArray, smooth: bool, n: int = 400) -> DoubleArray:
     """Curve through ``points`` (K, D), as ``n`` points of equal spacing.
 
     Smooth: cubic Hermite pieces along three-point differences; a slope reaches no farther than the
-    shorter of its two chords, so that a short step beside a long one does not overshoot.
+    shorter of its two chords, so that a short step next to a long one does not overshoot.
     """
     chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(chord)])

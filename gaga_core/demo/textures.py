@@ -18,7 +18,7 @@ def rgb(code: str) -> tuple[float, float, float]:
 
 
 def _hash(cell: LongArray, seed: int) -> DoubleArray:
-    """A number in 0..1 for each integer cell (..., 3): the same everywhere and for ever."""
+    """A number in 0..1 for each integer cell (..., 3): the same everywhere and always."""
     c = cell.astype(np.uint64)
     with np.errstate(over="ignore"):
         h = (

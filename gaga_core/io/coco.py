@@ -86,7 +86,7 @@ def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, 
 
 
 def panoptic_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> CocoJson:
-    """COCO's panoptic format; the pictures beside it are written by `panoptic_picture`."""
+    """COCO's panoptic format; the pictures next to it are written by `panoptic_picture`."""
     annotations: list[CocoJson] = []
     for image_id, picture in enumerate(pictures, start=1):
         segments = [

@@ -17,7 +17,7 @@ _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` to write to; it replaces ``path`` when the block ends well.
+    """A temporary path next to ``path`` to write to; it replaces ``path`` when the block ends well.
 
     On any error (also a cancel) the temporary file is removed and ``path`` is as it was. A full
     disk or missing permission is raised as ``GagaError``.

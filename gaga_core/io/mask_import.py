@@ -98,7 +98,7 @@ def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
         raise GagaError(
             f"{files[0].name} is a JPEG, which blurs ids at every edge. Save label maps as PNG."
         )
-    files = exact  # a JPEG beside them is a preview
+    files = exact  # a JPEG next to them is a preview
     _check_labels(files[0])
     kind, n = _bits(files[0]), f"{len(files)} label maps" if len(files) > 1 else "a label map"
     folder = source if source.is_dir() else source.parent
@@ -214,7 +214,7 @@ def _read_mask_folder(folder: Path) -> MaskList:
 
 
 def _metadata(path: Path) -> dict[str, float]:
-    """Scores by mask of the table that SAM's command writes beside its masks."""
+    """Scores by mask of the table that SAM's command writes next to its masks."""
     if not path.is_file():
         return {}
     try:

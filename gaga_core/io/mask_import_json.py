@@ -154,7 +154,7 @@ def _mask_list(
         raise GagaError(f"{file} has no masks, and no size, of a picture. Remove it.")
     height, width = size
     if not 0 < height * width <= _MOST_PIXELS or min(size) < 1:
-        raise GagaError(f"{file} says that a picture has {height} x {width} pixels. Mend the file.")
+        raise GagaError(f"{file} says that a picture has {height} x {width} pixels. Fix the file.")
 
     def masks() -> Iterator[BoolArray]:
         for entry in entries:

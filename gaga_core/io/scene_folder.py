@@ -215,7 +215,7 @@ def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(
             f'{path} is damaged: it must be {{"train": [names], "test": [names]}}. '
-            "Mend or remove it."
+            "Fix or remove it."
         ) from error
     return train, test
 

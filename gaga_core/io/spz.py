@@ -90,7 +90,7 @@ class _Head:
 def read_spz_stage(path: Path) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
-    The antialiased look becomes the comment ``antialiased 1``, as in a .ply. Memory grows with what
+    Antialiasing becomes the comment ``antialiased 1``, as in a .ply. Memory grows with what
     the streams really hold, not with what the header says. ``GagaError`` with one sentence when the
     file is damaged or newer.
     """

@@ -26,7 +26,7 @@ TraitKind = Literal["color", "scale", "noun"]
 
 @dataclass(frozen=True)
 class Trait:
-    """One thing that shall hold: a color, an end of a measure, or a noun.
+    """One condition: a color, an end of a measure, or a noun.
 
     Several colors are alternatives, or wanted at once when ``together``.
     """

@@ -5,10 +5,10 @@ Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagon
 covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 are dropped; a pixel
 is done when its transmittance would fall under 1e-4; front to back by camera depth of the centres.
 
-Gaussians whose comments say so are drawn in the antialiased (mip) look: a splat's opacity is
+Gaussians whose comments say so are drawn in the antialiased (mip) mode: a splat's opacity is
 multiplied by sqrt(det of its covariance without the 0.3 / det with it), so that what is smaller
 than a pixel does not grow brighter (Yu 2024, Mip-Splatting; as gsplat and SuperSplat do it).
-Training knows the classic look only.
+Training uses the classic mode only.
 """
 
 from collections.abc import Callable
@@ -63,7 +63,7 @@ class Gradients:
     is hidden behind others has gradient 0 too.
     """
 
-    indices: IntArray  # (n,) Gaussian, rising
+    indices: IntArray  # (n,) Gaussian, ascending
     means: FloatArray  # (n, 3)
     quats: FloatArray  # (n, 4) by the quaternion as stored: at right angles to it
     log_scales: FloatArray  # (n, 3)

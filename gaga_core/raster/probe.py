@@ -170,7 +170,7 @@ def main(arguments: list[str]) -> int:
 def _ask_child(may_compile: bool, seconds: float) -> SelfTest:
     """Run the self-test in a process of its own, and end it and its compilers at the limit."""
     command = [sys.executable, "-m", "gaga_core.raster.probe", *["--compile"] * may_compile]
-    # Files, not pipes: a compiler that outlives its parent would keep a pipe open for ever.
+    # Files, not pipes: a compiler that outlives its parent would keep a pipe open forever.
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         try:
             child = subprocess.Popen(command, stdout=out, stderr=err, start_new_session=True)

@@ -1,4 +1,4 @@
-"""How sure the splats are of their groups: the spread over a selection, and who is in doubt."""
+"""Confidence of the splats' groups: histogram over a selection, and uncertain splats."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from gaga_core.scene.scene import Scene, State
 
 
 def confidence_histogram(scene: Scene, splats: IntArray, n_bins: int = 20) -> LongArray | None:
-    """How many of ``splats`` (K,) have which confidence, (B,) rising; None when it is unknown."""
+    """Number (B,) of ``splats`` (K,) in bins of ascending confidence; None when it is unknown."""
     column = scene.confidence_of()
     if column is None:
         return None

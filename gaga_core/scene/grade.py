@@ -28,7 +28,7 @@ class Grade:
     brightness: float = 0.0  # added, -1..1
     black: float = 0.0  # the level that becomes 0, -1..1
     white: float = 1.0  # the level that becomes 1, 0..2
-    opacity: float = 1.0  # factor, 0..1; beside the colors
+    opacity: float = 1.0  # factor, 0..1; independent of the colors
 
     def __post_init__(self) -> None:
         limits = {

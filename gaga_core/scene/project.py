@@ -1,6 +1,6 @@
 """One document: a scene that was opened, its edits, and where they are saved.
 
-A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` beside a lone NAME.ply) with
+A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.ply) with
 
     project.json      which model (with a fingerprint), names of groups, which scene file
     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
@@ -39,7 +39,7 @@ from gaga_core.scene.scene import RGB, Added, Placements, Scene
 
 _FORMAT = 1
 _FILE = "project.json"
-_CURE = "Move project.json away to open the scene anew."
+_CURE = "Move project.json away to open the scene from the start."
 _SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
 
 _log = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
     if scene.confidence is not None:
         arrays["confidence"] = scene.confidence
-    for i, kept in enumerate(scene.sets.values()):
+    for i, kept in enumerate(scene.named_selections.values()):
         arrays[f"set_{i}"] = np.packbits(kept.mask())
         arrays[f"length_{i}"] = np.array(kept.n)
     name = f"scene-{uuid4().hex[:12]}.npz"
@@ -128,7 +128,7 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
         "colors": {str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
-        "sets": list(scene.sets),
+        "sets": list(scene.named_selections),
         "bookmarks": bookmarks_entry(project.bookmarks),
         "path": path_entry(project.film),
     }
@@ -202,8 +202,8 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene.added = added
     scene.names = {int(group): str(text) for group, text in document["names"].items()}
     scene.colors = _colors_of(document.get("colors"))
-    kept = [scene.sets[f"{i}"] for i in range(len(scene.sets))]
-    scene.sets = dict(zip(map(str, document.get("sets", [])), kept, strict=False))
+    kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
+    scene.named_selections = dict(zip(map(str, document.get("sets", [])), kept, strict=False))
     return Project(
         scene,
         model_path,
@@ -243,7 +243,9 @@ def _read_document(file: Path) -> dict[str, dict[str, object]]:
     except OSError as error:
         raise GagaError(explain_os_error(error, file)) from error
     except (ValueError, TypeError) as error:
-        raise GagaError(f"{file} is damaged. Move it away to open the scene anew.") from error
+        raise GagaError(
+            f"{file} is damaged. Move it away to open the scene from the start."
+        ) from error
     if not complete:
         raise GagaError(f"{file} is no project of gaga-studio.")
     if document["format"] != _FORMAT:
@@ -277,7 +279,7 @@ def _read_scene(file: Path, gaussians: Gaussians, n_opened: int) -> Scene:
             placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
             bank=bank_of(bank) if bank else None,
             confidence=_read_confidence(arrays, n_opened),
-            sets=_read_sets(arrays),
+            named_selections=_read_named_selections(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{file} is damaged. {_CURE}") from error
@@ -290,7 +292,7 @@ def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Arra
     return column
 
 
-def _read_sets(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
+def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
     """Named selections, by number."""
     sets: dict[str, IndexSet] = {}
     while f"set_{len(sets)}" in arrays:

@@ -1,4 +1,4 @@
-"""The scene being edited: one row a splat, small tables beside it.
+"""The scene being edited: one row a splat, and small tables.
 
 Indices never move while editing: delete is a bit, duplicate appends, compaction happens at export.
 Only an Edit changes a Scene, and only History applies one.
@@ -115,7 +115,7 @@ class Scene:
     bank: MemoryBank | None = None  # log of the association that gave the labels
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.
     confidence: UInt8Array | None = None
-    sets: dict[str, IndexSet] = field(default_factory=dict)  # selections that a person named
+    named_selections: dict[str, IndexSet] = field(default_factory=dict)
     revision: Revision = field(default_factory=Revision)
     added: tuple[Added, ...] = ()  # other files whose splats are here too
 

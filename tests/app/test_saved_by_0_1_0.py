@@ -39,7 +39,9 @@ def test_a_saved_project_opens_with_every_edit_and_its_bank(saved: Path) -> None
         for name in ("matrix", "color"):
             np.testing.assert_array_equal(getattr(scene.placements, name), expected[name])
     assert scene.names == {1: "red ball", 6: "group 2 copy"}
-    assert [(name, kept.mask().sum()) for name, kept in scene.sets.items()] == [("the red one", 60)]
+    assert [(name, kept.mask().sum()) for name, kept in scene.named_selections.items()] == [
+        ("the red one", 60)
+    ]
     assert [(mark.name, mark.key) for mark in project.bookmarks] == [("Front", 1)]
     assert len(project.film.keyframes) == 16
     assert scene.bank is not None

@@ -11,12 +11,12 @@ def keep(session: Session, name: str) -> bool:
     """Keep the selection under a name."""
     document = session.need()
     splats = document.selected()
-    return document.do(edits.keep_set(document.settled().scene, name, splats))
+    return document.do(edits.keep_selection(document.settled().scene, name, splats))
 
 
 def keep_next(session: Session) -> bool:
     """Keep the selection under the next free name: "set 3"."""
-    kept = session.scene.sets if session.scene is not None else {}
+    kept = session.scene.named_selections if session.scene is not None else {}
     n = next(i for i in range(1, len(kept) + 2) if f"set {i}" not in kept)
     return keep(session, f"set {n}")
 
@@ -25,7 +25,7 @@ def keep_next(session: Session) -> bool:
 def select(session: Session, name: str, how: How = "set") -> bool:
     """Select what is kept under a name."""
     document = session.need()
-    rows = edits.kept_indices(document.settled().scene, name)
+    rows = edits.named_selection(document.settled().scene, name)
     return document.select(rows, how, f"Select {name}")
 
 
@@ -33,4 +33,4 @@ def select(session: Session, name: str, how: How = "set") -> bool:
 def forget(session: Session, name: str) -> bool:
     """Forget a named selection."""
     document = session.need()
-    return document.do(edits.forget_set(document.settled().scene, name))
+    return document.do(edits.forget_selection(document.settled().scene, name))

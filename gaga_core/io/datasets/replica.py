@@ -72,7 +72,7 @@ def read_semantic_nerf(root: Path, model: Path | None = None) -> DatasetScene:
 
 
 def _instance_folder(root: Path, sequence: Path) -> Path:
-    """The instance maps: in the scene, or in the archive's folder beside or above it."""
+    """The instance maps: in the scene, or in the archive's folder next to or above it."""
     own = sequence / "semantic_instance"
     tail = Path(root.name) / "Sequence_1" / "semantic_instance"
     places = [own, root.parent / _INSTANCES / tail, root.parent.parent / _INSTANCES / tail]

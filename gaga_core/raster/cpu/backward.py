@@ -69,7 +69,7 @@ def backward(
 class _Slots:
     """Where the sums of each (tile, splat) go: a splat's lie side by side."""
 
-    rows: IntArray  # (n,) rows of `TiledView.splats` by rising Gaussian
+    rows: IntArray  # (n,) rows of `TiledView.splats` by ascending Gaussian
     first: LongArray  # (n + 1,) first slot of each of them
     of_entry: IntArray  # (M,) slot of each entry of the tile lists
 

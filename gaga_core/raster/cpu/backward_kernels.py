@@ -112,10 +112,10 @@ def number_slots(
     first_slot: LongArray,  # (n + 1,) comes zeroed
     slots: IntArray,  # (M,)
 ) -> None:
-    """The rows of splats in view by rising Gaussian, and the slot of each tile-list entry.
+    """The rows of splats in view by ascending Gaussian, and the slot of each tile-list entry.
 
-    Parameters are read and written in the order of the file, which memory likes better than the
-    order of depth. Splat ``rows[m]`` owns slots first_slot[m] to first_slot[m + 1], by rising tile.
+    Parameters are read and written in the order of the file: faster than in the order of depth.
+    Splat ``rows[m]`` owns slots first_slot[m] to first_slot[m + 1], by ascending tile.
     """
     n = len(order)
     for k in range(n):

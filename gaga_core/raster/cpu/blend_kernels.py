@@ -385,7 +385,7 @@ def sample_weights(
     order: IntArray,
     offsets: LongArray,
     ids: IntArray,
-    samples: LongArray,  # (P,) flat pixels, grouped by tile, rising inside a tile
+    samples: LongArray,  # (P,) flat pixels, grouped by tile, ascending inside a tile
     sample_offsets: LongArray,  # (n_tiles + 1,)
     n_tiles_x: int,
     width: int,

@@ -23,7 +23,7 @@ class TiledView:
     depths: FloatArray  # (n,) camera depth
     order: IntArray  # (n,) index of the Gaussian
     offsets: LongArray  # (n_tiles + 1,) where each tile's list begins, tiles row by row
-    ids: IntArray  # (M,) rows of `splats`, rising inside a tile
+    ids: IntArray  # (M,) rows of `splats`, ascending inside a tile
 
     @property
     def n_tiles(self) -> int:
@@ -34,7 +34,7 @@ class TiledView:
 class _Memory:
     """Writable face of a read-only array, for kernels that only read.
 
-    Numba compiles a kernel anew for read-only arrays: seconds, for nothing.
+    Numba compiles a kernel again for read-only arrays: seconds, for nothing.
     """
 
     def __init__(self, array: AnyArray) -> None:
@@ -58,7 +58,7 @@ def for_kernel(array: AnyArray, dtype: type[np.generic]) -> AnyArray:
 def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = None) -> TiledView:
     """Project, sort by depth (ties by index) and list the splats of each tile.
 
-    ``antialiased``: the mip look; None = as the Gaussians' comments say.
+    ``antialiased``: mip mode; None = as the Gaussians' comments say.
     """
     look = gaussians.is_antialiased if antialiased is None else antialiased
     splats, depths, index, packed = _project(gaussians, camera, look)
@@ -88,7 +88,7 @@ def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = 
 
 
 def pose_and_lens(camera: Camera, antialiased: bool = False) -> tuple[DoubleArray, DoubleArray]:
-    """The camera as `project` takes it: (3, 4) pose, and fx, fy, cx, cy, size, near, blur, look."""
+    """The camera as `project` takes it: pose (3, 4), and lens (9,), in the order below."""
     K = camera.K
     lens = [
         K[0, 0],

@@ -146,12 +146,12 @@ def _forward(
     if background is not None:
         check_shape("background", background, (3,))
         behind[:] = background
-    view = prepare(gaussians, camera, antialiased=False)  # trained in the classic look
+    view = prepare(gaussians, camera, antialiased=False)  # trained in the classic mode
     return forward(view, camera, _colors(gaussians, camera, view), behind)
 
 
 def _dense(labels: IntArray) -> tuple[IntArray, IntArray]:
-    """Labels as positions in a rising table that begins with 0: huge ids cost no memory."""
+    """Labels as positions in a ascending table that begins with 0: huge ids cost no memory."""
     if labels.max(initial=0) < 65536:
         return np.arange(labels.max(initial=0) + 1, dtype=np.int32), labels
     values = np.unique(np.append(labels, np.int32(0)))

@@ -15,7 +15,7 @@ _BATCH = 1 << 23  # partial sums held at a time: 32 MiB
 
 @dataclass(frozen=True, eq=False)
 class _TileLabels:
-    """The label map of a view, numbered anew in each tile."""
+    """The label map of a view, numbered again in each tile."""
 
     local: IntArray  # (n_tiles, TILE, TILE) position in `found`; -1 = ignore
     found: IntArray  # (n_tiles, TILE * TILE) label of each position

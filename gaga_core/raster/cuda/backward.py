@@ -21,7 +21,7 @@ from gaga_core.raster.cuda.view import blend, fetch, find_splats, list_tiles, se
 class CudaForward:
     """A drawn view and what its way back needs."""
 
-    index: Tensor  # (n,) int64 Gaussian, rising
+    index: Tensor  # (n,) int64 Gaussian, ascending
     parameters: Parameters  # of these: leaves of the graph
     sh: Tensor  # (n, S, 3) float32, a leaf too
     splats: Projected | None  # None when no tile lists a splat

@@ -15,7 +15,7 @@ _EVERYTHING = 1 << 30
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Contributions of a band of pixels: pixels rising, in each front to back."""
+    """Contributions of a band of pixels: pixels ascending, in each front to back."""
 
     pixels: Tensor  # (m,) int64 flat index in the whole picture
     splats: Tensor  # (m,) int64 row of the view
@@ -97,7 +97,7 @@ def _weights_of(
 
 
 def _running_sum(values: Tensor, pixels: Tensor) -> Tensor:
-    """Sums (m,) of ``values`` (m,) float64 up to each entry, begun anew at every pixel."""
+    """Sums (m,) of ``values`` (m,) float64 up to each entry, started again at every pixel."""
     total = torch.cumsum(values, dim=0)
     _, lengths = torch.unique_consecutive(pixels, return_counts=True)
     last = torch.cumsum(lengths, dim=0) - 1

@@ -43,7 +43,7 @@ class Parameters:
 class Projected:
     """Splats in a picture: float64, but the radii."""
 
-    index: Tensor  # (n,) int64 Gaussian, rising
+    index: Tensor  # (n,) int64 Gaussian, ascending
     centres: Tensor  # (n, 2) pixels
     conics: Tensor  # (n, 3) upper triangle of the inverse covariance
     opacities: Tensor  # (n,)

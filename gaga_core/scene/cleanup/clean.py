@@ -12,7 +12,7 @@ tests, each on what lies where now (placements applied):
   alone, is what spares the table under a mug and the floor under a chair.
 * distance: outliers by their distance to the object's other splats, relative to their size (plain
   statistical removal takes the large splats of smooth surfaces for outliers), sooner if faint.
-* parts: small parts that no chain of neighbours joins to the rest.
+* components: small ones that no chain of neighbours joins to the rest.
 """
 
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ ends in ``values`` hold the edits themselves.
 from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
 from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
-from gaga_core.scene.edits.named_selections import forget_set, keep_set, kept_indices
+from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
 from gaga_core.scene.edits.placement import recolor, transform
 from gaga_core.scene.edits.split import separate, split, split_off
 from gaga_core.scene.edits.state import (
@@ -33,14 +33,14 @@ __all__ = [
     "append",
     "delete",
     "duplicate",
-    "forget_set",
+    "forget_selection",
     "free_group",
     "hide",
     "isolate",
-    "keep_set",
-    "kept_indices",
+    "keep_selection",
     "lock",
     "merge_groups",
+    "named_selection",
     "recolor",
     "rename",
     "restore",

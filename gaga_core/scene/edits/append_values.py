@@ -1,4 +1,4 @@
-"""The edit that puts the splats of another file beside those of the scene."""
+"""The edit that adds the splats of another file to the scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -27,8 +27,8 @@ from gaga_core.scene.edits.values import (
     SetBank,
     SetColor,
     SetConfidence,
-    SetKept,
     SetLabels,
+    SetNamedSelection,
     SetNames,
 )
 from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
@@ -43,7 +43,7 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
 
     Raises ``TypeError`` for a kind of edit that has no form here.
     """
-    if isinstance(edit, SetBank | SetConfidence | SetKept):
+    if isinstance(edit, SetBank | SetConfidence | SetNamedSelection):
         return None
     if isinstance(edit, Edits):
         parts = [part for part in map(encode_edit, edit.edits) if part is not None]

@@ -182,7 +182,7 @@ def _first(g: Gaussians, n: int) -> Gaussians:
 
 
 def _bump_all(scene: Scene, kept: int) -> None:
-    """The splats from row ``kept`` on changed, so every column beside them did."""
+    """The splats from row ``kept`` on changed, so every other column did."""
     scene.revision.splats_changed(kept)
     scene.revision.labels += 1
     scene.revision.state += 1

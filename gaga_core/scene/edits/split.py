@@ -1,4 +1,4 @@
-"""Builders of edits that take groups apart: a selection of its own, connected parts."""
+"""Builders of edits that split groups: off a selection, or into connected components."""
 
 import numpy as np
 
@@ -35,14 +35,14 @@ def separate(scene: Scene, indices: AnyArray, title: str = "Separate") -> Edit |
 
 
 def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Edit | None:
-    """Give each connected part of a group its own id; the largest keeps the group's.
+    """Give each connected component of a group its own id; the largest keeps the group's.
 
-    None when the group is in one piece; ``least`` as in `connected_parts`.
+    None when the group is in one piece; ``least`` as in `components_of`.
     """
     # Imported when first asked for: search trees are a part of the launch time.
-    from gaga_core.scene.selection.components import connected_parts
+    from gaga_core.scene.selection.components import components_of
 
-    parts = connected_parts(scene, group_indices(scene, group), least)
+    parts = components_of(scene, group_indices(scene, group), least)
     if len(parts) < 2:
         return None
     first = free_group(scene)

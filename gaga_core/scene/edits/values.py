@@ -252,7 +252,7 @@ class SetConfidence:
 
 
 @dataclass(frozen=True, eq=False)
-class SetKept:
+class SetNamedSelection:
     """A named selection; None = there is none of that name."""
 
     title: str
@@ -274,10 +274,12 @@ class SetKept:
         self._write(scene, self.before)
 
     def _write(self, scene: Scene, kept: IndexSet | None) -> None:
-        sets = {name: splats for name, splats in scene.sets.items() if name != self.name}
+        sets = {
+            name: splats for name, splats in scene.named_selections.items() if name != self.name
+        }
         if kept is not None:
             sets[self.name] = kept
-        scene.sets = dict(sorted(sets.items()))
+        scene.named_selections = dict(sorted(sets.items()))
         scene.revision.names += 1
 
 

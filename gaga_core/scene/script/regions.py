@@ -84,11 +84,11 @@ def _select_color(scene: Scene, op: Op) -> Edit | None:
 
 
 def _select_set(scene: Scene, op: Op) -> Edit | None:
-    return _take(scene, op, edits.kept_indices(scene, str(op.fields["name"])))
+    return _take(scene, op, edits.named_selection(scene, str(op.fields["name"])))
 
 
 def _keep(scene: Scene, op: Op) -> Edit | None:
-    return edits.keep_set(scene, str(op.fields["name"]), splats_of(scene, op))
+    return edits.keep_selection(scene, str(op.fields["name"]), splats_of(scene, op))
 
 
 def _grown(scene: Scene, op: Op) -> Edit | None:

@@ -1,4 +1,4 @@
-"""Connected parts of a set of splats, and splats that float alone."""
+"""Connected components of a set of splats, and isolated splats."""
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -18,8 +18,8 @@ _EVEN = 0.1  # least deviation, so that a perfectly even grid has no floaters
 _OUTLIER = 8  # neighbours whose distance says whether a splat floats
 
 
-def connected_parts(scene: Scene, splats: IntArray, least: int = 50) -> tuple[IntArray, ...]:
-    """``splats`` (K,) taken apart where they do not touch; the largest part first.
+def components_of(scene: Scene, splats: IntArray, least: int = 50) -> tuple[IntArray, ...]:
+    """``splats`` (K,) divided into connected components; the largest first.
 
     Parts of fewer than ``least`` splats go with the part that is nearest to them. Splats touch when
     they are among each other's eight nearest and at most four `spacing`s apart.

@@ -34,7 +34,7 @@ def pick(
     """Blend the one pixel whose centre is (u, v), as the rasterizer would; ``None`` if it is empty.
 
     Hidden and deleted splats do not count; placements do (position, shape, opacity). For the pixel
-    in column x and row y pass x + 0.5 and y + 0.5. ``antialiased``: the look that the person sees;
+    in column x and row y pass x + 0.5 and y + 0.5. ``antialiased``: the mode of the display;
     None = that of the file.
     """
     look = scene.gaussians.is_antialiased if antialiased is None else antialiased

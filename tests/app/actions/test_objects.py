@@ -128,9 +128,9 @@ def test_kept_selections_come_back_by_name(associated: Session) -> None:
     assert associated.selected_indices().tolist() == chosen
     assert named_selections.keep(associated, "mine")
     assert named_selections.forget(associated, "set 1")
-    assert list(_scene(associated).sets) == ["mine"]
+    assert list(_scene(associated).named_selections) == ["mine"]
     assert not named_selections.select(associated, "set 1")
-    assert "no kept selection" in associated.notices[-1].text
+    assert "no selection named" in associated.notices[-1].text
 
 
 def test_a_recorded_session_replays_to_the_same_file(associated: Session, tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def _contents(scene: Scene) -> list[bytes]:
     columns = (g.means, g.sh, scene.labels, scene.state, scene.placement, scene.source)
     table = scene.placements
     rows = [c.tobytes() for c in (*columns, table.matrix, table.color, table.opacity)]
-    return [*rows, repr(scene.names).encode(), repr(sorted(scene.sets)).encode()]
+    return [*rows, repr(scene.names).encode(), repr(sorted(scene.named_selections)).encode()]
 
 
 def test_two_thousand_random_commands(associated: Session, gl: Any) -> None:

@@ -92,7 +92,7 @@ def sixteen_bits(folder: Path) -> Mapping[str, IntArray]:
 
 
 def rgb_coded(folder: Path) -> Mapping[str, IntArray]:
-    """Every id a color, rising."""
+    """Every id a color, ascending."""
     colors = np.array([[0, 0, 0], [0, 9, 200], [7, 1, 3], [255, 0, 0], [255, 0, 9]], np.uint8)
     folder.mkdir()
     for stem, labels in TRUE.items():

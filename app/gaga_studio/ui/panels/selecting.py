@@ -138,7 +138,7 @@ def _kept(session: Session, ui: UiState) -> None:
     if widgets.button("Keep", why_not=why_not) and named_selections.keep(session, held.name):
         held.name = ""
     scene = session.need().scene
-    for name, splats in scene.sets.items():
+    for name, splats in scene.named_selections.items():
         imgui.push_id(name)
         room = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
         if imgui.selectable(f"{name}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
@@ -151,7 +151,7 @@ def _kept(session: Session, ui: UiState) -> None:
         if widgets.icon_button("Forget", icons.CLOSE, hint="Forget this selection"):
             named_selections.forget(session, name)
         imgui.pop_id()
-    if not scene.sets:
+    if not scene.named_selections:
         widgets.dim("None yet.")
 
 

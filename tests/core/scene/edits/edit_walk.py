@@ -32,7 +32,7 @@ def snapshot(scene: Scene) -> Snapshot:
         dict(scene.names),
         dict(scene.colors),
         scene.bank,
-        {name: kept.mask().tobytes() for name, kept in scene.sets.items()},
+        {name: kept.mask().tobytes() for name, kept in scene.named_selections.items()},
     )
 
 
@@ -134,8 +134,10 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
             if len(c) < 3000
             else None
         ),
-        "keep_set": lambda r, c: edits.keep_set(c, f"set {r.integers(3)}", s(r, c)),
-        "forget_set": lambda r, c: edits.forget_set(c, next(iter(c.sets), "none")),
+        "keep_set": lambda r, c: edits.keep_selection(c, f"set {r.integers(3)}", s(r, c)),
+        "forget_set": lambda r, c: edits.forget_selection(
+            c, next(iter(c.named_selections), "none")
+        ),
         "set_labels": relabel,
         "separate": lambda r, c: edits.separate(c, s(r, c)),
         "set_grouping": regroup,

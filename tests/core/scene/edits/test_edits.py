@@ -271,21 +271,21 @@ def test_a_kept_selection_outlives_undone_copies_and_locks() -> None:
     scene = walk_scene(100)
     history = History(scene)
     history.do(edits.duplicate(scene, np.arange(10)))
-    history.do(edits.keep_set(scene, "  my   set ", np.arange(90, 105)))
-    assert list(scene.sets) == ["my set"]
-    assert edits.keep_set(scene, "my set", np.arange(90, 105)) is None
+    history.do(edits.keep_selection(scene, "  my   set ", np.arange(90, 105)))
+    assert list(scene.named_selections) == ["my set"]
+    assert edits.keep_selection(scene, "my set", np.arange(90, 105)) is None
     history.do(edits.lock(scene, np.arange(95, 100)))
-    assert edits.kept_indices(scene, "my set").tolist() == [*range(90, 95), *range(100, 105)]
+    assert edits.named_selection(scene, "my set").tolist() == [*range(90, 95), *range(100, 105)]
     while history.undo():
         pass
-    assert scene.sets == {}
-    with pytest.raises(GagaError, match='no kept selection "my set"'):
-        edits.kept_indices(scene, "my set")
+    assert scene.named_selections == {}
+    with pytest.raises(GagaError, match='no selection named "my set"'):
+        edits.named_selection(scene, "my set")
     history.go_to(2)
-    history.do(edits.forget_set(scene, "my set"))
-    assert scene.sets == {}
+    history.do(edits.forget_selection(scene, "my set"))
+    assert scene.named_selections == {}
     with pytest.raises(GagaError, match="needs a name"):
-        edits.keep_set(scene, "  ", np.arange(3))
+        edits.keep_selection(scene, "  ", np.arange(3))
 
 
 def test_confidence_belongs_to_rows_of_the_file_and_copies_share_it() -> None:

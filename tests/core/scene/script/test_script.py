@@ -154,7 +154,7 @@ def test_every_operation_runs() -> None:
         ([{"op": "select_range", "column": "weight"}], r"'weight' is not one of opacity"),
         ([{"op": "select_box", "lo": [0, 0, 0]}], r'give "lo" and "hi", or "matrix"'),
         ([{"op": "crop", "lo": [0, 0, 0], "hi": [1, 0, 1]}], r"no length"),
-        ([{"op": "select_set", "name": "a"}], r'no kept selection "a"'),
+        ([{"op": "select_set", "name": "a"}], r'no selection named "a"'),
         ([{"op": "grade", "groups": [2], "temperature": 3}], r"between -1 and 1"),
         ([{"op": "grade", "groups": [2], "saturation": 9}], r"saturation: expected 0..4, got 9"),
         ([{"op": "mirror", "groups": [2], "axis": "up"}], r"must be x, y or z"),

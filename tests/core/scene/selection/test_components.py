@@ -6,7 +6,7 @@ import pytest
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene import edits
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.components import connected_parts, floaters
+from gaga_core.scene.selection.components import components_of, floaters
 from tests.core.scene.edits.edit_walk import snapshot
 
 
@@ -30,7 +30,7 @@ def _scene(*clouds: tuple[tuple[float, float, float], int], stray: int = 0) -> S
 
 def test_balls_apart_are_parts_and_a_ball_is_one() -> None:
     scene = _scene(((0, 0, 0), 900), ((8, 0, 0), 500), ((0, 9, 0), 300))
-    parts = connected_parts(scene, np.arange(1700, dtype=np.int32))
+    parts = components_of(scene, np.arange(1700, dtype=np.int32))
     assert [len(p) for p in parts] == [900, 500, 300]
     x = scene.gaussians.means[:, 0]
     assert (x[parts[1]] > 4).all()
@@ -40,9 +40,9 @@ def test_balls_apart_are_parts_and_a_ball_is_one() -> None:
 
 def test_crumbs_go_with_the_nearest_part() -> None:
     scene = _scene(((0, 0, 0), 900), ((20, 0, 0), 500), ((26, 0, 0), 10))
-    parts = connected_parts(scene, np.arange(1410, dtype=np.int32))
+    parts = components_of(scene, np.arange(1410, dtype=np.int32))
     assert [len(p) for p in parts] == [900, 510]
-    assert connected_parts(scene, np.zeros(0, np.int32)) == ()
+    assert components_of(scene, np.zeros(0, np.int32)) == ()
 
 
 def test_strays_float_and_balls_of_any_density_do_not() -> None:
