@@ -83,7 +83,7 @@ def test_a_project_and_its_scene(made: SceneFolder, tmp_path: Path) -> None:
     project = run_stage(open_path_stage(made.root))
     scene = project.scene
     history = History(scene)
-    history.do(edits.keep_set(scene, "some", np.arange(5)))
+    history.do(edits.keep_selection(scene, "some", np.arange(5)))
     save_project(project, tmp_path / "out.gaga")
     document = _json(tmp_path / "out.gaga" / "project.json")
     _check("project.json", document)
