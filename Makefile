@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test check docs setup bench screenshot clean
+.PHONY: studio test check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -41,8 +41,8 @@ $(STAMP): pyproject.toml constraints.txt
 bench: setup
 	@$(BIN)/python -m tests.bench
 
-screenshot: setup
-	@$(BIN)/python -m tests.screenshot assets/screenshot.png
+screenshots: setup
+	@$(BIN)/python -m tests.screenshots
 
 clean:
 	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist docs/_build docs/api

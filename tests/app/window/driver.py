@@ -18,14 +18,15 @@ from gaga_studio.session.view_state import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
-_PATIENCE_S = 60.0
+PATIENCE_S = 60.0  # longest wait for anything, unless a caller knows that more is needed
 
 
 class Driver:
     """The hands of a person: what tests do with the window."""
 
-    def __init__(self, studio: Studio, engine: Any) -> None:
+    def __init__(self, studio: Studio, engine: Any, patience_s: float = PATIENCE_S) -> None:
         self.studio = studio
+        self.patience_s = patience_s
         self.engine = engine  # imgui.test_engine.TestContext
         self._on_main: Callable[[], Any] | None = None
         self._answer: Any = None
@@ -40,9 +41,9 @@ class Driver:
         self.engine.yield_(n)
 
     def until(self, is_done: Callable[[], bool], what: str) -> None:
-        end = time.monotonic() + _PATIENCE_S
+        end = time.monotonic() + self.patience_s
         while not is_done():
-            assert time.monotonic() < end, f"{what}: not after {_PATIENCE_S:.0f} s"
+            assert time.monotonic() < end, f"{what}: not after {self.patience_s:.0f} s"
             self.frames(1)
 
     def settle(self) -> None:
@@ -173,6 +174,7 @@ def drive(
     size: tuple[int, int] = (800, 500),
     settings: Settings | None = None,
     may_fail: bool = False,
+    patience_s: float = PATIENCE_S,
 ) -> Studio:
     """Open a window, run ``test`` in it, close it; errors of the test are raised here.
 
@@ -189,7 +191,9 @@ def drive(
     drivers: list[Driver] = []
 
     def run(engine: Any) -> None:
-        driver = Driver(studio, engine)
+        if patience_s > PATIENCE_S:
+            engine.engine_io.config_watchdog_kill_test = 20 * patience_s
+        driver = Driver(studio, engine, patience_s)
         drivers.append(driver)
         driver.settle()
         test(driver)

@@ -1,0 +1,279 @@
+"""``python -m tests.screenshots [NAME ...]``: the pictures of README and guide, of the real window.
+
+Each picture has a name (`PICTURES`) and goes to ``docs/images/NAME.png``. Without names all are
+taken, on the demo scene, which is made first. Needs Xvfb, no display.
+"""
+
+import argparse
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from imgui_bundle import ImVec2
+from imgui_bundle.immapp import testing
+from PIL import Image
+
+from gaga_core.demo.folder import ensure_demo
+from gaga_core.progress import run_stage
+from gaga_studio import commands
+from gaga_studio.actions import camera_path, files, quality
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.system import paths
+from tests.app.window.driver import KEY, Driver, drive
+from tests.display import xvfb
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+Opens = Literal["nothing", "photos", "masks", "objects"]  # how much of the demo scene is there
+_PATIENCE_S = 900.0
+_SIZE = (1440, 900)  # pixels of the window
+_MOST_BYTES = 200_000  # of a picture's file
+_COLORS = (256, 192, 128, 96, 64, 48)  # of its palette; the first that keeps to the size
+_TEAPOT = (0.44, 0.57)  # where the demo's first view shows it, parts of the picture's size
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: what it shows, and what has to be open for it."""
+
+    name: str
+    shows: str
+    take: Callable[[Driver, "Shot"], None]
+    opens: Opens = "objects"
+
+
+class Shot:
+    """Where a picture goes, and how it is saved."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def window(self, d: Driver) -> None:
+        """The whole window, at rest."""
+        # Notices are read once and fade; the picture shows the window at rest.
+        d.session.notices = ()
+        d.settle()
+        self.now(d)
+
+    def now(self, d: Driver) -> None:
+        """The whole window as it is."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "window.png"
+            testing.capture(d.engine, str(file))
+            with Image.open(file) as image:
+                self.save(image.convert("RGB"))
+
+    def save(self, image: Image.Image) -> None:
+        """``image`` with as many colors as fit into the size that a page can carry."""
+        for colors in _COLORS:
+            small = image.quantize(colors, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            file = io.BytesIO()
+            small.save(file, "PNG", optimize=True)
+            if file.tell() <= _MOST_BYTES:
+                break
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.write_bytes(file.getvalue())
+
+
+def main() -> None:
+    """Take the pictures that are asked for."""
+    parser = argparse.ArgumentParser(description="Take the pictures of README and guide.")
+    parser.add_argument("names", nargs="*", help=", ".join(p.name for p in PICTURES))
+    parser.add_argument("--out", type=Path, default=IMAGES)
+    parser.add_argument("--home", type=Path, help="keeps the demo scene between runs")
+    chosen = parser.parse_args()
+    unknown = set(chosen.names) - {picture.name for picture in PICTURES}
+    if unknown:
+        parser.error(f"no such picture: {', '.join(sorted(unknown))}")
+    with tempfile.TemporaryDirectory() as folder, xvfb():
+        os.environ["GAGA_HOME"] = str(chosen.home or folder)
+        take([p for p in PICTURES if p.name in chosen.names or not chosen.names], chosen.out)
+
+
+def take(pictures: Iterable[Picture], out: Path) -> None:
+    """Take ``pictures``, each in a window of its own."""
+    scenes = paths.home()
+    run_stage(ensure_demo(scenes / "demo"))
+    for picture in pictures:
+        shot = Shot(out / f"{picture.name}.png")
+
+        def walk(d: Driver, picture: Picture = picture, shot: Shot = shot) -> None:
+            picture.take(d, shot)
+
+        drive(walk, path=_opened(picture.opens, scenes), size=_SIZE, patience_s=_PATIENCE_S)
+
+
+def _opened(what: Opens, scenes: Path) -> Path | None:
+    """What the window opens; made of the demo scene when it is first needed."""
+    demo, made = scenes / "demo", scenes / what / "table"
+    if what == "nothing":
+        return None
+    if what == "masks":
+        return demo
+    if what == "photos" and not made.exists():
+        shutil.copytree(demo / "images", made / "images")
+    if what == "objects" and not made.exists():
+        shutil.copytree(demo, made)
+        session = Session(Settings())
+        session.open(made)
+        session.jobs.wait(_PATIENCE_S)
+        files.associate(session)
+        session.jobs.wait(_PATIENCE_S)
+        session.save()
+        session.jobs.wait(_PATIENCE_S)
+        session.shut_down()
+    return made
+
+
+# --- what each picture shows
+
+
+def _window(d: Driver, shot: Shot) -> None:
+    _select_teapot(d)
+    shot.window(d)
+
+
+def _empty(d: Driver, shot: Shot) -> None:
+    shot.window(d)
+
+
+def _photos(d: Driver, shot: Shot) -> None:
+    shot.window(d)
+
+
+def _masks(d: Driver, shot: Shot) -> None:
+    d.menu("Object/###Make masks…")
+    dialog = d.studio.ui.masks
+    d.click("**/###Try on one photo")
+    d.until(lambda: dialog.trial is not None, "one photo is done")
+    d.settle()
+    shot.window(d)
+
+
+def _find_objects(d: Driver, shot: Shot) -> None:
+    """While the memory bank grows."""
+    files.associate(d.session)
+    d.until(lambda: _fraction(d.session) > 0.45, "half of the views are associated")
+    shot.now(d)
+    d.settle()
+
+
+def _fraction(session: Session) -> float:
+    job = session.jobs.running
+    return job.fraction if job is not None and session.live_labels is not None else 0.0
+
+
+def _memory_bank(d: Driver, shot: Shot) -> None:
+    group = _select_teapot(d)
+    d.focus("Memory bank")
+    decision = d.session.decisions(group)[2]
+    d.click(f"**/{decision.view} {decision.mask}/##decision")
+    shot.window(d)
+
+
+def _select(d: Driver, shot: Shot) -> None:
+    """A lasso on its way, over what another one selected."""
+    d.session.tool = ToolName.LASSO
+    width, height = d.size
+    d.focus("Select by")
+    corner = d.corner
+    turns = np.linspace(0.0, 1.75 * np.pi, 40)
+    d.move_to(0.56 * width, 0.57 * height)
+    d.engine.mouse_down(0)
+    for turn in turns:
+        u, v = (0.44 + 0.12 * np.cos(turn)) * width, (0.57 + 0.16 * np.sin(turn)) * height
+        d.engine.mouse_move_to_pos(ImVec2(corner[0] + u, corner[1] + v))
+    d.frames()
+    shot.now(d)
+    d.engine.mouse_up(0)
+
+
+def _edit(d: Driver, shot: Shot) -> None:
+    group = _select_teapot(d)
+    d.session.set_color(group, (0.85, 0.35, 0.2))
+    commands.run("tool.move", d.session)
+    d.settle()
+    shot.window(d)
+
+
+def _search(d: Driver, shot: Shot) -> None:
+    d.keys(KEY.mod_ctrl, KEY.f)
+    d.engine.key_chars("largest red thing")
+    document = d.session.need()
+    d.until(lambda: bool(document.search.meant), "something is found")
+    d.keys(KEY.down_arrow)
+    shot.window(d)
+
+
+def _camera_path(d: Driver, shot: Shot) -> None:
+    for turn in (0, 160, 160, 160):
+        d.session.rig.orbit(turn, 12)
+        camera_path.add_keyframe(d.session)
+    commands.run("camera.add_bookmark", d.session)
+    d.focus("Camera path")
+    shot.window(d)
+
+
+def _export(d: Driver, shot: Shot) -> None:
+    _select_teapot(d)
+    d.menu("File/Export objects…")
+    shot.window(d)
+
+
+def _modes(d: Driver, shot: Shot) -> None:
+    """The same view in groups, depth and confidence, next to each other."""
+    shown = []
+    for mode in (Mode.GROUPS, Mode.DEPTH, Mode.CONFIDENCE):
+        d.session.view.mode = mode
+        shown.append(Image.fromarray(d.pixels()))
+    gap, width = 8, 460
+    height = round(shown[0].height * width / shown[0].width)
+    whole = Image.new("RGB", (3 * width + 2 * gap, height), "white")
+    for i, image in enumerate(shown):
+        whole.paste(image.resize((width, height), Image.Resampling.LANCZOS), (i * (width + gap), 0))
+    shot.save(whole)
+
+
+def _quality(d: Driver, shot: Shot) -> None:
+    """The object list by quality, the worst first."""
+    quality.measure(d.session)
+    d.settle()
+    _select_teapot(d)
+    shot.window(d)
+
+
+def _select_teapot(d: Driver) -> int:
+    """Click the object at the middle and name it; its group."""
+    width, height = d.size
+    d.click_picture(width * _TEAPOT[0], height * _TEAPOT[1])
+    group = d.session.selected_groups()[0]
+    d.session.rename(group, "teapot")
+    d.move_to(width * 0.75, -20)  # on an empty part of the tool bar: nothing is hovered
+    return group
+
+
+PICTURES = (
+    Picture("window", "the demo scene with groups, an object selected", _window),
+    Picture("empty", "the window before anything is open", _empty, opens="nothing"),
+    Picture("photos", "photos, offered for reconstruction", _photos, opens="photos"),
+    Picture("masks", "the dialog that makes masks, tried on one photo", _masks, opens="masks"),
+    Picture("find_objects", "the memory bank while it grows", _find_objects, opens="masks"),
+    Picture("memory_bank", "an object, its masks, and one of them on its photo", _memory_bank),
+    Picture("select", "a lasso on its way, and the panel Select by", _select),
+    Picture("edit", "an object with another color and the handles that move it", _edit),
+    Picture("search", "the search box and what it found", _search),
+    Picture("camera_path", "a camera path of four places", _camera_path),
+    Picture("export", "the dialog that exports objects", _export),
+    Picture("modes", "groups, depth and confidence of one view", _modes),
+    Picture("quality", "the objects by quality", _quality),
+)
+
+if __name__ == "__main__":
+    main()
