@@ -22,7 +22,7 @@ from PIL import Image
 from gaga_core.demo.folder import ensure_demo
 from gaga_core.progress import run_stage
 from gaga_studio import commands
-from gaga_studio.actions import camera_path, files, quality
+from gaga_studio.actions import camera_path, files, objects, quality
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
@@ -150,9 +150,9 @@ def _photos(d: Driver, shot: Shot) -> None:
 
 def _masks(d: Driver, shot: Shot) -> None:
     d.menu("Object/###Make masks…")
-    dialog = d.studio.ui.masks
+    dialog = d.studio.ui.scene.masks
     d.click("**/###Try on one photo")
-    d.until(lambda: dialog.trial is not None, "one photo is done")
+    d.until(lambda: dialog.preview is not None, "one photo is done")
     d.settle()
     shot.window(d)
 
@@ -197,7 +197,7 @@ def _select(d: Driver, shot: Shot) -> None:
 
 def _edit(d: Driver, shot: Shot) -> None:
     group = _select_teapot(d)
-    d.session.set_color(group, (0.85, 0.35, 0.2))
+    objects.set_color(d.session, group, (0.85, 0.35, 0.2))
     commands.run("tool.move", d.session)
     d.settle()
     shot.window(d)
@@ -254,7 +254,7 @@ def _select_teapot(d: Driver) -> int:
     width, height = d.size
     d.click_picture(width * _TEAPOT[0], height * _TEAPOT[1])
     group = d.session.selected_groups()[0]
-    d.session.rename(group, "teapot")
+    objects.rename(d.session, group, "teapot")
     d.move_to(width * 0.75, -20)  # on an empty part of the tool bar: nothing is hovered
     return group
 

@@ -25,12 +25,20 @@ from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
 from gaga_studio.system.log import start_log
 from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
-from gaga_studio.ui.chrome import menu, status_bar, toasts, toolbar
+from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
 from gaga_studio.ui.chrome.status_text import status_text
-from gaga_studio.ui.dialogs import dispatch, file_dialog, first_steps, make_masks, sheets, shortcuts
+from gaga_studio.ui.dialogs import (
+    export_options,
+    first_steps,
+    make_masks,
+    preferences,
+    sheets,
+    shortcuts,
+)
+from gaga_studio.ui.dialogs.file_dialog import FilePicker, has_native
+from gaga_studio.ui.dispatch import request_table
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.guard import Guard
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.panels import (
     bookmarks,
     camera_path,
@@ -41,6 +49,8 @@ from gaga_studio.ui.panels import (
     objects,
     selecting,
 )
+from gaga_studio.ui.state import UiState
+from gaga_studio.ui.viewport import training
 from gaga_studio.ui.viewport.viewport import ViewportPanel
 
 _LOG = logging.getLogger(__name__)
@@ -60,14 +70,15 @@ class Studio:
         options: WindowOptions | None = None,
     ) -> None:
         self.session = session or Session()
-        self.ui = UiState(native_dialogs=file_dialog.has_native())
+        self.ui = UiState(FilePicker(use_native=has_native()))
+        self._requests = request_table(self.ui)
         self.viewport: Viewport | None = None
         self.images: ImageStore | None = None
         self._ctx: moderngl.Context | None = None
         self._first: tuple[Path | None, bool] = (path, demo)
         self._pacing = Pacing()
         self._autosave = autosave.Autosave()
-        self._steps = first_steps.Progress()
+        self._steps = first_steps.FirstSteps()
         self._guard = Guard(self._failed)
         self._backend = ""
         self._document: object = None
@@ -86,7 +97,7 @@ class Studio:
     # --- what the window calls
 
     def _hooks(self) -> Hooks:
-        session, ui, guarded = self.session, self.ui, self._guard.wrap
+        session, guarded = self.session, self._guard.wrap
         return Hooks(
             started=self._started,
             ending=self._ending,
@@ -94,8 +105,8 @@ class Studio:
             style=theme.apply_style,
             before_frame=self._before_frame,
             keys=guarded("Keys", lambda: shortcuts.pressed(session, self._escape)),
-            menu=guarded("Menu", lambda: menu.draw(session, ui, self.window.reset_layout)),
-            tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, ui)),
+            menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
+            tool_bar=guarded("Tool bar", lambda: toolbar.draw(session)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,
             dropped=self._dropped,
@@ -107,16 +118,46 @@ class Studio:
     def _panels(self) -> tuple[Panel, ...]:
         session, ui = self.session, self.ui
         main = "MainDockSpace"
+
+        def draw_picture() -> None:
+            self.picture.draw(session, ui.scene.picture, ui.area)
+
+        def draw_objects() -> None:
+            masks = ui.scene.picture.evidence.menu
+            objects.draw(session, ui.scene.objects, masks, ui.area)
+
+        def draw_bank() -> None:
+            memory_bank.draw(session, ui.scene.picture.evidence)
+
         panels = (
-            Panel("Viewport", lambda: self.picture.draw(session, ui), main, main, is_bare=True),
-            Panel("Objects", lambda: objects.draw(session, ui), "Left", "Right"),
-            Panel("Inspector", lambda: inspector.draw(session, ui), "Right", "RightBottom"),
-            Panel("Select by", lambda: selecting.draw(session, ui), "Right", "RightBottom"),
-            Panel("Memory bank", lambda: memory_bank.draw(session, ui), "RightDown", "RightBottom"),
-            Panel("Views", lambda: film_strip.draw(session, ui), "Bottom", "Right"),
+            Panel("Viewport", draw_picture, main, main, is_bare=True),
+            Panel("Objects", draw_objects, "Left", "Right"),
+            Panel(
+                "Inspector",
+                lambda: inspector.draw(session, ui.scene.inspector),
+                "Right",
+                "RightBottom",
+            ),
+            Panel(
+                "Select by",
+                lambda: selecting.draw(session, ui.scene.select_by),
+                "Right",
+                "RightBottom",
+            ),
+            Panel("Memory bank", draw_bank, "RightDown", "RightBottom"),
+            Panel(
+                "Views", lambda: film_strip.draw(session, ui.scene.film_strip), "Bottom", "Right"
+            ),
             Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
-            Panel("Bookmarks", lambda: bookmarks.draw(session, ui), "Bottom", "Right"),
-            Panel("History", lambda: history.draw(session, ui), "RightDown", "RightBottom"),
+            Panel(
+                "Bookmarks", lambda: bookmarks.draw(session, ui.scene.bookmarks), "Bottom", "Right"
+            ),
+            Panel(
+                "History",
+                lambda: history.draw(session, ui.scene.history),
+                "RightDown",
+                "RightBottom",
+            ),
         )
         return tuple(replace(p, draw=self._guard.wrap(p.label, p.draw)) for p in panels)
 
@@ -174,7 +215,7 @@ class Studio:
             self.session.render_requests.serve(self._paint)
         if self.session.document is not self._document:
             self._document = self.session.document
-            self.ui.forget()
+            self.ui.forget_scene()
             self._masks = None
         if self.session.masks is not self._masks:  # made again, they have the same names
             self._masks = self.session.masks
@@ -188,11 +229,20 @@ class Studio:
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
-        call("File dialog", lambda: dispatch.take(session, ui))
-        call("Dialogs", lambda: sheets.draw(session, ui))
-        call("Make masks", lambda: make_masks.draw(session, ui))
-        call("First steps", lambda: first_steps.draw(session, ui, self._steps))
-        call("Notices", lambda: toasts.draw(session, ui))
+        is_covered = ui.scene.picture.evidence.decision is not None
+        call("Dialogs", lambda: self._requests.take(session))
+        call("File dialog", ui.files.draw)
+        call("Sheets", lambda: sheets.draw(session, ui.palette))
+        call("Preferences", lambda: preferences.draw(session, ui.preferences))
+        call("Export", lambda: export_options.draw(session, ui.export, ui.files))
+        call("Make splats", lambda: training.sheet(session, ui.plan))
+        call("Menus", lambda: command_buttons.picture_menus(session))
+        call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
+        call(
+            "First steps",
+            lambda: first_steps.draw(session, ui.area, self._steps, is_covered=is_covered),
+        )
+        call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.controller.tool(self.session))
@@ -208,8 +258,9 @@ class Studio:
             return True
         if self.picture.cancel(self.session):
             return True
-        if self.ui.decision is not None:
-            self.ui.decision = None
+        evidence = self.ui.scene.picture.evidence
+        if evidence.decision is not None:
+            evidence.decision = None
             return True
         return False
 
@@ -286,7 +337,7 @@ class Studio:
         """Wanted frames a second at rest; 0 while something on the screen moves."""
         if self.never_idle or self._is_moving():
             return 0.0
-        if self.session.jobs.running is not None or self.ui.has_notices:
+        if self.session.jobs.running is not None or self.ui.toasts.are_passing:
             return _JOB_RATE
         return _REST_RATE
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 
 Reason = Callable[[Session], str]
@@ -36,8 +37,8 @@ class Command:
         return self.describe(session) if self.describe is not None else self.title
 
 
-def ask(request: str) -> Callable[[Session], None]:
-    """Return an action that asks for this dialog (see `Session.take_request`)."""
+def ask(request: Request) -> Callable[[Session], None]:
+    """Return an action that asks the window for this (see `Session.take_request`)."""
 
     def run(session: Session) -> None:
         session.request = request

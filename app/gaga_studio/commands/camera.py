@@ -6,6 +6,7 @@ from dataclasses import replace
 from gaga_studio.actions import bookmarks, camera_path, photo_compare
 from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command, Reason, ask
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import PhotoCompareMode
 
@@ -153,14 +154,24 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         enabled=availability.no_keyframe,
     ),
     Command(
-        "camera.open_path", "Open path…", "Camera", ask("open_path"), enabled=availability.no_scene
+        "camera.open_path",
+        "Open path…",
+        "Camera",
+        ask(Request.OPEN_PATH),
+        enabled=availability.no_scene,
     ),
     Command(
         "camera.save_path",
         "Save path…",
         "Camera",
-        ask("save_path"),
+        ask(Request.SAVE_PATH),
         enabled=availability.no_keyframe,
     ),
-    Command("camera.film", "Save film…", "Camera", ask("film"), enabled=availability.not_filmable),
+    Command(
+        "camera.film",
+        "Save film…",
+        "Camera",
+        ask(Request.SAVE_FILM),
+        enabled=availability.not_filmable,
+    ),
 )

@@ -3,6 +3,7 @@
 from gaga_studio.actions import cleanup, history, objects, transform
 from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command, ask
+from gaga_studio.session.requests import Request
 
 
 def _mirror(axis: int) -> Command:
@@ -71,5 +72,5 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.cancel", "Cancel", "Edit", handlers.cancel, "Escape", enabled=availability.no_cancel
     ),
-    Command("edit.preferences", "Preferences…", "Edit", ask("preferences"), "Ctrl+,"),
+    Command("edit.preferences", "Preferences…", "Edit", ask(Request.PREFERENCES), "Ctrl+,"),
 )

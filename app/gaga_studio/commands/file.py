@@ -3,10 +3,11 @@
 from gaga_studio.actions import reconstruction
 from gaga_studio.commands import availability
 from gaga_studio.commands.base import Command, ask
+from gaga_studio.session.requests import Request
 
 FILE_COMMANDS: tuple[Command, ...] = (
-    Command("file.open_folder", "Open scene folder…", "File", ask("open_folder"), "Ctrl+O"),
-    Command("file.open_file", "Open splat file…", "File", ask("open_file"), "Ctrl+Shift+O"),
+    Command("file.open_folder", "Open scene folder…", "File", ask(Request.OPEN_FOLDER), "Ctrl+O"),
+    Command("file.open_file", "Open splat file…", "File", ask(Request.OPEN_FILE), "Ctrl+Shift+O"),
     Command(
         "file.make_splats",
         "Make splats from photos",
@@ -19,14 +20,14 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "file.make_splats_as",
         "Make splats as…",
         "File",
-        ask("photos"),
+        ask(Request.MAKE_SPLATS),
         enabled=reconstruction.why_not,
     ),
     Command(
         "file.add_splats",
         "Add splats…",
         "File",
-        ask("add_splats"),
+        ask(Request.ADD_SPLATS),
         enabled=availability.not_saveable,
     ),
     Command(
@@ -44,7 +45,7 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "file.save_as",
         "Save project as…",
         "File",
-        ask("save_as"),
+        ask(Request.SAVE_AS),
         "Ctrl+Shift+S",
         enabled=availability.not_saveable,
     ),
@@ -52,7 +53,7 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "file.export_scene",
         "Export scene…",
         "File",
-        ask("export_scene"),
+        ask(Request.EXPORT_SCENE),
         "Ctrl+Shift+E",
         enabled=availability.not_saveable,
     ),
@@ -60,35 +61,35 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "file.export_selected",
         "Export selection…",
         "File",
-        ask("export_selected"),
+        ask(Request.EXPORT_SELECTED),
         enabled=availability.not_exportable_selection,
     ),
     Command(
         "file.export_objects",
         "Export objects…",
         "File",
-        ask("export_objects"),
+        ask(Request.EXPORT_OBJECTS),
         enabled=availability.not_exportable_objects,
     ),
     Command(
         "file.export_masks",
         "Export masks…",
         "File",
-        ask("export_masks"),
+        ask(Request.EXPORT_MASKS),
         enabled=availability.not_exportable_masks,
     ),
     Command(
         "file.save_script",
         "Save the edits as a script…",
         "File",
-        ask("save_script"),
+        ask(Request.SAVE_SCRIPT),
         enabled=availability.no_edits,
     ),
     Command(
         "file.save_picture",
         "Save picture…",
         "File",
-        ask("save_picture"),
+        ask(Request.SAVE_PICTURE),
         "Ctrl+Alt+S",
         enabled=availability.not_saveable,
     ),

@@ -12,13 +12,14 @@ from gaga_studio.actions import (
 )
 from gaga_studio.commands import availability, handlers
 from gaga_studio.commands.base import Command, ask
+from gaga_studio.session.requests import Request
 
 OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.masks",
         "Make masks…",
         "Object",
-        ask("masks"),
+        ask(Request.MAKE_MASKS),
         "Ctrl+M",
         enabled=availability.no_photos_for_masks,
     ),
@@ -33,14 +34,14 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.import_masks",
         "Import masks from a folder…",
         "Object",
-        ask("import_masks"),
+        ask(Request.IMPORT_MASK_FOLDER),
         enabled=availability.no_views,
     ),
     Command(
         "object.import_masks_file",
         "Import masks from a file…",
         "Object",
-        ask("import_masks_file"),
+        ask(Request.IMPORT_MASK_FILE),
         enabled=availability.no_views,
     ),
     Command(
@@ -55,7 +56,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.find",
         "Find an object…",
         "Object",
-        ask("find"),
+        ask(Request.FIND),
         "Ctrl+F",
         enabled=availability.no_groups,
     ),
@@ -63,7 +64,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.find_in_view",
         "Find it in this view",
         "Object",
-        ask("find_in_view"),
+        ask(Request.FIND_IN_VIEW),
         enabled=availability.no_detection,
     ),
     Command(
@@ -109,7 +110,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "object.rename",
         "Rename",
         "Object",
-        ask("rename"),
+        ask(Request.RENAME),
         "F2",
         enabled=availability.not_one_object,
     ),

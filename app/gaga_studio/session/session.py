@@ -26,6 +26,7 @@ from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.notices import Level, Notice, UserQuestion, notifies, unsaved_question
 from gaga_studio.session.render_requests import RenderRequests
+from gaga_studio.session.requests import Request
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import TrainingPreview
 from gaga_studio.session.view_state import ImageSource, ToolName, ViewState
@@ -50,7 +51,7 @@ class Session:
         self.hovering = Hovering()
         self.notices: tuple[Notice, ...] = ()  # oldest first
         self.pending_question: UserQuestion | None = None  # shown as a modal; see `answer`
-        self.request = ""  # dialog that a command asks for; see `take_request`
+        self.request: Request | None = None  # what a command asks of the window
         self.should_quit = False
         self.live: BankSnapshot | None = None  # while an association runs
         self.photos: PhotoFind | None = None  # opened, but without splats
@@ -80,9 +81,9 @@ class Session:
         if question is not None:
             question.on_choice(choice)
 
-    def take_request(self) -> str:
-        """Return the dialog that a command asked for since the last call, or ""."""
-        request, self.request = self.request, ""
+    def take_request(self) -> Request | None:
+        """Return what a command asked of the window since the last call, or None."""
+        request, self.request = self.request, None
         return request
 
     def change_settings(self, settings: Settings) -> None:

@@ -1,6 +1,7 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
 from gaga_studio.actions import align_ground, navigation, selection
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
@@ -128,7 +129,8 @@ def _menu(session: Session, place: ViewportPoint) -> None:
     view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])
     if found is not None and found.group and found.group not in session.selected_groups():
         selection.select_groups(session, (found.group,))
-    session.request = "object_menu" if found is not None and found.group else "scene_menu"
+    is_on_object = found is not None and found.group
+    session.request = Request.OBJECT_MENU if is_on_object else Request.SCENE_MENU
 
 
 def _rest(session: Session, tool: Tool, place: ViewportPoint | None) -> None:

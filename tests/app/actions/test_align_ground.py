@@ -211,7 +211,7 @@ def test_backspace_takes_one_back_and_never_deletes(associated: Session) -> None
     hand.play(right=True)
     hand.play(right=False)
     assert session.view.ground == ()
-    assert session.request == ""
+    assert session.request is None
 
 
 @pytest.mark.parametrize("former", [ToolName.PICK, ToolName.MOVE])

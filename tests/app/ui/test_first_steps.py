@@ -8,13 +8,14 @@ from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
-from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, Progress, place
+from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, FirstSteps, place
+from gaga_studio.ui.kit.picture_area import PictureArea
 from tests.app.looks import finish
 from tests.app.window.driver import Driver, drive
 
 
 def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path) -> None:
-    progress, none = Progress(), Progress()
+    progress, none = FirstSteps(), FirstSteps()
     assert none.next == 1
     seen = []
 
@@ -42,7 +43,7 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
 
 
 def test_objects_that_a_project_brought_are_found_already(associated: Session) -> None:
-    progress = Progress()
+    progress = FirstSteps()
     progress.follow(associated)
     assert progress.next == 3
     assert "change" not in progress.done
@@ -56,7 +57,7 @@ def test_the_card_covers_neither_the_offer_nor_the_middle(
 ) -> None:
     left, top, (width, height) = 40.0, 60.0, size
     foot = top + height - offer * unit if offer else float("inf")
-    where = place((left, top, width, height), foot, unit)
+    where = place(PictureArea(left, top, width, height), foot, unit)
     if where is None:
         assert min(size) < 27 * unit, "only a tiny picture has no room"
         return
@@ -85,7 +86,7 @@ def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[in
         card = d.engine.get_window_by_ref("//First steps")
         below = d.session.stage_offer()
         assert below is not None
-        assert card.pos.y + card.size.y <= d.studio.ui.offer_top
+        assert card.pos.y + card.size.y <= d.studio.ui.area.offer_top
         d.click("**/###Find objects")
         d.settle()
         d.click("First steps/###Put away")

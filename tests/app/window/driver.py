@@ -183,7 +183,7 @@ def drive(
     session = Session(settings or Settings(first_steps_done=True))
     options = WindowOptions(size=size)
     studio = Studio(path, demo=demo, session=session, options=options)
-    studio.ui.native_dialogs = False
+    studio.ui.files.use_native = False
     params = studio.window.params()
     params.fps_idling.enable_idling = False
     studio.never_idle = True

@@ -23,12 +23,12 @@ def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
         before = d.pixels()
         d.menu("File/Add splats…")
         d.frames(3)
-        dialog = d.studio.ui.dialog
+        dialog = d.studio.ui.files.dialog
         assert dialog is not None
         assert ".spz" in dialog.suffixes
 
         def choose(path: Path) -> None:
-            shown = d.studio.ui.dialog
+            shown = d.studio.ui.files.dialog
             assert shown is not None
             shown._text = str(path)
             d.frames(2)

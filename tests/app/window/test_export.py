@@ -27,9 +27,9 @@ def test_objects_go_into_files_of_the_form_that_was_chosen(
         d.click(f"Export objects/###{form}")
         d.click("Export objects/###Export objects…")
         d.frames(3)
-        dialog = d.studio.ui.dialog
+        dialog = d.studio.ui.files.dialog
         assert dialog is not None
-        assert d.studio.ui.wishes.form.suffix in dialog.title
+        assert d.studio.ui.export.form.suffix in dialog.title
         dialog._text = str(folder)
         d.frames(2)
         d.click("###File dialog/Export")

@@ -40,8 +40,8 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         d.type_into("**/Iterations", "20000")
         d.type_into("**/Longest side, pixels", "160")
         _capture(d, "sheet")
-        assert isinstance(d.studio.ui.plan, ReconstructionPlan)
-        assert d.studio.ui.plan.config.iterations == 20_000
+        assert isinstance(d.studio.ui.plan.plan, ReconstructionPlan)
+        assert d.studio.ui.plan.plan.config.iterations == 20_000
         d.click("**/###Start")
         d.until(lambda: session.shown is not None, "splats are shown")
         training = session.training

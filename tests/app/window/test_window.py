@@ -232,7 +232,7 @@ def test_the_memory_bank_shows_its_masks(display: str, balls: Path) -> None:
         chosen = decisions[1]
         d.click(f"**/{chosen.view} {chosen.mask}/##decision")
         d.settle()
-        assert d.studio.ui.decision == chosen
+        assert d.studio.ui.scene.picture.evidence.decision == chosen
         table = groups_of_view(_scene(d).bank, chosen.view)
         assert table is not None
         assert table[chosen.mask] == group
@@ -241,7 +241,7 @@ def test_the_memory_bank_shows_its_masks(display: str, balls: Path) -> None:
         camera = next(c for c in d.session.cameras if c.name == chosen.view)
         np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
         d.keys(KEY.escape)
-        assert d.studio.ui.decision is None
+        assert d.studio.ui.scene.picture.evidence.decision is None
         assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
 
     drive(test, path=balls)

@@ -4,8 +4,10 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio import commands
 from gaga_studio.actions import navigation
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.widgets import Face
 
 ICONS = {
@@ -162,13 +164,22 @@ def object_menu(session: Session) -> None:
     _items(session, _OBJECT_MENU)
 
 
+_OBJECT_POPUP, _SCENE_POPUP = "Object in the picture", "Scene in the picture"
+
+
+def register(table: RequestTable) -> None:
+    """Answer a right click in the picture."""
+    table.register_popup(Request.OBJECT_MENU, _OBJECT_POPUP)
+    table.register_popup(Request.SCENE_MENU, _SCENE_POPUP)
+
+
 def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
-    if imgui.begin_popup("Object in the picture"):
+    if imgui.begin_popup(_OBJECT_POPUP):
         widgets.escape_closes()
         _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.ground"))
         imgui.end_popup()
-    if imgui.begin_popup("Scene in the picture"):
+    if imgui.begin_popup(_SCENE_POPUP):
         widgets.escape_closes()
         if session.view.pointed is not None:
             _items(session, ("tool.pivot_here", ""))

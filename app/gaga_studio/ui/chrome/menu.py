@@ -11,7 +11,6 @@ from gaga_studio.commands.camera import RECALL, SET
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 
 # A line above these, to set apart what belongs together.
 _LINE_BEFORE = {
@@ -50,7 +49,7 @@ _LINE_BEFORE = {
 _IN_SUBMENUS = {*RECALL, *SET}
 
 
-def draw(session: Session, ui: UiState, reset_layout: Callable[[], None]) -> None:
+def draw(session: Session, reset_layout: Callable[[], None]) -> None:
     """Menus, and at the right end the name of what is open."""
     for group in GROUPS:
         if imgui.begin_menu(group):

@@ -4,13 +4,14 @@ Errors stay until they are closed; the rest goes by itself.
 """
 
 import time
+from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.notices import Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 
 _SECONDS = {Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
@@ -22,25 +23,32 @@ _SIGNS = {
 }
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class ToastState:
+    """Which notices were closed, and whether some will go by themselves."""
+
+    closed: set[int] = field(default_factory=set)  # ids of notices
+    are_passing: bool = False  # keep drawing
+
+
+def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     """The newest notices, in the upper right corner of the picture."""
     now = time.monotonic()
     fresh = [
         notice
         for notice in session.notices
-        if id(notice) not in ui.closed and now - notice.time < _SECONDS[notice.level]
+        if id(notice) not in state.closed and now - notice.time < _SECONDS[notice.level]
     ]
-    ui.closed &= {id(notice) for notice in session.notices}
-    ui.has_notices = any(notice.level is not Level.ERROR for notice in fresh)
-    left, top, width, _ = ui.picture
-    at = ImVec2(left + width - em(0.7), top + em(0.7))
+    state.closed &= {id(notice) for notice in session.notices}
+    state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
+    at = ImVec2(area.left + area.width - em(0.7), area.top + em(0.7))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
-        at.y = _card(ui, notice, slot, at) + em(0.4)
+        at.y = _card(state, area, notice, slot, at) + em(0.4)
 
 
-def _card(ui: UiState, notice: Notice, slot: int, corner: ImVec2) -> float:
+def _card(state: ToastState, area: PictureArea, notice: Notice, slot: int, corner: ImVec2) -> float:
     """One card whose upper right corner is ``corner``; returns its lower edge."""
-    width = max(min(em(24), ui.picture[2] - em(1.4)), em(12))
+    width = max(min(em(24), area.width - em(1.4)), em(12))
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
@@ -66,7 +74,7 @@ def _card(ui: UiState, notice: Notice, slot: int, corner: ImVec2) -> float:
     imgui.pop_text_wrap_pos()
     imgui.same_line(width - em(2.2))
     if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
-        ui.closed.add(id(notice))
+        state.closed.add(id(notice))
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     imgui.end()
     imgui.pop_style_var(2)

@@ -3,11 +3,11 @@
 from imgui_bundle import imgui
 
 from gaga_studio import commands
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import REGION_TOOLS, Mode, SplatLook
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _MODES = (
@@ -25,7 +25,7 @@ _DEPTHS = (
 )
 
 
-def draw(session: Session, ui: UiState) -> None:
+def draw(session: Session) -> None:
     """The whole bar, left to right; what does not fit a small window is left to the menus."""
     _paint()
     width = imgui.get_content_region_avail().x
@@ -57,7 +57,7 @@ def draw(session: Session, ui: UiState) -> None:
     command_buttons.command_icon(session, "view.frame_all")
     imgui.same_line()
     used = imgui.get_cursor_screen_pos().x - left
-    _search(ui, width, used)
+    _search(session, width, used)
 
 
 def _paint() -> None:
@@ -120,7 +120,7 @@ def _modes(session: Session, *, with_text: bool) -> None:
         imgui.end_popup()
 
 
-def _search(ui: UiState, width: float, used: float) -> None:
+def _search(session: Session, width: float, used: float) -> None:
     """Looks like a text field; opens the list of all commands."""
     room = width - used - em(0.3)
     size = min(em(15), room)
@@ -133,7 +133,7 @@ def _search(ui: UiState, width: float, used: float) -> None:
     imgui.push_style_color(imgui.Col_.text, theme.DIM)
     imgui.push_style_color(imgui.Col_.button, theme.RAISED)
     if imgui.button(f"{text}###Find a command", imgui.ImVec2(size, 0)):
-        ui.open_popup = "palette"
+        session.request = Request.COMMAND_LIST
     imgui.pop_style_color(2)
     imgui.pop_style_var()
     widgets.tooltip("Every command by its name", "Ctrl+P")

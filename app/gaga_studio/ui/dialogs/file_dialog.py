@@ -6,6 +6,7 @@ window does not know which of the two was on the screen.
 
 import shutil
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from pathlib import Path
@@ -20,7 +21,7 @@ from gaga_studio.ui.kit.widgets import Face
 _HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 
 
-class Kind(Enum):
+class PathKind(Enum):
     """What is to be chosen."""
 
     OPEN_FOLDER = auto()
@@ -29,7 +30,7 @@ class Kind(Enum):
     NEW_FOLDER = auto()  # one that is there, or a new one in a folder that is there
 
 
-_FOLDERS = (Kind.OPEN_FOLDER, Kind.NEW_FOLDER)
+_FOLDERS = (PathKind.OPEN_FOLDER, PathKind.NEW_FOLDER)
 
 
 @dataclass
@@ -37,7 +38,7 @@ class FileDialog:
     """One question for a path; ``draw`` it every frame until it ``is_done``."""
 
     title: str
-    kind: Kind
+    kind: PathKind
     folder: Path
     name: str = ""  # proposed file name
     suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file
@@ -51,6 +52,32 @@ class FileDialog:
     _entries: list[Path] = field(default_factory=list)
     _listed: Path | None = None
     _native: native.open_file | native.save_file | native.select_folder | None = None
+
+
+@dataclass
+class FilePicker:
+    """The file dialog that is open, if any, and what its answer is for."""
+
+    use_native: bool = False
+    dialog: FileDialog | None = None
+    _then: Callable[[Path], object] | None = None
+
+    def ask(self, dialog: FileDialog, then: Callable[[Path], object]) -> None:
+        """Show ``dialog``; ``then`` gets the path. Nothing happens while another one is open."""
+        if self.dialog is None:
+            dialog.use_native = self.use_native
+            self.dialog, self._then = dialog, then
+
+    def draw(self) -> None:
+        """Show the open dialog and pass its answer on."""
+        if self.dialog is None:
+            return
+        draw(self.dialog)
+        if self.dialog.is_done:
+            path, then = self.dialog.result, self._then
+            self.dialog = self._then = None
+            if path is not None and then is not None:
+                then(path)
 
 
 def has_native() -> bool:
@@ -87,7 +114,7 @@ def _start_native(
     filters = [patterns, patterns, "All files", "*"] if patterns else ["All files", "*"]
     if dialog.kind in _FOLDERS:
         return native.select_folder(dialog.title, start)
-    if dialog.kind is Kind.OPEN_FILE:
+    if dialog.kind is PathKind.OPEN_FILE:
         return native.open_file(dialog.title, start, filters)
     return native.save_file(dialog.title, start, filters)
 
@@ -186,13 +213,13 @@ def _accept(dialog: FileDialog) -> None:
     """Take what the text field names, or say why it cannot be taken."""
     text = dialog._text.strip()
     path = (dialog.folder / Path(text).expanduser()) if text else dialog.folder
-    if dialog.kind is Kind.SAVE_FILE:
+    if dialog.kind is PathKind.SAVE_FILE:
         _accept_save(dialog, path, text)
-    elif dialog.kind is Kind.NEW_FOLDER and not path.exists() and path.parent.is_dir():
+    elif dialog.kind is PathKind.NEW_FOLDER and not path.exists() and path.parent.is_dir():
         _finish(dialog, path)
     elif not path.exists():
         dialog.message = f"There is no {text} here."
-    elif dialog.kind is Kind.OPEN_FILE and path.is_dir():
+    elif dialog.kind is PathKind.OPEN_FILE and path.is_dir():
         _enter(dialog, path)
     elif dialog.kind in _FOLDERS and not path.is_dir():
         dialog.message = f"{path.name} is a file, not a folder."
@@ -227,7 +254,7 @@ def _finish(dialog: FileDialog, path: Path) -> None:
 
 def _enter(dialog: FileDialog, folder: Path) -> None:
     dialog.folder = folder.resolve()
-    dialog._text = dialog.name if dialog.kind is not Kind.OPEN_FOLDER else ""
+    dialog._text = dialog.name if dialog.kind is not PathKind.OPEN_FOLDER else ""
     dialog.message = ""
 
 

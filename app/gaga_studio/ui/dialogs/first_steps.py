@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 
 STEPS = (
@@ -25,7 +25,7 @@ _HIGH = 1.9 + len(STEPS) * _LINE + 0.9  # title, steps, padding
 
 
 @dataclass
-class Progress:
+class FirstSteps:
     """Which of `STEPS` were done since the program was started."""
 
     done: set[str] = field(default_factory=set)
@@ -59,7 +59,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Place:
+class CardPlace:
     """Where the card stands, pixels of the screen."""
 
     left: float
@@ -68,40 +68,42 @@ class Place:
     is_whole: bool  # all five lines
 
 
-def place(picture: tuple[float, float, float, float], foot: float, unit: float) -> Place | None:
-    """Where the card can stand in ``picture`` (x, y, w, h) above the y of ``foot``; None: nowhere.
+def place(area: PictureArea, foot: float, unit: float) -> CardPlace | None:
+    """Where the card can stand in the picture above the y of ``foot``; None: nowhere.
 
     ``unit`` is one em. Five lines need room beside the middle third of the picture, or below it.
     """
-    left, top, width, height = picture
-    bottom = min(foot, top + height) - _GAP * unit
+    left, top, width, height = area.left, area.top, area.width, area.height
+    bottom = min(foot, area.bottom) - _GAP * unit
     wide, high = _WIDTH * unit, _HIGH * unit
     beside = left + _GAP * unit + wide <= left + width / 3
     below = bottom - high >= top + height * 2 / 3
     if (beside and bottom - high >= top + 3 * unit) or below:
-        return Place(left + _GAP * unit, bottom, wide, True)
+        return CardPlace(left + _GAP * unit, bottom, wide, True)
     strip = min(20 * unit, width - 2 * _GAP * unit)
     if strip < 9 * unit or bottom - 2.2 * unit < top + height * 2 / 3:
         return None
-    return Place(left + _GAP * unit, bottom, strip, False)
+    return CardPlace(left + _GAP * unit, bottom, strip, False)
 
 
-def draw(session: Session, ui: UiState, progress: Progress) -> None:
-    """The card, unless it was put away."""
+def draw(
+    session: Session, area: PictureArea, progress: FirstSteps, *, is_covered: bool = False
+) -> None:
+    """The card, unless it was put away, or the place ``is_covered``."""
     progress.follow(session)
-    ui.steps_strip = 0.0
-    if session.settings.first_steps_done or ui.decision is not None or not ui.picture[2]:
+    area.steps_height = 0.0
+    if session.settings.first_steps_done or is_covered or not area.width:
         return
     is_open = session.document is not None
-    if not is_open and ui.picture[3] < em(20):  # the ways to begin need all of it
+    if not is_open and area.height < em(20):  # the ways to begin need all of it
         return
-    foot = ui.offer_top if is_open else ui.picture[1] + ui.picture[3]
-    where = place(ui.picture, foot, em())
+    foot = area.offer_top if is_open else area.bottom
+    where = place(area, foot, em())
     if where is None:
         return
     if not is_open:  # the ways to begin are in the middle: one line at the foot
-        where = replace(where, is_whole=False, width=min(em(20), ui.picture[2] - em(1.4)))
-        ui.steps_strip = em(3)
+        where = replace(where, is_whole=False, width=min(em(20), area.width - em(1.4)))
+        area.steps_height = em(3)
     imgui.set_next_window_pos(ImVec2(where.left, where.bottom), imgui.Cond_.always, ImVec2(0, 1))
     imgui.set_next_window_size_constraints(ImVec2(where.width, 0), ImVec2(where.width, em(40)))
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
@@ -130,7 +132,7 @@ _FLAGS = (
 )
 
 
-def _card(session: Session, progress: Progress) -> None:
+def _card(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
     with theme.face(strong=True):
@@ -147,7 +149,7 @@ def _step(text: str, is_done: bool, is_next: bool) -> None:
     widgets.line(text, theme.DIM if is_done else theme.TEXT)
 
 
-def _strip(session: Session, progress: Progress) -> None:
+def _strip(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
     with theme.text_color(theme.ACCENT if at else theme.GOOD):

@@ -1,6 +1,6 @@
 """Dialogs of masks: who makes them and how, a try on one photo, the form of an export."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -10,13 +10,17 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.choose import ProviderEntry
+from gaga_core.segmentation.weights import models_folder
 from gaga_studio.actions import mask_settings, masks
-from gaga_studio.actions.masks import MaskForm, MaskPreview, Views
+from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
 from gaga_studio.session.notices import notifies
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.ui.dialogs.modal import begin_modal, body_height
+from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
+from gaga_studio.ui.dialogs.open_and_save import new_folder, start_folder, stem
 from gaga_studio.ui.kit import icons, mask_images, photo_textures, theme, widgets
-from gaga_studio.ui.kit.state import MaskDialog, UiState
+from gaga_studio.ui.kit.modal import begin_modal, body_height
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -32,49 +36,86 @@ _FORMS: tuple[tuple[MaskForm, str, str], ...] = (
 )
 
 
-def draw(session: Session, ui: UiState) -> None:
-    """Whatever is open of them."""
-    if ui.masks.reopen and ui.dialog is None:
-        ui.masks.reopen = False
+@dataclass
+class MaskDialog:
+    """Who makes masks and how, as chosen so far."""
+
+    entries: tuple[ProviderEntry, ...] = ()  # empty: look for models when it opens
+    own: tuple[ProviderEntry, ...] = ()  # models elsewhere that the user named
+    request: MaskRequest = field(default_factory=MaskRequest)
+    view: str = ""  # photo to try on
+    preview: MaskPreview | None = None
+    n_previews: int = 0
+    reopens: bool = False  # after a file dialog
+    form: MaskForm = "dataset"  # of the export
+
+
+def register(table: RequestTable) -> None:
+    """Answer the requests for both dialogs."""
+    table.register_popup(Request.MAKE_MASKS, MAKE)
+    table.register_popup(Request.EXPORT_MASKS, EXPORT)
+
+
+def draw(session: Session, dialog: MaskDialog, files: FilePicker) -> None:
+    """Whatever is open of them; ``files`` asks for paths."""
+    if dialog.reopens and files.dialog is None:
+        dialog.reopens = False
         imgui.open_popup(MAKE)
     if begin_modal(MAKE, em(46)):
-        _make(session, ui)
+        if _make(session, dialog):
+            imgui.close_current_popup()
+            _ask_model(session, dialog, files)
         imgui.end_popup()
     if begin_modal(EXPORT, em(28)):
-        _export(session, ui)
+        if _export(dialog):
+            _ask_folder(session, dialog.form, files)
         imgui.end_popup()
+
+
+def _ask_model(session: Session, dialog: MaskDialog, files: FilePicker) -> None:
+    """Where another model is; then the dialog comes back."""
+    dialog.reopens = True
+    title = "Choose a model's folder, or a sam_vit_*.pth file in it"
+    start = models_folder() if models_folder().is_dir() else start_folder(session)
+    asked = FileDialog(title, PathKind.OPEN_FOLDER, start)
+    files.ask(asked, lambda path: _take_model(session, dialog, path))
 
 
 @notifies
-def take_weights(session: Session, ui: UiState, path: Path) -> None:
-    """The answer to "Another model…": a folder or a checkpoint."""
+def _take_model(session: Session, dialog: MaskDialog, path: Path) -> None:
     entry = masks.entry_of(path)
-    ui.masks.own = (*(e for e in ui.masks.own if e.path != entry.path), entry)
-    ui.masks.entries = ()
-    _choose(ui.masks, entry)
+    dialog.own = (*(e for e in dialog.own if e.path != entry.path), entry)
+    dialog.entries = ()
+    _choose(dialog, entry)
+
+
+def _ask_folder(session: Session, form: MaskForm, files: FilePicker) -> None:
+    asked = new_folder("Export masks into a folder", session, f"{stem(session)} masks")
+    files.ask(asked, lambda path: masks.export(session, form, path))
 
 
 # --- making
 
 
-def _make(session: Session, ui: UiState) -> None:
-    dialog = ui.masks
+def _make(session: Session, dialog: MaskDialog) -> bool:
+    """The whole dialog; whether another model is to be chosen."""
     if imgui.is_window_appearing() or not dialog.entries:
         dialog.entries = masks.providers()
     entry = _entry(dialog)
     _introduction(session, dialog)
-    height = body_height(em(31))
+    height, wants_model = body_height(em(31)), False
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
     if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
-        _providers(session, dialog)
+        wants_model = _providers(dialog)
     imgui.end_child()
     if is_wide:
         imgui.same_line(0, em(1))
     if imgui.begin_child("How", ImVec2(0, height if is_wide else height * 0.5)):
-        _details(session, ui, entry)
+        _details(session, dialog, entry)
     imgui.end_child()
     _actions(session, dialog, entry)
+    return wants_model
 
 
 def _entry(dialog: MaskDialog) -> ProviderEntry | None:
@@ -114,20 +155,19 @@ def draw_choice(session: Session, width: float) -> None:
         masks.choose(session, folders[at])
 
 
-def _providers(session: Session, dialog: MaskDialog) -> None:
+def _providers(dialog: MaskDialog) -> bool:
+    """The list; whether another model is to be chosen."""
     here = [e for e in (*dialog.entries, *dialog.own) if e.is_available]
     missing = [e for e in dialog.entries if not e.is_available]
     for entry in here:
         _provider(dialog, entry)
-    if widgets.button(
-        "Another model", Face("Another model…", icons.FOLDER), hint="Choose a folder"
-    ):
-        session.request = "mask_weights"
-        imgui.close_current_popup()
+    face = Face("Another model…", icons.FOLDER)
+    wants_model = widgets.button("Another model", face, hint="Choose a folder")
     if missing:
         widgets.heading("Not on this computer")
     for entry in missing:
         _provider(dialog, entry)
+    return wants_model
 
 
 def _provider(dialog: MaskDialog, entry: ProviderEntry) -> None:
@@ -157,7 +197,7 @@ def _facts(entry: ProviderEntry) -> str:
     return ", ".join(part for part in (size, entry.licence, entry.note) if part)
 
 
-def _details(session: Session, ui: UiState, entry: ProviderEntry | None) -> None:
+def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
     if entry is None:
         widgets.dim("Choose who makes the masks.")
         return
@@ -175,8 +215,8 @@ def _details(session: Session, ui: UiState, entry: ProviderEntry | None) -> None
             imgui.set_clipboard_text(entry.page)
         return
     imgui.pop_text_wrap_pos()
-    _settings(session, ui.masks, entry)
-    _preview(session, ui.masks)
+    _settings(session, dialog, entry)
+    _preview(session, dialog)
 
 
 def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> None:
@@ -309,19 +349,20 @@ def _duration(dialog: MaskDialog, n: int) -> str:
 # --- exporting
 
 
-def _export(session: Session, ui: UiState) -> None:
+def _export(dialog: MaskDialog) -> bool:
+    """The form of the export; whether to go on to the folder."""
     widgets.dim("The objects as every view shows them, edits included.", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     for form, title, text in _FORMS:
-        if widgets.radio_button(title, ui.masks.form == form):
-            ui.masks.form = form
+        if widgets.radio_button(title, dialog.form == form):
+            dialog.form = form
         imgui.indent(em(1.7))
         widgets.dim(text, wrap=True)
         imgui.unindent(em(1.7))
     imgui.dummy(ImVec2(0, em(0.3)))
-    if widgets.button("Choose a folder", Face("Choose a folder…", icons.FOLDER, primary=True)):
-        imgui.close_current_popup()
-        session.request = "export_masks_to"
+    face = Face("Choose a folder…", icons.FOLDER, primary=True)
+    goes = widgets.button("Choose a folder", face)
     imgui.same_line()
-    if widgets.button("Close"):
+    if widgets.button("Close") or goes:
         imgui.close_current_popup()
+    return goes

@@ -1,34 +1,48 @@
 """Preferences: what the program remembers, in four groups; each is saved as it is changed."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color
-from gaga_studio.ui.dialogs.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 
 _THEMES = (("dark", "Dark"), ("light", "Light"))
 _PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
 _PRESETS = (("robust", "Robust: all views decide"), ("paper", "Paper: one view after the other"))
 _LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+_SHEET = "Preferences"
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class DraggedPreferences:
+    """Numbers that are being dragged, by the names of the settings."""
+
+    values: dict[str, float] = field(default_factory=dict)
+
+
+def register(table: RequestTable) -> None:
+    """Answer the request for the sheet."""
+    table.register_popup(Request.PREFERENCES, _SHEET)
+
+
+def draw(session: Session, dragged: DraggedPreferences) -> None:
     """The whole sheet."""
-    if not begin_modal("Preferences", em(31)):
-        ui.half_set.clear()
+    if not begin_modal(_SHEET, em(31)):
+        dragged.values.clear()
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays in sight.
     imgui.begin_child("Rows", ImVec2(0, body_height(em(26.5))))
     imgui.push_item_width(em(13))
-    settings = _look(before, ui)
-    settings = _handling(settings, ui)
-    settings = _work(settings, ui)
+    settings = _look(before, dragged)
+    settings = _handling(settings, dragged)
+    settings = _work(settings, dragged)
     imgui.pop_item_width()
     imgui.end_child()
     if settings != before:
@@ -37,39 +51,39 @@ def draw(session: Session, ui: UiState) -> None:
     imgui.end_popup()
 
 
-def _look(settings: Settings, ui: UiState) -> Settings:
+def _look(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Look")
     settings = replace(settings, theme=_choice("Theme", _THEMES, settings.theme))
-    settings = _slider(settings, ui, "ui_scale", "Size of text and buttons", "%.2f×")
+    settings = _slider(settings, dragged, "ui_scale", "Size of text and buttons", "%.2f×")
     changed, color = imgui.color_edit3("Background", list(settings.background_color))
     return replace(settings, background=hex_color(color)) if changed else settings
 
 
-def _handling(settings: Settings, ui: UiState) -> Settings:
+def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
-    settings = _slider(settings, ui, "fly_speed", "Fly speed", "%.1f×")
+    settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
     changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
     return replace(settings, invert_zoom=inverted) if changed else settings
 
 
-def _work(settings: Settings, ui: UiState) -> Settings:
+def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Objects and edits")
     settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
     changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
     if changed:
         settings = replace(settings, clean_first=clean)
-    settings = _slider(settings, ui, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
+    settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
     widgets.tooltip("So much work is at risk at most, should the program end by force")
-    settings = _slider(settings, ui, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
+    settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
     widgets.tooltip("With more, the oldest edits cannot be undone any more")
     return settings
 
 
 def _slider(
     settings: Settings,
-    ui: UiState,
+    dragged: DraggedPreferences,
     name: str,
     label: str,
     shown: str,
@@ -77,12 +91,12 @@ def _slider(
 ) -> Settings:
     """A number of the settings; it counts when the mouse lets go."""
     low, high = RANGES[name]
-    value = ui.half_set.get(name, float(getattr(settings, name)))
+    value = dragged.values.get(name, float(getattr(settings, name)))
     changed, value = imgui.slider_float(label, value, low, high, shown, flags)
     if changed:
-        ui.half_set[name] = value
-    if imgui.is_item_deactivated_after_edit() and name in ui.half_set:
-        return replace(settings, **{name: ui.half_set.pop(name)})  # type: ignore[arg-type]
+        dragged.values[name] = value
+    if imgui.is_item_deactivated_after_edit() and name in dragged.values:
+        return replace(settings, **{name: dragged.values.pop(name)})  # type: ignore[arg-type]
     return settings
 
 

@@ -1,19 +1,20 @@
 """Sheets over the window: a question, all commands by name, the keys, preferences, about."""
 
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core import __version__
 from gaga_studio import commands
 from gaga_studio.commands import COMMANDS, GROUPS, Command
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.dialogs import export_options, preferences
-from gaga_studio.ui.dialogs.modal import begin_modal, close_row
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.modal import begin_modal, close_row
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.viewport import training
 
 MOUSE = (
     ("Click", "Select the object; Shift adds, Ctrl removes"),
@@ -31,35 +32,35 @@ _LICENCES = (
 )
 
 
-def draw(session: Session, ui: UiState) -> None:
-    """Whatever is open."""
-    if ui.open_popup:
-        imgui.open_popup(_names()[ui.open_popup])
-        ui.open_popup = ""
-        ui.palette_text, ui.palette_at = "", 0
-    _palette(session, ui)
+_COMMANDS, _KEYS, _ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
+
+
+@dataclass
+class PaletteState:
+    """What is typed into the list of commands, and which line is chosen."""
+
+    text: str = ""
+    at: int = 0
+
+
+def register(table: RequestTable, palette: PaletteState) -> None:
+    """Answer the requests for the sheets of this module."""
+
+    def open_commands(_: Session) -> None:
+        palette.text, palette.at = "", 0
+        imgui.open_popup(_COMMANDS)
+
+    table.register(Request.COMMAND_LIST, open_commands)
+    table.register_popup(Request.SHORTCUTS, _KEYS)
+    table.register_popup(Request.ABOUT, _ABOUT)
+
+
+def draw(session: Session, palette: PaletteState) -> None:
+    """Whatever is open of them."""
+    _palette(session, palette)
     _shortcuts(session)
-    preferences.draw(session, ui)
-    export_options.draw(session, ui.wishes)
-    training.sheet(session, ui)
     _about()
     _question(session)
-    command_buttons.picture_menus(session)
-
-
-def _names() -> dict[str, str]:
-    return {
-        "palette": "Commands",
-        "shortcuts": "Keys and mouse",
-        "about": "About gaga-studio",
-        "preferences": "Preferences",
-        "masks": "Make masks",
-        "export_masks": "Export masks",
-        "object_menu": "Object in the picture",
-        "scene_menu": "Scene in the picture",
-        "photos": training.SHEET,
-        **export_options.SHEETS,
-    }
 
 
 def _question(session: Session) -> None:
@@ -95,33 +96,33 @@ def _question(session: Session) -> None:
     imgui.end_popup()
 
 
-def _palette(session: Session, ui: UiState) -> None:
+def _palette(session: Session, state: PaletteState) -> None:
     viewport = imgui.get_main_viewport()
     width = min(em(34), viewport.size.x * 0.94)
     top = ImVec2(viewport.get_center().x, viewport.pos.y + em(4))
     imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
     height = min(em(26), viewport.size.y * 0.8)
     imgui.set_next_window_size(ImVec2(width, height))
-    if not imgui.begin_popup("Commands"):
+    if not imgui.begin_popup(_COMMANDS):
         return
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(-1)
-    changed, ui.palette_text = imgui.input_text_with_hint(
-        "##Command", f"{icons.SEARCH}  Type what you want to do", ui.palette_text
+    changed, state.text = imgui.input_text_with_hint(
+        "##Command", f"{icons.SEARCH}  Type what you want to do", state.text
     )
     widgets.escape_closes()
-    found = matching(ui.palette_text)
+    found = matching(state.text)
     if changed:
-        ui.palette_at = 0
+        state.at = 0
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
-    ui.palette_at = min(max(ui.palette_at + step, 0), max(len(found) - 1, 0))
+    state.at = min(max(state.at + step, 0), max(len(found) - 1, 0))
     chosen: Command | None = None
     if imgui.is_key_pressed(imgui.Key.enter) and found:
-        chosen = found[ui.palette_at]
+        chosen = found[state.at]
     imgui.begin_child("Found", ImVec2(0, 0))
     for position, command in enumerate(found):
-        if _palette_line(session, command, position == ui.palette_at, bool(step)):
+        if _palette_line(session, command, position == state.at, bool(step)):
             chosen = command
     if not found:
         widgets.dim("No command is called that.")
@@ -163,7 +164,7 @@ def _searched(command: Command) -> str:
 
 
 def _shortcuts(session: Session) -> None:
-    if not begin_modal("Keys and mouse", em(50)):
+    if not begin_modal(_KEYS, em(50)):
         return
     columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
     height = min(em(30), imgui.get_main_viewport().size.y * 0.92 - em(7))
@@ -200,7 +201,7 @@ def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]
 
 
 def _about() -> None:
-    if not begin_modal("About gaga-studio", em(30)):
+    if not begin_modal(_ABOUT, em(30)):
         return
     with theme.face(strong=True, scale=1.4):
         imgui.text_unformatted("gaga-studio")

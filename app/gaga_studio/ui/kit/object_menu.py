@@ -1,21 +1,29 @@
 """Menus of objects: where something is to go."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.session.scene_cache import listed
 from gaga_studio.ui.kit import theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _SHOWN = 200  # objects; more are found by typing
 _MANY = 8  # from here on there is a field to type in
+MASK_DRAG, OBJECT_DRAG = "gaga mask", "gaga object"  # what can be dropped on an object
+
+
+@dataclass
+class ObjectMenuState:
+    """What is typed into an open menu of objects."""
+
+    text: str = ""
 
 
 def objects(
-    ui: UiState,
+    state: ObjectMenuState,
     table: ObjectTable,
     *,
     first: Sequence[int] = (),
@@ -27,13 +35,11 @@ def objects(
     ``shares`` (0..1) by group stand at the right edge.
     """
     if imgui.is_window_appearing():
-        ui.repairs.wanted = ""
+        state.text = ""
     if len(table) > _MANY:
         imgui.set_next_item_width(em(15))
-        _, ui.repairs.wanted = imgui.input_text_with_hint(
-            "##Wanted object", "Find an object", ui.repairs.wanted
-        )
-    found = [int(table.ids[row]) for row in listed(table, ui.repairs.wanted, "name")]
+        _, state.text = imgui.input_text_with_hint("##Wanted object", "Find an object", state.text)
+    found = [int(table.ids[row]) for row in listed(table, state.text, "name")]
     there = set(found)
     groups = [group for group in first if group in there]
     groups += [group for group in found if group not in set(first)]

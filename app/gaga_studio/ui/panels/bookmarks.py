@@ -1,5 +1,7 @@
 """The list of views that a person keeps."""
 
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.camera_path import Bookmark
@@ -7,11 +9,19 @@ from gaga_studio.actions import bookmarks
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class BookmarkState:
+    """The name that is being typed."""
+
+    renaming: int | None = None  # bookmark whose name is a text field now
+    text: str = ""
+    has_keyboard: bool = False  # the text field has taken it
+
+
+def draw(session: Session, state: BookmarkState) -> None:
     """The whole panel."""
     marks = bookmarks.listed(session)
     if session.document is None:
@@ -25,16 +35,16 @@ def draw(session: Session, ui: UiState) -> None:
     if imgui.begin_child("Marks", ImVec2(0, 0)):
         for index, mark in enumerate(marks):
             imgui.push_id(index)
-            _row(session, ui, index, mark)
+            _row(session, state, index, mark)
             imgui.pop_id()
     imgui.end_child()
 
 
-def _row(session: Session, ui: UiState, index: int, mark: Bookmark) -> None:
+def _row(session: Session, state: BookmarkState, index: int, mark: Bookmark) -> None:
     room = imgui.get_content_region_avail().x
     tools = em(4.6)
-    if ui.renaming_mark == index:
-        _name_field(session, ui, index, room - tools)
+    if state.renaming == index:
+        _name_field(session, state, index, room - tools)
     else:
         keys = f"Ctrl+{mark.key}" if mark.key else ""
         width = room - tools - imgui.calc_text_size(keys).x - em(0.8)
@@ -42,7 +52,7 @@ def _row(session: Session, ui: UiState, index: int, mark: Bookmark) -> None:
         shown = widgets.elided(mark.name, width)
         if imgui.selectable(f"{shown}###{mark.name}", False, flags, ImVec2(width, 0))[0]:
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-                ui.renaming_mark, ui.mark_text = index, mark.name
+                state.renaming, state.text = index, mark.name
             else:
                 bookmarks.recall(session, index)
         widgets.tooltip("Click to go there, double click to rename")
@@ -60,15 +70,15 @@ def _row(session: Session, ui: UiState, index: int, mark: Bookmark) -> None:
         bookmarks.remove(session, index)
 
 
-def _name_field(session: Session, ui: UiState, index: int, width: float) -> None:
+def _name_field(session: Session, state: BookmarkState, index: int, width: float) -> None:
     imgui.set_next_item_width(width)
-    if not ui.mark_started:
+    if not state.has_keyboard:
         imgui.set_keyboard_focus_here()
-        ui.mark_started = True
+        state.has_keyboard = True
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
     with theme.text_color(theme.TEXT):
-        entered, ui.mark_text = imgui.input_text("##Name", ui.mark_text, flags)
+        entered, state.text = imgui.input_text("##Name", state.text, flags)
     if entered or imgui.is_item_deactivated():
         if entered or not imgui.is_key_pressed(imgui.Key.escape):
-            bookmarks.rename(session, index, ui.mark_text)
-        ui.renaming_mark, ui.mark_started = None, False
+            bookmarks.rename(session, index, state.text)
+        state.renaming, state.has_keyboard = None, False

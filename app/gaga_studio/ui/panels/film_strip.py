@@ -1,6 +1,7 @@
 """The film strip: photos of the scene with their masks; a click flies to where one was taken."""
 
 from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
 from itertools import accumulate
 
 from imgui_bundle import ImVec2, imgui
@@ -10,11 +11,18 @@ from gaga_studio.actions import navigation
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class FilmStripState:
+    """What the strip shows, and where it was scrolled to."""
+
+    shows_masks: bool = False  # over the photos
+    seen: int | None = None  # photo that the strip was last scrolled to
+
+
+def draw(session: Session, state: FilmStripState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not session.cameras:
@@ -23,16 +31,16 @@ def draw(session: Session, ui: UiState) -> None:
         return
     height = imgui.get_content_region_avail().y
     imgui.begin_group()
-    _head(session, ui)
+    _head(session, state)
     imgui.end_group()
     imgui.same_line(0, em(0.8))
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
     if imgui.begin_child("Strip", ImVec2(0, height), imgui.ChildFlags_.none, flags):
-        _strip(session, document, ui)
+        _strip(session, document, state)
     imgui.end_child()
 
 
-def _head(session: Session, ui: UiState) -> None:
+def _head(session: Session, state: FilmStripState) -> None:
     """Left of the photos: how many there are, and whether masks lie over them."""
     folder = session.project.folder if session.project is not None else None
     n_test = len(folder.test) if folder is not None else 0
@@ -41,11 +49,11 @@ def _head(session: Session, ui: UiState) -> None:
     why_not = "" if len(session.masks) else "There are no masks here."
     hint = "Show the masks over the photos"
     label = f"{icons.MASK}  Masks###Masks"
-    if widgets.toggle(label, ui.show_masks, hint=hint, why_not=why_not):
-        ui.show_masks = not ui.show_masks
+    if widgets.toggle(label, state.shows_masks, hint=hint, why_not=why_not):
+        state.shows_masks = not state.shows_masks
 
 
-def _strip(session: Session, document: Document, ui: UiState) -> None:
+def _strip(session: Session, document: Document, state: FilmStripState) -> None:
     """Only what is in sight is drawn and loaded."""
     _wheel()
     scroll, room = imgui.get_scroll_x(), imgui.get_content_region_avail()
@@ -59,10 +67,10 @@ def _strip(session: Session, document: Document, ui: UiState) -> None:
     first = max(bisect_left(ends, scroll) - 1, 0)
     last = min(bisect_right(ends, scroll + room.x + gap) + 1, len(widths))
     start = imgui.get_cursor_pos()
-    _follow(session, ui, widths, ends)
+    _follow(session, state, widths, ends)
     for index in range(first, last):
         imgui.set_cursor_pos(ImVec2(start.x + ends[index] - widths[index] - gap, start.y))
-        _thumbnail(session, document, ui, index, ImVec2(widths[index], height))
+        _thumbnail(session, document, state, index, ImVec2(widths[index], height))
     imgui.set_cursor_pos(ImVec2(start.x + ends[-1] - gap, start.y + height))
     imgui.dummy(ImVec2(1, 1))
 
@@ -73,17 +81,21 @@ def _wheel() -> None:
         imgui.set_scroll_x(imgui.get_scroll_x() - io.mouse_wheel * em(7))
 
 
-def _follow(session: Session, ui: UiState, widths: list[float], ends: list[float]) -> None:
+def _follow(
+    session: Session, state: FilmStripState, widths: list[float], ends: list[float]
+) -> None:
     """Bring the photo into sight that the camera went to."""
     active = session.active_view
-    if active == ui.strip_seen or active is None or active >= len(widths):
+    if active == state.seen or active is None or active >= len(widths):
         return
-    ui.strip_seen = active
+    state.seen = active
     middle = ends[active] - widths[active] / 2
     imgui.set_scroll_x(max(middle - imgui.get_window_width() / 2, 0.0))
 
 
-def _thumbnail(session: Session, document: Document, ui: UiState, index: int, size: ImVec2) -> None:
+def _thumbnail(
+    session: Session, document: Document, state: FilmStripState, index: int, size: ImVec2
+) -> None:
     camera = session.cameras[index]
     corner = imgui.get_cursor_screen_pos()
     high = ImVec2(corner.x + size.x, corner.y + size.y)
@@ -92,7 +104,7 @@ def _thumbnail(session: Session, document: Document, ui: UiState, index: int, si
     is_hot = imgui.is_item_hovered()
     widgets.tooltip(f"{camera.name}: click to stand where it was taken")
     drawing = imgui.get_window_draw_list()
-    texture = _texture(session, document, ui, camera)
+    texture = _texture(session, document, state, camera)
     if texture is None:
         drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED), em(0.2))
     else:
@@ -108,9 +120,9 @@ def _thumbnail(session: Session, document: Document, ui: UiState, index: int, si
 
 
 def _texture(
-    session: Session, document: Document, ui: UiState, camera: Camera
+    session: Session, document: Document, state: FilmStripState, camera: Camera
 ) -> photo_textures.Texture:
-    if ui.show_masks:
+    if state.shows_masks:
         bank = document.scene.bank if session.live is None else session.live.bank
         return photo_textures.photo_with_masks(session, camera.name, bank)
     return photo_textures.photo(session, camera.name)

@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 from imgui_bundle import imgui
 
 from gaga_core.scene.grade import Grade
+from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _SLIDERS = (
@@ -21,12 +21,12 @@ _SLIDERS = (
 )
 
 
-def draw(session: Session, ui: UiState) -> None:
+def draw(session: Session, sliders: GradeSliders) -> None:
     """A section of the inspector; closed until it is asked for."""
     if not widgets.section("Color grade"):
         return
-    ui.grade.follow(session)
-    grade, changed, ended = ui.grade.value, False, False
+    sliders.follow(session)
+    grade, changed, ended = sliders.value, False, False
     imgui.push_item_width(-em(6.5))
     moved, tint = imgui.color_edit3("Tint", list(grade.tint), imgui.ColorEditFlags_.float)
     ended |= imgui.is_item_deactivated_after_edit()
@@ -42,12 +42,12 @@ def draw(session: Session, ui: UiState) -> None:
             grade, changed = _with(grade, name, value), True
     imgui.pop_item_width()
     if changed:
-        ui.grade.show(session, grade)
+        sliders.show(session, grade)
     if ended:
-        ui.grade.keep(session)
+        sliders.keep(session)
     why_not = "" if not grade.changes_nothing else "Nothing is graded yet."
     if widgets.button("Reset", why_not=why_not, hint="Take the grade back"):
-        ui.grade.reset(session)
+        sliders.reset(session)
 
 
 def _with(grade: Grade, name: str, value: float) -> Grade:

@@ -1,14 +1,22 @@
 """What was done, newest last; a click goes back or forth to it."""
 
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class HistoryState:
+    """Where the list was scrolled to."""
+
+    seen: int = 0  # entries done at that time
+
+
+def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not document.history.entries():
@@ -28,8 +36,8 @@ def draw(session: Session, ui: UiState) -> None:
         is_here = position == history.cursor
         if _line(position, entry.title, _size(entry.nbytes), is_here, entry.done):
             target = position
-    if ui.history_seen != history.cursor:
-        ui.history_seen = history.cursor
+    if state.seen != history.cursor:
+        state.seen = history.cursor
         line = imgui.get_text_line_height_with_spacing()
         imgui.set_scroll_y(max(history.cursor * line - imgui.get_window_height() * 0.6, 0.0))
     if target is not None and target != history.cursor:

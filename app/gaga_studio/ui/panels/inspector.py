@@ -1,5 +1,7 @@
 """The selected objects: names and counts, color, placement by numbers, and what can be done."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
@@ -11,7 +13,6 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.panels import cleaning, grade, quality
@@ -25,7 +26,22 @@ _COLOR_FLAGS = (
 )
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class InspectorState:
+    """Numbers and colors that are being dragged, not applied yet."""
+
+    move: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    turn: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees
+    scale: float = 1.0
+    color: tuple[float, float, float] | None = None
+    grade: color_grade.GradeSliders = field(default_factory=color_grade.GradeSliders)
+
+    def clear_placement(self) -> None:
+        """Forget the numbers that were being dragged."""
+        self.move, self.turn, self.scale = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1.0
+
+
+def draw(session: Session, state: InspectorState) -> None:
     """The whole panel."""
     document = session.document
     n_splats = len(session.selected_indices()) if document is not None else 0
@@ -38,9 +54,9 @@ def draw(session: Session, ui: UiState) -> None:
         quality.draw_confidence(session, document)
         return
     _buttons(session)
-    _properties(session, document, ui)
+    _properties(session, document, state)
     quality.draw(session, document)
-    grade.draw(session, ui)
+    grade.draw(session, state.grade)
 
 
 def _title(session: Session, document: Document, n_splats: int) -> None:
@@ -87,10 +103,10 @@ def _buttons(session: Session) -> None:
     imgui.pop_style_var()
 
 
-def _color(session: Session, document: Document, ui: UiState) -> None:
+def _color(session: Session, document: Document, state: InspectorState) -> None:
     _row("Color", "Recolor the selection; shading and reflections stay")
     imgui.table_next_column()
-    color = list(ui.color or (float(c) for c in document.read.selected_color()))
+    color = list(state.color or (float(c) for c in document.read.selected_color()))
     side = imgui.get_frame_height()
     if imgui.color_button(
         "Color",
@@ -105,29 +121,29 @@ def _color(session: Session, document: Document, ui: UiState) -> None:
     red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
     if imgui.begin_popup("Color picker"):
-        _picker(session, ui, color)
+        _picker(session, state, color)
         widgets.escape_closes()
         imgui.end_popup()
-    elif ui.color is not None:
+    elif state.color is not None:
         history.commit_preview(session)  # the popup was closed with the mouse still down
-        ui.color = None
+        state.color = None
 
 
-def _picker(session: Session, ui: UiState, color: list[float]) -> None:
+def _picker(session: Session, state: InspectorState, color: list[float]) -> None:
     """Live preview while the mouse is down; one entry of the history when it is released."""
     flags = imgui.ColorEditFlags_.no_alpha | imgui.ColorEditFlags_.no_side_preview
     flags |= imgui.ColorEditFlags_.display_rgb | imgui.ColorEditFlags_.display_hex
     imgui.set_next_item_width(em(14))
     changed, picked = imgui.color_picker3("##Picker", color, flags)
     if changed:
-        ui.color = (picked[0], picked[1], picked[2])
-        color_grade.preview_recolor(session, ui.color)
-    if ui.color is not None and not imgui.is_any_item_active():
+        state.color = (picked[0], picked[1], picked[2])
+        color_grade.preview_recolor(session, state.color)
+    if state.color is not None and not imgui.is_any_item_active():
         history.commit_preview(session)
-        ui.color = None
+        state.color = None
 
 
-def _properties(session: Session, document: Document, ui: UiState) -> None:
+def _properties(session: Session, document: Document, state: InspectorState) -> None:
     """Color and position; turn and scale count from how the selection is now."""
     imgui.dummy(ImVec2(0, theme.scaled(2)))
     box = document.selected_box()
@@ -136,23 +152,23 @@ def _properties(session: Session, document: Document, ui: UiState) -> None:
     imgui.table_setup_column("what", imgui.TableColumnFlags_.width_fixed, em(4.0))
     for letter in "xyz":
         imgui.table_setup_column(letter, imgui.TableColumnFlags_.width_stretch)
-    _color(session, document, ui)
+    _color(session, document, state)
     centre = (box[0] + box[1]) / 2
     extent = max(float(np.linalg.norm(box[1] - box[0])), 1e-6)
     _row("Position", "Centre of the selection, in scene units")
     for axis, letter in enumerate("XYZ"):
-        value = float(centre[axis]) + ui.move[axis]
+        value = float(centre[axis]) + state.move[axis]
         changed, value = _number(f"Position {letter}", value, extent * 0.005, "%.3f")
         if changed:
-            ui.move[axis] = value - float(centre[axis])
-        _after(session, document, ui, changed)
+            state.move[axis] = value - float(centre[axis])
+        _after(session, document, state, changed)
     _row("Turn by", "Degrees around each axis, through the centre")
     for axis, letter in enumerate("XYZ"):
-        changed, ui.turn[axis] = _number(f"Turn {letter}", ui.turn[axis], 0.5, "%.1f°")
-        _after(session, document, ui, changed)
+        changed, state.turn[axis] = _number(f"Turn {letter}", state.turn[axis], 0.5, "%.1f°")
+        _after(session, document, state, changed)
     _row("Scale by", "Larger or smaller, about the centre")
-    changed, ui.scale = _number("Scale", ui.scale, 0.005, "%.2f×", (0.01, 100.0))
-    _after(session, document, ui, changed)
+    changed, state.scale = _number("Scale", state.scale, 0.005, "%.2f×", (0.01, 100.0))
+    _after(session, document, state, changed)
     imgui.end_table()
 
 
@@ -175,25 +191,28 @@ def _number(
     return result
 
 
-def _after(session: Session, document: Document, ui: UiState, changed: bool) -> None:
+def _after(session: Session, document: Document, state: InspectorState, changed: bool) -> None:
     """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
     ended = imgui.is_item_deactivated_after_edit()
     if changed or ended:
-        transform.preview_move(session, _motion(document, ui), _verb(ui))
+        transform.preview_move(session, _motion(document, state), _verb(state))
     if ended:
         history.commit_preview(session)
-        ui.clear_placement()
+        state.clear_placement()
 
 
-def _verb(ui: UiState) -> str:
-    if any(ui.turn):
+def _verb(state: InspectorState) -> str:
+    if any(state.turn):
         return "Turn"
-    return "Scale" if ui.scale != 1.0 else "Move"
+    return "Scale" if state.scale != 1.0 else "Move"
 
 
-def _motion(document: Document, ui: UiState) -> DoubleArray:
+def _motion(document: Document, state: InspectorState) -> DoubleArray:
     box = document.selected_box()
     pivot = (box[0] + box[1]) / 2 if box is not None else np.zeros(3)
     return motion.motion(
-        pivot, (ui.move[0], ui.move[1], ui.move[2]), (ui.turn[0], ui.turn[1], ui.turn[2]), ui.scale
+        pivot,
+        (state.move[0], state.move[1], state.move[2]),
+        (state.turn[0], state.turn[1], state.turn[2]),
+        state.scale,
     )

@@ -13,10 +13,9 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
-from gaga_studio.ui.panels import mask_menu
-from gaga_studio.ui.viewport import mask_evidence
+from gaga_studio.ui.viewport import mask_evidence, mask_menu
+from gaga_studio.ui.viewport.mask_evidence import EvidenceState
 
 _TABLE_FLAGS = (
     imgui.TableFlags_.scroll_y
@@ -32,16 +31,16 @@ _OVERLAPS = {  # what the shares are of
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 
-def draw(session: Session, ui: UiState) -> None:
+def draw(session: Session, state: EvidenceState) -> None:
     """The whole panel."""
     document = session.document
     if document is None:
         widgets.empty_state(icons.MEMORY, "No scene is open", "")
         return
     if session.live is not None:
-        _growing(session, document, ui, session.live)
+        _growing(session, document, state, session.live)
         return
-    ui.decision = document.read.decision_now(ui.decision)
+    state.decision = document.read.decision_now(state.decision)
     if document.scene.bank is None:
         hint = "Association fills it: which mask of which photo belongs to which object."
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
@@ -52,7 +51,7 @@ def draw(session: Session, ui: UiState) -> None:
         widgets.empty_state(icons.MEMORY, "No object chosen", hint)
         return
     _head(document, session.focus, decisions)
-    _table(session, document, ui, decisions, by_view=True)
+    _table(session, document, state, decisions, by_view=True)
 
 
 def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None:
@@ -69,7 +68,9 @@ def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None
     )
 
 
-def _growing(session: Session, document: Document, ui: UiState, live: BankSnapshot) -> None:
+def _growing(
+    session: Session, document: Document, state: EvidenceState, live: BankSnapshot
+) -> None:
     """The bank after the newest view."""
     decisions = [d for d in live.bank.log if d.view == live.view]
     n_new = sum(decision.is_new for decision in decisions)
@@ -77,13 +78,13 @@ def _growing(session: Session, document: Document, ui: UiState, live: BankSnapsh
         widgets.line(f"{live.n_groups} groups")
     joined = f"{len(decisions) - n_new} masks joined, {n_new} opened a group"
     widgets.dim(widgets.elided(f"{live.view}: {joined}", imgui.get_content_region_avail().x))
-    _table(session, document, ui, decisions, by_view=False)
+    _table(session, document, state, decisions, by_view=False)
 
 
 def _table(
     session: Session,
     document: Document,
-    ui: UiState,
+    state: EvidenceState,
     decisions: Sequence[Decision],
     *,
     by_view: bool,
@@ -104,7 +105,7 @@ def _table(
     clipper.begin(len(decisions))
     while clipper.step():
         for at in range(clipper.display_start, clipper.display_end):
-            _row(session, document, ui, decisions[at], by_view, is_narrow)
+            _row(session, document, state, decisions[at], by_view, is_narrow)
     clipper.end()
     imgui.end_table()
 
@@ -112,7 +113,7 @@ def _table(
 def _row(
     session: Session,
     document: Document,
-    ui: UiState,
+    state: EvidenceState,
     decision: Decision,
     by_view: bool,
     is_narrow: bool,
@@ -120,16 +121,16 @@ def _row(
     imgui.table_next_row()
     imgui.push_id(f"{decision.view} {decision.mask}")
     imgui.table_set_column_index(0)
-    clicked, _ = imgui.selectable("##decision", ui.decision == decision, _ROW_FLAGS)
+    clicked, _ = imgui.selectable("##decision", state.decision == decision, _ROW_FLAGS)
     widgets.tooltip(mask_evidence.explanation(document, decision))
     if clicked:
-        ui.decision = None if ui.decision == decision else decision
+        state.decision = None if state.decision == decision else decision
         if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-            ui.decision = decision
+            state.decision = decision
             command_buttons.fly_to(session, decision.view)
     if by_view:
-        mask_menu.drag_source(ui, document, decision)
-        mask_menu.popup(session, document, ui, decision)
+        mask_menu.drag_source(state.menu, document, decision)
+        mask_menu.popup(session, document, state.menu, decision)
     imgui.same_line(0, 0)
     if by_view:
         widgets.line(decision.view)

@@ -1,22 +1,22 @@
 """One line of the object list: color, picture, name, numbers, switches."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.arrays import DoubleArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
 from gaga_studio.actions import association_repair, history, objects, selection, thumbnails
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.object_menu import MASK_DRAG, OBJECT_DRAG, ObjectMenuState
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
-MASK_DRAG, OBJECT_DRAG = "gaga mask", "gaga object"  # what can be dropped on a row
 _ROW_FLAGS = (
     imgui.SelectableFlags_.span_all_columns
     | imgui.SelectableFlags_.allow_overlap
@@ -35,6 +35,20 @@ class Columns:
     is_roomy: bool  # whole numbers, and a third switch
 
 
+@dataclass
+class RowState:
+    """What the lines remember: the mouse, the name that is typed, an open menu."""
+
+    hovered: int = 0  # group whose row is under the mouse
+    anchor: int | None = None  # group from which Shift selects a range
+    renaming: int | None = None  # group whose name is a text field now
+    text: str = ""  # of that field
+    has_keyboard: bool = False  # the field has taken it
+    is_coloring: bool = False  # a group's color is being dragged
+    splats: IntArray | None = None  # (K,) selection from before a menu was opened on a row
+    menu: ObjectMenuState = field(default_factory=ObjectMenuState)
+
+
 def height() -> float:
     """Of a line, in pixels of this screen."""
     return em(1.7)
@@ -46,7 +60,8 @@ class Rows:
 
     session: Session
     document: Document
-    ui: UiState
+    state: RowState
+    masks: MaskMenuState  # the mask that is dragged onto a row
     table: ObjectTable
     quality: DoubleArray  # (G,) -1 = not measured
     shown: Sequence[int]  # groups in the order of the list
@@ -61,7 +76,7 @@ class _Row:
     def __init__(self, rows: Rows, row: int) -> None:
         table = rows.table
         self.rows, self.row = rows, row
-        self.session, self.document, self.ui = rows.session, rows.document, rows.ui
+        self.session, self.document, self.state = rows.session, rows.document, rows.state
         self.group = int(table.ids[row])
         self.name = table.names[row]
         self.color = tuple(float(c) for c in table.colors[row])
@@ -106,10 +121,10 @@ class _Row:
         size = ImVec2(0, height())
         clicked, _ = imgui.selectable("##row", self.is_selected, _ROW_FLAGS, size)
         if imgui.is_item_hovered() and self.group:
-            self.ui.hovered_row = self.group
-        if clicked and self.ui.renaming != self.group:
+            self.state.hovered = self.group
+        if clicked and self.state.renaming != self.group:
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
-                start_renaming(self.ui, self.group, self.name)
+                start_renaming(self.state, self.group, self.name)
             else:
                 self._select()
         self._dragging()
@@ -120,14 +135,14 @@ class _Row:
 
     def _select(self) -> None:
         io = imgui.get_io()
-        anchor, shown = self.ui.anchor, self.rows.shown
+        anchor, shown = self.state.anchor, self.rows.shown
         if io.key_shift and anchor in shown:
             a, b = sorted((shown.index(anchor), shown.index(self.group)))
             selection.select_groups(self.session, shown[a : b + 1], "set")
             return
         how = ("remove" if self.is_selected else "add") if io.key_ctrl else "set"
         selection.select_groups(self.session, (self.group,), how)  # type: ignore[arg-type]  # a How
-        self.ui.anchor = self.group
+        self.state.anchor = self.group
 
     def _dragging(self) -> None:
         """Rows and masks are dragged onto a row: they become a part of its object."""
@@ -144,7 +159,7 @@ class _Row:
                 selection.select_groups(self.session, (dropped.data_id,), "set")
             objects.assign(self.session, self.group)
         if imgui.accept_drag_drop_payload_py_id(MASK_DRAG) is not None:
-            mask, self.ui.repairs.dragged = self.ui.repairs.dragged, None
+            mask, self.rows.masks.dragged = self.rows.masks.dragged, None
             if mask is not None:
                 association_repair.move_mask(
                     self.session, mask, self.group or association_repair.NONE
@@ -152,20 +167,20 @@ class _Row:
         imgui.end_drag_drop_target()
 
     def _menu(self) -> None:
-        repairs = self.ui.repairs
+        state = self.state
         if imgui.is_window_appearing():
-            repairs.splats = None
+            state.splats = None
             if not self.is_selected:
-                repairs.splats = self.session.selected_indices()
+                state.splats = self.session.selected_indices()
                 selection.select_groups(self.session, (self.group,), "set")
-        if repairs.splats is not None and len(repairs.splats):
+        if state.splats is not None and len(state.splats):
             text = f"{icons.JOINED}  Assign the selection to {self.name}###Assign here"
             if imgui.menu_item_simple(text):
-                objects.assign(self.session, self.group, repairs.splats)
-            widgets.tooltip(f"The {len(repairs.splats):,} splats that were selected before")
+                objects.assign(self.session, self.group, state.splats)
+            widgets.tooltip(f"The {len(state.splats):,} splats that were selected before")
             imgui.separator()
         if imgui.begin_menu(f"{icons.JOINED}  Assign to###Assign to"):
-            to = object_menu.objects(self.ui, self.rows.table, without=(self.group,))
+            to = object_menu.objects(state.menu, self.rows.table, without=(self.group,))
             if to is not None:
                 objects.assign(self.session, to)
             imgui.end_menu()
@@ -202,17 +217,17 @@ class _Row:
 
     def _picker(self) -> None:
         """Shown while the mouse is down, one entry of the history when it is released."""
-        repairs = self.ui.repairs
+        state = self.state
         flags = imgui.ColorEditFlags_.no_alpha | imgui.ColorEditFlags_.no_side_preview
         imgui.set_next_item_width(em(13))
         own = self.document.scene.colors.get(self.group, self.color)
         changed, picked = imgui.color_picker3("##Picker", list(own), flags)
         if changed:
             objects.preview_color(self.session, self.group, picked)
-            repairs.is_coloring = True
-        if repairs.is_coloring and not imgui.is_any_item_active():
+            state.is_coloring = True
+        if state.is_coloring and not imgui.is_any_item_active():
             history.commit_preview(self.session)
-            repairs.is_coloring = False
+            state.is_coloring = False
 
     def _picture(self) -> None:
         side, corner = height(), imgui.get_cursor_screen_pos()
@@ -237,7 +252,7 @@ class _Row:
             imgui.end_tooltip()
 
     def _name(self) -> None:
-        if self.ui.renaming == self.group:
+        if self.state.renaming == self.group:
             self._name_field()
             return
         _lower()
@@ -245,20 +260,20 @@ class _Row:
         widgets.line(self.name, theme.FAINT if is_plain else theme.TEXT)
 
     def _name_field(self) -> None:
-        ui = self.ui
-        if not ui.rename_started:
+        state = self.state
+        if not state.has_keyboard:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (height() - em(1)) / 2))
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, ui.rename_text = imgui.input_text("##Name", ui.rename_text, flags)
+        entered, state.text = imgui.input_text("##Name", state.text, flags)
         imgui.pop_style_var()
-        if entered or (ui.rename_started and imgui.is_item_deactivated_after_edit()):
-            objects.rename(self.session, self.group, ui.rename_text.strip())
-            ui.renaming = None
-        elif ui.rename_started and imgui.is_item_deactivated():
-            ui.renaming = None
-        ui.rename_started = True
+        if entered or (state.has_keyboard and imgui.is_item_deactivated_after_edit()):
+            objects.rename(self.session, self.group, state.text.strip())
+            state.renaming = None
+        elif state.has_keyboard and imgui.is_item_deactivated():
+            state.renaming = None
+        state.has_keyboard = True
 
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
@@ -316,9 +331,9 @@ def compact(n: int) -> str:
     return f"{n}"
 
 
-def start_renaming(ui: UiState, group: int, name: str) -> None:
+def start_renaming(state: RowState, group: int, name: str) -> None:
     """Turn a name into a text field."""
-    ui.renaming, ui.rename_text, ui.rename_started = group, name, False
+    state.renaming, state.text, state.has_keyboard = group, name, False
 
 
 def _lower() -> None:

@@ -1,6 +1,7 @@
 """The object list: find, sort, and a line for each object (`object_row`)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import get_args
 
 import numpy as np
@@ -9,13 +10,17 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.actions import quality
 from gaga_studio.session.document import Document
+from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.panels import object_row, search
-from gaga_studio.ui.panels.object_row import Columns
+from gaga_studio.ui.panels.object_row import Columns, RowState
+from gaga_studio.ui.panels.search import SearchBoxState
+from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
 _TABLE_FLAGS = (
     imgui.TableFlags_.sortable
@@ -30,8 +35,24 @@ _ROOM_FOR_VIEWS, _ROOM_FOR_SOLO, _ROOM_FOR_ALL = 18.0, 20.0, 23.0
 _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
 
-def draw(session: Session, ui: UiState) -> None:
-    """The whole panel."""
+@dataclass
+class ObjectListState:
+    """What the list remembers between frames."""
+
+    rows: RowState = field(default_factory=RowState)
+    search: SearchBoxState = field(default_factory=SearchBoxState)
+    was_row_hovered: bool = False
+    scroll_to: int | None = None  # group to bring into sight
+    last_selected: tuple[int, ...] = ()
+
+
+def register(table: RequestTable, state: Callable[[], ObjectListState]) -> None:
+    """Answer the request to rename (F2)."""
+    table.register(Request.RENAME, lambda session: _rename_selected(session, state()))
+
+
+def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
+    """The whole panel; ``masks`` knows the mask that is dragged onto a row."""
     if session.document is None:
         widgets.empty_state(icons.BOXES, "No scene is open", "Its objects will be listed here.")
         return
@@ -39,10 +60,10 @@ def draw(session: Session, ui: UiState) -> None:
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
-    ui.hovered_row = 0
-    if not search.draw(session, ui, session.document, table):
-        _list(session, session.document, ui, table)
-    _highlight(session, ui)
+    state.rows.hovered = state.search.hovered = 0
+    if not search.draw(session, state.search, area, session.document, table):
+        _list(session, session.document, state, masks, table)
+    _highlight(session, state)
     _count(session, table)
 
 
@@ -55,7 +76,13 @@ def _nothing_yet(session: Session) -> None:
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
 
 
-def _list(session: Session, document: Document, ui: UiState, table: ObjectTable) -> None:
+def _list(
+    session: Session,
+    document: Document,
+    state: ObjectListState,
+    masks: MaskMenuState,
+    table: ObjectTable,
+) -> None:
     measured = quality.column(session, table)
     columns = _columns_for(bool((measured >= 0).any()))
     size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
@@ -67,8 +94,8 @@ def _list(session: Session, document: Document, ui: UiState, table: ObjectTable)
     _columns(columns)
     rows = document.read.listed(table, "", *_sorting(), measured)
     groups = [int(group) for group in table.ids[rows]]
-    _follow_selection(session, ui, groups)
-    lines = object_row.Rows(session, document, ui, table, measured, groups, columns)
+    _follow_selection(session, state, groups)
+    lines = object_row.Rows(session, document, state.rows, masks, table, measured, groups, columns)
     clipper = imgui.ListClipper()
     clipper.begin(len(rows))
     while clipper.step():
@@ -91,13 +118,14 @@ def _columns_for(is_measured: bool) -> Columns:
     )
 
 
-def _highlight(session: Session, ui: UiState) -> None:
+def _highlight(session: Session, state: ObjectListState) -> None:
     """The object whose row is under the mouse is outlined in the picture too."""
-    if ui.hovered_row:
-        session.hovering.group = ui.hovered_row
-    elif ui.was_row_hovered:
+    hovered = state.rows.hovered or state.search.hovered
+    if hovered:
+        session.hovering.group = hovered
+    elif state.was_row_hovered:
         session.hovering.away()
-    ui.was_row_hovered = bool(ui.hovered_row)
+    state.was_row_hovered = bool(hovered)
 
 
 def _columns(columns: Columns) -> None:
@@ -129,34 +157,36 @@ def _sorting() -> tuple[SortKey, bool]:
     return key, spec.get_sort_direction() == imgui.SortDirection.descending
 
 
-def _follow_selection(session: Session, ui: UiState, groups: Sequence[int]) -> None:
+def _follow_selection(session: Session, state: ObjectListState, groups: Sequence[int]) -> None:
     """Scroll to an object that was selected in the picture."""
     selected = session.selected_groups()
-    if selected != ui.last_selected:
-        ui.last_selected = selected
+    if selected != state.last_selected:
+        state.last_selected = selected
         if len(selected) == 1 and not imgui.is_window_hovered(
             imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
         ):
-            ui.scroll_to = selected[0]
-    if ui.scroll_to is None:
+            state.scroll_to = selected[0]
+    if state.scroll_to is None:
         return
-    if ui.scroll_to in groups:
+    if state.scroll_to in groups:
         line = object_row.height() + theme.scaled(2)
-        top = groups.index(ui.scroll_to) * line
+        top = groups.index(state.scroll_to) * line
         if (
             not imgui.get_scroll_y()
             <= top
             <= imgui.get_scroll_y() + imgui.get_window_height() * 0.8
         ):
             imgui.set_scroll_y(max(top - imgui.get_window_height() * 0.4, 0.0))
-    ui.scroll_to = None
+    state.scroll_to = None
 
 
-def rename_selected(session: Session, ui: UiState) -> None:
+def _rename_selected(session: Session, state: ObjectListState) -> None:
     """Turn the name of the object in the inspector into a text field (F2)."""
     if session.document is not None and session.focus:
-        object_row.start_renaming(ui, session.focus, session.document.name_of(session.focus))
-        ui.scroll_to = session.focus
+        object_row.start_renaming(
+            state.rows, session.focus, session.document.name_of(session.focus)
+        )
+        state.scroll_to = session.focus
 
 
 def _count(session: Session, table: ObjectTable) -> None:

@@ -1,5 +1,8 @@
 """The search box of the object list: what was understood, and the objects meant, the best first."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
@@ -7,11 +10,13 @@ from gaga_studio import commands
 from gaga_studio.actions import search as search_actions
 from gaga_studio.actions import selection, thumbnails
 from gaga_studio.session.document import Document
+from gaga_studio.session.requests import Request
 from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -21,38 +26,55 @@ _ASKING = ("object.find_in_view", "object.index", "object.name_all")
 _KEYS = "Up and Down choose, Enter selects, Shift+Enter selects all that fit, Escape clears"
 
 
-def focus(ui: UiState) -> None:
-    """Ctrl+F: the keyboard goes into the box at the next frame."""
-    ui.find_now = True
-    imgui.set_window_focus("Objects")
+@dataclass
+class SearchBoxState:
+    """The keyboard's way into the box, and where the answer was scrolled to."""
+
+    wants_keyboard: bool = False
+    seen: int = 0  # line of the answer that was last scrolled to
+    hovered: int = 0  # group whose line is under the mouse
 
 
-def draw(session: Session, ui: UiState, document: Document, table: ObjectTable) -> bool:
+def register(table: RequestTable, state: Callable[[], SearchBoxState], area: PictureArea) -> None:
+    """Answer Ctrl+F, and the search in the view of the moment."""
+
+    def focus(_: Session) -> None:
+        state().wants_keyboard = True  # at the next frame
+        imgui.set_window_focus("Objects")
+
+    table.register(Request.FIND, focus)
+    table.register(Request.FIND_IN_VIEW, lambda s: search_actions.find_here(s, area.size))
+
+
+def draw(
+    session: Session,
+    state: SearchBoxState,
+    area: PictureArea,
+    document: Document,
+    table: ObjectTable,
+) -> bool:
     """The box, and under it the answer; False while nothing is looked for."""
     search = document.search
-    _box(session, ui, search)
+    _box(session, state, area.size, search)
     search_actions.tick(session)
     if not search.text.strip():
         return False
     _understood(session, search)
-    _hits(session, ui, table, search)
+    _hits(session, state, table, search)
     return True
-
-
-def picture_size(ui: UiState) -> tuple[int, int]:
-    """Width and height of the picture that a person sees, in pixels."""
-    return max(round(ui.picture[2]), 1), max(round(ui.picture[3]), 1)
 
 
 # --- the box
 
 
-def _box(session: Session, ui: UiState, search: SearchState) -> None:
+def _box(
+    session: Session, state: SearchBoxState, size: tuple[int, int], search: SearchState
+) -> None:
     side = imgui.get_frame_height() * 1.12 + em(0.2)
     room = side * (2 if search.text else 1)
-    if ui.find_now:
+    if state.wants_keyboard:
         imgui.set_keyboard_focus_here()
-        ui.find_now = False
+        state.wants_keyboard = False
     imgui.set_next_item_width(-room)
     hint = f"{icons.SEARCH}  {_HINT}"
     flags = imgui.InputTextFlags_.escape_clears_all | imgui.InputTextFlags_.auto_select_all
@@ -63,7 +85,7 @@ def _box(session: Session, ui: UiState, search: SearchState) -> None:
             f"By name, color, size or place: {search_actions.EXAMPLES}. {_KEYS}", "Ctrl+F"
         )
     if changed:
-        search_actions.type_text(session, text, picture_size(ui))
+        search_actions.type_text(session, text, size)
     if is_active or has_ended:
         _keys(session, search, has_ended)
     if search.text:
@@ -148,18 +170,20 @@ def _ways_out(session: Session) -> None:
             commands.run(command_id, session)
 
 
-def _hits(session: Session, ui: UiState, table: ObjectTable, search: SearchState) -> None:
+def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState) -> None:
     size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
     if imgui.begin_child("Answer", size):
-        _lines(session, ui, table, search)
+        _lines(session, state, table, search)
     imgui.end_child()
 
 
-def _lines(session: Session, ui: UiState, table: ObjectTable, search: SearchState) -> None:
+def _lines(
+    session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState
+) -> None:
     high = em(2.5)
     step = high + imgui.get_style().item_spacing.y
-    if ui.find_at != search.at:
-        ui.find_at = search.at
+    if state.seen != search.at:
+        state.seen = search.at
         top = search.at * step
         first = imgui.get_scroll_y()
         if not first <= top <= first + imgui.get_window_height() - step:
@@ -168,11 +192,13 @@ def _lines(session: Session, ui: UiState, table: ObjectTable, search: SearchStat
     clipper.begin(len(search.hits), step)
     while clipper.step():
         for at in range(clipper.display_start, min(clipper.display_end, len(search.hits))):
-            _line(session, ui, table, at, high)
+            _line(session, state, table, at, high)
     clipper.end()
 
 
-def _line(session: Session, ui: UiState, table: ObjectTable, at: int, high: float) -> None:
+def _line(
+    session: Session, state: SearchBoxState, table: ObjectTable, at: int, high: float
+) -> None:
     search = session.need().search
     hit = search.hits[at]
     row = table.row(hit.group)
@@ -184,7 +210,7 @@ def _line(session: Session, ui: UiState, table: ObjectTable, at: int, high: floa
     flags = imgui.SelectableFlags_.allow_double_click
     clicked, _ = imgui.selectable("##row", at == search.at, flags, ImVec2(0, high))
     if imgui.is_item_hovered() and hit.group:
-        ui.hovered_row = hit.group
+        state.hovered = hit.group
     if clicked:
         _clicked(session, at)
     _picture(session, table, row, corner, high)

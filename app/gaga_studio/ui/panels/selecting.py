@@ -1,33 +1,48 @@
 """Select by: the histogram of any number, a color, a box, and the selections that were kept."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.scene.edits import How
 from gaga_core.scene.selection.by_value import Histogram, column_names
 from gaga_studio.actions import named_selections, selection
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _HOWS: tuple[tuple[str, How], ...] = (("Select", "set"), ("Add", "add"), ("Remove", "remove"))
 
 
-def draw(session: Session, ui: UiState) -> None:
+@dataclass
+class SelectBy:
+    """What the panel holds until a button is pressed."""
+
+    histograms: selection.Histograms = field(default_factory=selection.Histograms)
+    column: str = ""
+    low: float = 0.0
+    high: float = 1.0
+    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    tolerance: float = 0.1
+    box: tuple[DoubleArray, DoubleArray] | None = None  # lo, hi (3,) world
+    name: str = ""  # half typed
+
+
+def draw(session: Session, held: SelectBy) -> None:
     """The whole panel."""
     if session.document is None:
         widgets.empty_state(icons.CHART, "No scene is open", "")
         return
-    _by_number(session, ui)
-    _by_color(session, ui)
-    _by_box(session, ui)
-    _kept(session, ui)
+    _by_number(session, held)
+    _by_color(session, held)
+    _by_box(session, held)
+    _kept(session, held)
 
 
-def _by_number(session: Session, ui: UiState) -> None:
+def _by_number(session: Session, held: SelectBy) -> None:
     widgets.heading("A number of the splats")
-    held = ui.select_by
     names = list(column_names(session.need().scene))
     at = names.index(held.column) if held.column in names else 0
     imgui.set_next_item_width(-1)
@@ -78,9 +93,8 @@ def _bars(found: Histogram, low: float, high: float) -> None:
                 drawing.add_rect_filled(top, ImVec2(right, foot), theme.u32(shade))
 
 
-def _by_color(session: Session, ui: UiState) -> None:
+def _by_color(session: Session, held: SelectBy) -> None:
     widgets.heading("A color")
-    held = ui.select_by
     imgui.set_next_item_width(-em(6))
     changed, picked = imgui.color_edit3("##Color to select", list(held.color))
     if changed:
@@ -96,9 +110,8 @@ def _by_color(session: Session, ui: UiState) -> None:
         selection.by_color(session, held.color, held.tolerance, how)
 
 
-def _by_box(session: Session, ui: UiState) -> None:
+def _by_box(session: Session, held: SelectBy) -> None:
     widgets.heading("A box")
-    held = ui.select_by
     if held.box is None:
         held.box = _around(session)
     lo, hi = held.box
@@ -127,9 +140,8 @@ def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
     return chosen if chosen is not None else splat_box(document.scene)
 
 
-def _kept(session: Session, ui: UiState) -> None:
+def _kept(session: Session, held: SelectBy) -> None:
     widgets.heading("Kept selections")
-    held = ui.select_by
     imgui.set_next_item_width(-em(4))
     _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", held.name)
     imgui.same_line()

@@ -1,23 +1,35 @@
 """A photo and its mask side by side: why this mask joined this group."""
 
+from dataclasses import dataclass, field
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
-from gaga_core.grouping.memory_bank import Decision
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import mask_menu
+from gaga_studio.ui.viewport import mask_menu
+from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
 
-def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
+@dataclass
+class EvidenceState:
+    """Which mask of the memory bank is shown on its photo."""
+
+    decision: Decision | None = None
+    live_view: str = ""  # last view of a running association whose picture was there
+    live_bank: MemoryBank | None = None
+    menu: MaskMenuState = field(default_factory=MaskMenuState)
+
+
+def draw(session: Session, state: EvidenceState, corner: ImVec2, size: ImVec2) -> None:
     """A card over the lower left of the picture: the chosen mask, or the view of the moment."""
-    decision, document = ui.decision, session.document
+    decision, document = state.decision, session.document
     if document is None or (decision is None and session.live is None):
         return
     width = min(em(36 if decision is not None else 17), size.x - em(1.6))
@@ -29,26 +41,26 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
     flags |= imgui.ChildFlags_.always_use_window_padding
     if imgui.begin_child("Mask in its photo", ImVec2(width, 0), flags):
         if decision is not None:
-            _head(session, document, ui, decision)
-            _pictures(session, document, ui, decision)
+            _head(session, document, state, decision)
+            _pictures(session, document, state, decision)
         elif session.live is not None:
-            _growing(session, ui, session.live)
+            _growing(session, state, session.live)
     imgui.end_child()
     imgui.pop_style_color(2)
 
 
-def _growing(session: Session, ui: UiState, live: BankSnapshot) -> None:
+def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None:
     """The view that the association is at, its masks in the colors of their groups."""
     picture = photo_textures.photo_with_masks(session, live.view, live.bank)
-    if picture is not None or not ui.live_view:
-        ui.live_view, ui.live_bank = live.view, live.bank
-    shown = photo_textures.photo_with_masks(session, ui.live_view, ui.live_bank)
+    if picture is not None or not state.live_view:
+        state.live_view, state.live_bank = live.view, live.bank
+    shown = photo_textures.photo_with_masks(session, state.live_view, state.live_bank)
     width = imgui.get_content_region_avail().x
-    photo_textures.place(shown, width, photo_textures.aspect(session, ui.live_view))
+    photo_textures.place(shown, width, photo_textures.aspect(session, state.live_view))
     widgets.line(f"{live.view}  ·  {live.n_groups} groups", theme.DIM)
 
 
-def _head(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
+def _head(session: Session, document: Document, state: EvidenceState, decision: Decision) -> None:
     room = imgui.get_content_region_avail().x
     button = em(7.4)
     imgui.align_text_to_frame_padding()
@@ -62,11 +74,13 @@ def _head(session: Session, document: Document, ui: UiState, decision: Decision)
         command_buttons.fly_to(session, decision.view)
     imgui.same_line()
     if widgets.icon_button("Close photo", icons.CLOSE, hint="Close (Esc)"):
-        ui.decision = None
+        state.decision = None
     widgets.dim(explanation(document, decision), wrap=True)
 
 
-def _pictures(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
+def _pictures(
+    session: Session, document: Document, state: EvidenceState, decision: Decision
+) -> None:
     spacing = imgui.get_style().item_spacing.x
     width = (imgui.get_content_region_avail().x - spacing) / 2
     shown = photo_textures.photo_and_mask(session, document, decision)
@@ -74,11 +88,11 @@ def _pictures(session: Session, document: Document, ui: UiState, decision: Decis
         if position:
             imgui.same_line()
         photo_textures.place(picture, width, photo_textures.aspect(session, decision.view))
-        _pointing(session, document, ui, decision, position)
+        _pointing(session, document, state, decision, position)
 
 
 def _pointing(
-    session: Session, document: Document, ui: UiState, decision: Decision, position: int
+    session: Session, document: Document, state: EvidenceState, decision: Decision, position: int
 ) -> None:
     """A click on the picture takes the mask there, a right click opens its menu."""
     if session.live is not None:
@@ -91,14 +105,14 @@ def _pointing(
         v = (mouse.y - low.y) / max(high.y - low.y, 1)
         mask = photo_textures.mask_at(session, decision.view, u, v)
         found = document.read.decision_of(decision.view, mask)
-        ui.decision = found or decision
+        state.decision = found or decision
         if found is not None and found.group and found.group != session.focus:
             selection.select_groups(session, (found.group,))
         if found is not None and is_right:
             imgui.open_popup(f"Mask menu {position}")
     widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
     if imgui.begin_popup(f"Mask menu {position}"):
-        mask_menu.items(session, document, ui, ui.decision or decision)
+        mask_menu.items(session, document, state.menu, state.decision or decision)
         widgets.escape_closes()
         imgui.end_popup()
 

@@ -1,38 +1,47 @@
 """The one stage that the open scene lacks next, as one button on the picture."""
 
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 
-def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
+@dataclass
+class OfferState:
+    """Whether the offer was put away."""
+
+    is_closed: bool = False
+
+
+def draw(session: Session, state: OfferState, area: PictureArea) -> None:
     """A card at the foot of the picture; nothing when nothing is missing or it was closed."""
     offer = session.stage_offer()
-    ui.offer_top = float("inf")
-    if offer is None or session.document is None or ui.closed_offer == id(session.document):
+    area.offer_top = float("inf")
+    if offer is None or session.document is None or state.is_closed:
         return
-    width = min(em(34), size.x - em(2))
+    width = min(em(34), area.width - em(2))
     if width < em(12):
         return
-    at = ImVec2(corner.x + (size.x - width) / 2, corner.y + size.y - em(1))
+    at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
     imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
     imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
     flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
     flags |= imgui.ChildFlags_.always_use_window_padding
     if imgui.begin_child("Offer", ImVec2(width, 0), flags):
-        _content(session, ui, width)
-    ui.offer_top = imgui.get_window_pos().y
+        _content(session, state, width)
+    area.offer_top = imgui.get_window_pos().y
     imgui.end_child()
     imgui.pop_style_color(2)
 
 
-def _content(session: Session, ui: UiState, width: float) -> None:
+def _content(session: Session, state: OfferState, width: float) -> None:
     offer = session.stage_offer()
     if offer is None:
         return
@@ -49,7 +58,7 @@ def _content(session: Session, ui: UiState, width: float) -> None:
     imgui.pop_text_wrap_pos()
     imgui.same_line(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
-        ui.closed_offer = id(session.document)
+        state.is_closed = True
     if not offer.command:
         return
     if is_wide:

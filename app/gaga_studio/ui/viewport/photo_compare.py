@@ -13,13 +13,18 @@ from gaga_studio.actions.photo_compare import PhotoPlacement
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import PhotoCompareMode
 from gaga_studio.ui.kit import photo_textures, theme
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _SIDE = 2048  # longest side of the photo, pixels
 
 
-def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Camera) -> bool:
+def draw(
+    session: Session,
+    differences: dict[str, float],
+    corner: ImVec2,
+    size: ImVec2,
+    camera: Camera,
+) -> bool:
     """What is compared, at the photo's own camera; whether the mouse belongs to the line."""
     view, io = session.view, imgui.get_io()
     if view.holds_photo and not (imgui.is_key_down(imgui.Key.g) and io.key_shift):
@@ -29,7 +34,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
     photo = photo_compare.compared(session)
     if photo is None:
         if not session.rig.is_moving:
-            _note("Compare: click a photo to stand where it was taken", corner, size)
+            _note("PhotoCompareMode: click a photo to stand where it was taken", corner, size)
         return False
     density = io.display_framebuffer_scale
     on_picture = photo_compare.place(photo, camera)
@@ -45,7 +50,7 @@ def draw(session: Session, ui: UiState, corner: ImVec2, size: ImVec2, camera: Ca
         _photo(session, photo, place, 1.0)
         text = f"Photo {photo.name}"
     elif view.compare is PhotoCompareMode.DIFFERENCE:
-        text = _difference(session, ui, photo, place)
+        text = _difference(session, differences, photo, place)
     else:
         shown = _photo(session, photo, place, view.swipe)
         owns = _line(session, place, corner, size)
@@ -88,7 +93,9 @@ def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2)
     return is_over or is_held
 
 
-def _difference(session: Session, ui: UiState, photo: Camera, place: PhotoPlacement) -> str:
+def _difference(
+    session: Session, differences: dict[str, float], photo: Camera, place: PhotoPlacement
+) -> str:
     """The heat map, once it is there; what it says in words."""
     folder = session.project.folder if session.project is not None else None
     path = folder.image_paths.get(photo.name) if folder is not None else None
@@ -98,16 +105,16 @@ def _difference(session: Session, ui: UiState, photo: Camera, place: PhotoPlacem
     scene: Scene = photo_compare.snapshot(session.scene)
 
     def load() -> UInt8Array:
-        picture, ui.differences[key] = photo_compare.difference(scene, photo, path)
+        picture, differences[key] = photo_compare.difference(scene, photo, path)
         return picture
 
     texture = session.images.texture(key, partial(load))
-    if texture is None or key not in ui.differences:
+    if texture is None or key not in differences:
         return "Comparing photo and picture…"
     low = ImVec2(place.x, place.y)
     high = ImVec2(place.x + place.width, place.y + place.height)
     imgui.get_window_draw_list().add_image(imgui.ImTextureRef(texture[0]), low, high)
-    mean = ui.differences[key]
+    mean = differences[key]
     return f"Difference of photo and picture: {255 * mean:.1f} of 255 on average"
 
 

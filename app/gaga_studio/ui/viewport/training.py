@@ -1,7 +1,7 @@
 """Photos without splats: what can be made of them, how, and the curves while it is made."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,13 +13,14 @@ from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.session import next_stage
 from gaga_studio.session.notices import Level
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status_bar import duration
-from gaga_studio.ui.dialogs.modal import begin_modal
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.modal import begin_modal
+from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -35,7 +36,20 @@ _QUALITIES = (
 _MOST_SIDE, _MOST_ITERATIONS = 8192, 1_000_000
 
 
-def draw_photos(session: Session, ui: UiState) -> None:
+@dataclass
+class PlanSheet:
+    """What is to be made of the photos, as the sheet says."""
+
+    plan: ReconstructionPlan | None = None
+    photos: "PhotoFind | None" = None  # that it is for
+
+
+def register(table: RequestTable) -> None:
+    """Answer the request for the settings."""
+    table.register_popup(Request.MAKE_SPLATS, SHEET)
+
+
+def draw_photos(session: Session) -> None:
     """Instead of the picture: the photos that are open, and one button that makes splats."""
     found = session.photos
     if found is None:
@@ -157,7 +171,7 @@ def _short(value: float) -> str:
 # --- the sheet
 
 
-def sheet(session: Session, ui: UiState) -> None:
+def sheet(session: Session, held: PlanSheet) -> None:
     """Settings of what is to be made."""
     if not begin_modal(SHEET, em(32)):
         return
@@ -166,20 +180,20 @@ def sheet(session: Session, ui: UiState) -> None:
         imgui.close_current_popup()
         imgui.end_popup()
         return
-    if ui.plan is None or ui.plan_of != id(found):
-        ui.plan, ui.plan_of = reconstruction.plan_of(found), id(found)
+    if held.plan is None or held.photos is not found:
+        held.plan, held.photos = reconstruction.plan_of(found), found
     with theme.face(strong=True, scale=1.2):
         imgui.text_unformatted(reconstruction.title(session))
     widgets.dim(reconstruction.found_text(found), wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.push_item_width(em(11))
     try:
-        plan = _fields(ui.plan, found)
+        plan = _fields(held.plan, found)
     except GagaError as error:
         session.notify(Level.WARNING, str(error))
-        plan = ui.plan
+        plan = held.plan
     imgui.pop_item_width()
-    ui.plan = plan
+    held.plan = plan
     imgui.dummy(ImVec2(0, em(0.3)))
     _sheet_end(session, found, plan)
     imgui.end_popup()

@@ -1,7 +1,7 @@
 """The picture of the scene: mouse and keys over it, handles, and what to do while it is empty."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from imgui_bundle import ImVec2, imgui
 
@@ -13,7 +13,7 @@ from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.ui.kit import theme, widgets
-from gaga_studio.ui.kit.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport import (
     ground_overlay,
@@ -25,6 +25,8 @@ from gaga_studio.ui.viewport import (
     welcome,
 )
 from gaga_studio.ui.viewport.gizmo import Gizmo
+from gaga_studio.ui.viewport.mask_evidence import EvidenceState
+from gaga_studio.ui.viewport.next_stage import OfferState
 from gaga_studio.ui.viewport.view_cube import ViewCube
 
 _BUTTONS = (
@@ -43,6 +45,15 @@ Render = Callable[[Camera], int]  # OpenGL name of the finished picture
 
 
 @dataclass
+class PictureState:
+    """What lies over the picture of a scene."""
+
+    evidence: EvidenceState = field(default_factory=EvidenceState)
+    offer: OfferState = field(default_factory=OfferState)
+    differences: dict[str, float] = field(default_factory=dict)  # mean errors of photos, 0..1
+
+
+@dataclass
 class ViewportPanel:
     """Keeps the gesture that is under way between frames."""
 
@@ -57,17 +68,17 @@ class ViewportPanel:
         self._is_flying = False
         self._on_handle = False  # the mouse is over the move handles, or drags one
 
-    def draw(self, session: Session, ui: UiState) -> None:
+    def draw(self, session: Session, state: PictureState, area: PictureArea) -> None:
         """The whole panel."""
         corner, size = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail()
         if size.x < 8 or size.y < 8:
             return
-        ui.picture = (corner.x, corner.y, size.x, size.y)
+        area.left, area.top, area.width, area.height = corner.x, corner.y, size.x, size.y
         if session.shown is None:
             if session.photos is not None and session.jobs.running is None:
-                training.draw_photos(session, ui)
+                training.draw_photos(session)
             else:
-                welcome.draw(session, ui)
+                welcome.draw(session, area.steps_height)
             return
         density = imgui.get_io().display_framebuffer_scale
         width = max(round(size.x * density.x), 1)
@@ -78,14 +89,14 @@ class ViewportPanel:
         imgui.set_cursor_screen_pos(corner)
         is_over = _mouse_area(size, session.tool in self.controller.move_tools)
         self._on_handle = self._handles(session, camera, corner, size)
-        self._on_handle |= photo_compare.draw(session, ui, corner, size, camera)
+        self._on_handle |= photo_compare.draw(session, state.differences, corner, size, camera)
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         ground_overlay.draw(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.controller.is_dragging)
-        _on_the_picture(session, ui, corner, size)
+        _on_the_picture(session, state, area)
 
     @property
     def is_busy(self) -> bool:
@@ -189,17 +200,18 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
         imgui.end_tooltip()
 
 
-def _on_the_picture(session: Session, ui: UiState, corner: ImVec2, size: ImVec2) -> None:
+def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
+    corner, size = ImVec2(area.left, area.top), ImVec2(area.width, area.height)
     if cleanup.shown(session) is not None:
         _badge("Preview of Clean up", corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
         _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR:
         _badge(mode_badge(session), corner)
-    next_stage.draw(session, ui, corner, size)
+    next_stage.draw(session, state.offer, area)
     training.draw_live(session, corner, size)
-    mask_evidence.draw(session, ui, corner, size)
+    mask_evidence.draw(session, state.evidence, corner, size)
 
 
 def mode_badge(session: Session) -> str:

@@ -7,7 +7,6 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from gaga_studio import commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.state import UiState
 from gaga_studio.ui.kit.theme import em
 
 _CHOICES = (
@@ -18,10 +17,10 @@ _CHOICES = (
 _MOST_RECENT = 5
 
 
-def draw(session: Session, ui: UiState) -> None:
+def draw(session: Session, steps_height: float) -> None:
     """Three large choices in the middle; below them what was open lately."""
     room = imgui.get_content_region_avail()
-    room.y -= ui.steps_strip
+    room.y -= steps_height
     corner = imgui.get_cursor_screen_pos()
     if session.jobs.running is not None:
         _opening(session, room)

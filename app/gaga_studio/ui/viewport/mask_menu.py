@@ -1,5 +1,7 @@
 """What can be done with one mask of the memory bank: put it where it belongs."""
 
+from dataclasses import dataclass, field
+
 from imgui_bundle import imgui
 
 from gaga_core.grouping.memory_bank import Decision
@@ -9,26 +11,34 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, widgets
-from gaga_studio.ui.kit.state import UiState
-from gaga_studio.ui.panels.object_row import MASK_DRAG
+from gaga_studio.ui.kit.object_menu import MASK_DRAG, ObjectMenuState
 
 
-def popup(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
+@dataclass
+class MaskMenuState:
+    """The mask on its way to an object, and what the open menu found."""
+
+    dragged: Decision | None = None
+    overlaps: tuple[str, dict[int, float]] = ("", {})  # of the mask whose menu is open: its key
+    objects: ObjectMenuState = field(default_factory=ObjectMenuState)
+
+
+def popup(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
     """The context menu of the item drawn last."""
     if imgui.begin_popup_context_item(f"Mask menu {decision.view} {decision.mask}"):
-        items(session, document, ui, decision)
+        items(session, document, state, decision)
         widgets.escape_closes()
         imgui.end_popup()
 
 
-def items(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
+def items(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
     """The items of the menu; from the mask's view on the association is redone."""
     widgets.dim(f"Mask {decision.mask} of {decision.view}")
     imgui.separator()
     why_not = why_not_moved(session)
     imgui.begin_disabled(bool(why_not))
     if imgui.begin_menu(f"{icons.JOINED}  Move to###Move to"):
-        _objects(session, document, ui, decision)
+        _objects(session, document, state, decision)
         imgui.end_menu()
     if imgui.menu_item_simple(f"{icons.NEW}  New object###New object"):
         association_repair.move_mask(session, decision, association_repair.NEW)
@@ -45,10 +55,10 @@ def items(session: Session, document: Document, ui: UiState, decision: Decision)
         command_buttons.fly_to(session, decision.view)
 
 
-def drag_source(ui: UiState, document: Document, decision: Decision) -> None:
+def drag_source(state: MaskMenuState, document: Document, decision: Decision) -> None:
     """The item drawn last can be dragged onto an object of the list."""
     if imgui.begin_drag_drop_source():
-        ui.repairs.dragged = decision
+        state.dragged = decision
         imgui.set_drag_drop_payload_py_id(MASK_DRAG, decision.mask)
         widgets.dim(f"Mask {decision.mask} of {decision.view}: drop it on its object")
         imgui.end_drag_drop_source()
@@ -59,22 +69,24 @@ def why_not_moved(session: Session) -> str:
     return commands.command("object.quality").enabled(session)
 
 
-def _objects(session: Session, document: Document, ui: UiState, decision: Decision) -> None:
+def _objects(
+    session: Session, document: Document, state: MaskMenuState, decision: Decision
+) -> None:
     """The other objects: those that hold splats behind the mask first, with their share."""
     key = f"{decision.view} {decision.mask} {document.read.labels_digest()}"
-    if ui.repairs.overlaps[0] != key:
+    if state.overlaps[0] != key:
         found = association_repair.overlaps(session, decision)
         if found is not None:
-            ui.repairs.overlaps = (key, found)
-    is_known = ui.repairs.overlaps[0] == key
-    shares = dict(ui.repairs.overlaps[1]) if is_known else {}
+            state.overlaps = (key, found)
+    is_known = state.overlaps[0] == key
+    shares = dict(state.overlaps[1]) if is_known else {}
     if not is_known and decision.runner_up:
         shares = {decision.runner_up: decision.runner_up_overlap}
     first = list(shares)
     first += [decision.runner_up] if decision.runner_up not in (0, *first) else []
     widgets.dim("Share of the splats behind the mask" if is_known else "Looking at the view …")
     to = object_menu.objects(
-        ui, session.objects(), first=first, without=(decision.group,), shares=shares
+        state.objects, session.objects(), first=first, without=(decision.group,), shares=shares
     )
     if to is not None:
         association_repair.move_mask(session, decision, to)

@@ -1,0 +1,29 @@
+"""Every dialog of the window registers itself for the request that it answers."""
+
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.dialogs import (
+    export_options,
+    make_masks,
+    open_and_save,
+    preferences,
+    sheets,
+)
+from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.panels import objects, search
+from gaga_studio.ui.state import UiState
+from gaga_studio.ui.viewport import training
+
+
+def request_table(ui: UiState) -> RequestTable:
+    """The answers to all requests. State of a scene is looked up when a request comes."""
+    table = RequestTable()
+    sheets.register(table, ui.palette)
+    preferences.register(table)
+    command_buttons.register(table)
+    training.register(table)
+    export_options.register(table)
+    make_masks.register(table)
+    open_and_save.register(table, ui.files)
+    objects.register(table, lambda: ui.scene.objects)
+    search.register(table, lambda: ui.scene.objects.search, ui.area)
+    return table

@@ -1,0 +1,25 @@
+"""Where the picture lies on the screen: what is drawn over it finds its place by this."""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class PictureArea:
+    """A rectangle in pixels of the screen, and what covers its lower edge."""
+
+    left: float = 0.0
+    top: float = 0.0
+    width: float = 400.0
+    height: float = 300.0
+    offer_top: float = float("inf")  # y of the upper edge of the offer of the next stage
+    steps_height: float = 0.0  # of the first steps at the foot of an empty picture
+
+    @property
+    def bottom(self) -> float:
+        """The y of the lower edge."""
+        return self.top + self.height
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in whole pixels, at least 1."""
+        return max(round(self.width), 1), max(round(self.height), 1)

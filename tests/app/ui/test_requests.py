@@ -1,0 +1,80 @@
+"""What commands ask of the window is answered, each by exactly one dialog."""
+
+from pathlib import Path
+
+import pytest
+from imgui_bundle import imgui
+
+from gaga_studio.actions import selection
+from gaga_studio.commands import COMMANDS
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.ui.dispatch import request_table
+from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.panels.film_strip import FilmStripState
+from gaga_studio.ui.state import SceneUi, UiState
+from tests.app.window.driver import KEY, Driver, drive
+
+_BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU}
+_KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
+
+
+def test_every_request_has_exactly_one_dialog() -> None:
+    assert request_table(UiState()).requests == set(Request)
+
+
+def test_a_second_dialog_for_a_request_is_refused() -> None:
+    table = RequestTable()
+    table.register_popup(Request.ABOUT, "About")
+    with pytest.raises(ValueError, match="ABOUT"):
+        table.register_popup(Request.ABOUT, "Another")
+
+
+def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> None:
+    asked = set()
+    for command in COMMANDS:
+        if command.run.__qualname__.startswith("ask."):
+            command.run(session)
+            asked.add(session.take_request())
+    assert asked == set(Request) - _BY_MOUSE
+
+
+def test_another_scene_forgets_what_belonged_to_the_former() -> None:
+    ui = UiState()
+    ui.scene.film_strip = FilmStripState(shows_masks=True, seen=3)
+    ui.scene.inspector.scale, ui.scene.bookmarks.text = 2.0, "half typed"
+    ui.export.fps, before = 12.0, ui.scene
+    ui.forget_scene()
+    assert ui.scene is not before
+    assert ui.scene == SceneUi(
+        film_strip=FilmStripState(shows_masks=True), select_by=ui.scene.select_by,
+        inspector=ui.scene.inspector,
+    )  # fmt: skip
+    assert (ui.scene.inspector.scale, ui.scene.bookmarks.text) == (1.0, "")
+    assert ui.export.fps == 12.0, "what was chosen for a film stays"
+
+
+@pytest.mark.window
+def test_each_request_opens_one_thing(display: str, grouped_scene: Path) -> None:
+    def walk(d: Driver) -> None:
+        selection.select_groups(d.session, (1,))
+        files = d.studio.ui.files
+        any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
+        for request in Request:
+            if request in _KEYBOARD or request is Request.MAKE_SPLATS:  # that needs photos alone
+                continue
+            d.session.request = request
+            d.frames(4)
+            assert d.session.request is None
+            is_open = d.on_main(lambda: imgui.is_popup_open("", any_popup))
+            assert is_open, request
+            d.keys(KEY.escape)
+            d.frames(3)
+            assert files.dialog is None
+            assert not d.on_main(lambda: imgui.is_popup_open("", any_popup)), request
+        d.session.request = Request.RENAME
+        d.frames(3)
+        assert d.studio.ui.scene.objects.rows.renaming == 1
+
+    drive(walk, path=grouped_scene, size=(1000, 640), settings=Settings(first_steps_done=True))
