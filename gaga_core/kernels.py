@@ -7,15 +7,18 @@ enter it, and the window renders, sorts and associates from several.
 
 import contextlib
 import hashlib
+import importlib.util
 import os
 import platform
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+_GROUP = "gaga_core.kernels"  # entry points: packages with kernels of their own
 _F = TypeVar("_F", bound=Callable[..., Any])
 # No nnan/ninf: kernels test for non-finite values.
 _FASTMATH = {"contract", "reassoc", "nsz", "arcp", "afn"}
@@ -30,14 +33,22 @@ def user_cache() -> Path:
     return Path(base) / "gaga-studio"
 
 
+def kernel_packages() -> list[Path]:
+    """Folders of the packages whose ``*_kernels.py`` are compiled: this one, and those that
+    register themselves as an entry point of the group ``gaga_core.kernels``. None is imported."""
+    folders = [Path(__file__).resolve().parent]
+    for entry in sorted(entry_points(group=_GROUP), key=lambda entry: entry.name):
+        spec = importlib.util.find_spec(entry.value)
+        if spec is not None:
+            folders += [Path(folder) for folder in spec.submodule_search_locations or ()]
+    return folders
+
+
 def _source_digest() -> str:
     """Digest of every kernel file: numba alone notices a change in the kernel's own file only,
     not in a helper of another file that was inlined into it."""
-    root = Path(__file__).resolve().parent
-    sources = [Path(__file__).resolve(), *sorted(root.rglob("*_kernels.py"))]
-    app = root.parent / "app" / "gaga_studio"
-    installed = root.parent / "gaga_studio"
-    for folder in (app, installed):
+    sources = [Path(__file__).resolve()]
+    for folder in kernel_packages():
         sources += sorted(folder.rglob("*_kernels.py"))
     digest = hashlib.sha256()
     for source in sources:

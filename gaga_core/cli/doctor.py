@@ -6,6 +6,7 @@ import platform
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 
 from gaga_core.errors import GagaError
 from gaga_core.io.ffmpeg import ffmpeg_program
@@ -42,7 +43,7 @@ def examine() -> list[Finding]:
             findings.append(Finding(package, "missing: install gaga-studio again with pip", False))
     findings.append(_ffmpeg())
     findings += [_extra(*extra) for extra in _EXTRAS]
-    findings.append(_opengl())
+    findings += _registered()
     findings.append(_cuda())
     findings.append(_rasterizer())
     return findings
@@ -78,13 +79,18 @@ def _extra(package: str, extra: str, purpose: str) -> Finding:
         return Finding(name, text, True)
 
 
-def _opengl() -> Finding:
-    """Ask the driver in a process of its own: a broken one may crash."""
-    answer = _probe("-m", "gaga_studio.gpu.probe")
-    if answer is None:
-        text = "no OpenGL 3.3 context: install a graphics driver (on Debian: libgl1 libegl1)"
-        return Finding("opengl", text, False)
-    return Finding("opengl", f"{answer['version']} · {answer['renderer']}", True)
+def _registered() -> list[Finding]:
+    """What other packages ask of the machine (entry points of the group ``gaga_core.probes``).
+
+    Each is a module that prints a line of JSON with ``ok`` and ``text``; the last line counts, so
+    that one which may crash says first what a crash means. It runs in a process of its own.
+    """
+    findings = []
+    for entry in sorted(entry_points(group="gaga_core.probes"), key=lambda entry: entry.name):
+        answer = _probe("-m", entry.value)
+        ok, text = (bool(answer["ok"]), str(answer["text"])) if answer else (False, "no answer")
+        findings.append(Finding(entry.name, text, ok))
+    return findings
 
 
 def _cuda() -> Finding:
@@ -104,16 +110,17 @@ def _rasterizer() -> Finding:
     return Finding("rasterizer", f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})", True)
 
 
-def _probe(*arguments: str) -> dict[str, str] | None:
+def _probe(*arguments: str) -> dict[str, str | bool] | None:
+    """The last line that a Python process prints, from JSON; None when it prints none."""
     try:
         done = subprocess.run(
             [sys.executable, *arguments],
             capture_output=True,
             text=True,
             timeout=_PROBE_SECONDS,
-            check=True,
+            check=False,  # one that crashed has said before what that means
         )
-        answer: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+        answer: dict[str, str | bool] = json.loads(done.stdout.splitlines()[-1])
     except (subprocess.SubprocessError, OSError, ValueError, IndexError):
         return None
     return answer

@@ -1,6 +1,7 @@
-"""``python -m gaga_studio.gpu.probe``: one JSON line about the OpenGL driver; status 1 without.
+"""``python -m gaga_studio.gpu.probe``: what the OpenGL driver is, as `gaga doctor` asks.
 
-Run in a process of its own by ``gaga doctor``: a broken driver may crash.
+Each line that it prints is JSON with ``ok`` and ``text``, and the last one counts: the first says
+what it means when a broken driver ends the process.
 """
 
 import json
@@ -8,9 +9,12 @@ import sys
 
 import moderngl
 
+_NONE = "no OpenGL 3.3 context: install a graphics driver (on Debian: libgl1 libegl1)"
+
 
 def main() -> int:
-    """Open a context without a window (EGL on Linux) and print what it is."""
+    """Open a context without a window (EGL on Linux) and print what it is; status 1 without."""
+    _tell(False, _NONE)
     backend: dict[str, str] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
         context = moderngl.create_context(require=330, standalone=True, **backend)  # type: ignore[arg-type]
@@ -18,10 +22,14 @@ def main() -> int:
         sys.stderr.write(f"{error}\n")
         return 1
     info = context.info
-    answer = {"version": info["GL_VERSION"], "renderer": info["GL_RENDERER"]}
-    sys.stdout.write(json.dumps(answer) + "\n")
+    _tell(True, f"{info['GL_VERSION']} · {info['GL_RENDERER']}")
     context.release()
     return 0
+
+
+def _tell(ok: bool, text: str) -> None:
+    sys.stdout.write(json.dumps({"ok": ok, "text": text}) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

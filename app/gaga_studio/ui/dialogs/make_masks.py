@@ -234,7 +234,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         if changed:
             settings = mask_settings.with_value(settings, slider, entry, value)
     views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
-    _, redo = widgets.checkbox("Make them anew", request.redo)
+    _, redo = widgets.checkbox("Make them again", request.redo)
     widgets.tooltip("Also where masks of the same settings are there already")
     use_depth = request.use_depth
     if kind == "regions":
