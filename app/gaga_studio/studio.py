@@ -249,7 +249,7 @@ class Studio:
         scene = self.session.scene
         figures = None
         if scene is not None:
-            figures = status_bar.Figures(len(scene), self._pacing.frame_ms, self._backend)
+            figures = status_bar.FrameFigures(len(scene), self._pacing.frame_ms, self._backend)
         status_bar.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:

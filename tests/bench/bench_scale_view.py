@@ -21,7 +21,7 @@ from gaga_core.scene.selection.picking import pick
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.frame_pacing import Pacing
-from gaga_studio.gpu.sorter import Columns, SortJob
+from gaga_studio.gpu.sorter import SortColumns, SortJob
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view_state import ViewState
 from tests.bench.figures import Figure, cpu_median
@@ -79,7 +79,7 @@ def _job(scene: Scene, ticket: int = 1, budget: int = 0) -> SortJob:
 
 def _sorting() -> list[Figure]:
     scene = room(3_000_000)
-    columns = Columns()
+    columns = SortColumns()
     whole = thread_median(lambda: columns.sort(_job(scene)))
     few = thread_median(lambda: columns.sort(_job(scene, budget=500_000)))
     return [
@@ -228,7 +228,7 @@ def _moving(
 def _beside_sorting(ctx: moderngl.Context) -> list[Figure]:
     """What drawing loses to a sort of 3M that runs all the time in its thread."""
     scene, many = room(100_000), room(3_000_000)
-    viewport, columns, job = Viewport(ctx), Columns(), _job(many)
+    viewport, columns, job = Viewport(ctx), SortColumns(), _job(many)
     columns.sort(job)
     sorts, ended = threading.Event(), threading.Event()
 

@@ -1,4 +1,4 @@
-"""Splats of another file beside those of the scene: one picture with one order."""
+"""Splats of another file next to those of the scene: one picture with one order."""
 
 from pathlib import Path
 

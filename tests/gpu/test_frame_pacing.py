@@ -118,7 +118,7 @@ def test_a_limit_that_the_person_set_stays() -> None:
     assert pacing.view_for(few, 1, 1_000_000).splat_budget == 1000
 
 
-def test_another_scene_begins_anew() -> None:
+def test_another_scene_begins_again() -> None:
     machine = _Machine(Pacing(), 3_000_000, 400)
     for _ in range(20):
         machine.frame(moves=True)

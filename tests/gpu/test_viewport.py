@@ -1,4 +1,4 @@
-"""When the picture is drawn anew, what is sent to the card for it, and that nothing is left."""
+"""When the picture is drawn again, what is sent to the card for it, and that nothing is left."""
 
 import gc
 from dataclasses import replace

@@ -276,7 +276,7 @@ class SceneBuffers:
             self._textures[name] = new
 
     def _table(self, name: str, size: tuple[int, int], texels: AnyArray) -> None:
-        """A small RGBA32F table, made anew when its size changed."""
+        """A small RGBA32F table, made again when its size changed."""
         texture = self._textures.get(name)
         if texture is None or (texture.width, texture.height) != size:
             if texture is not None:

@@ -60,7 +60,7 @@ class Pacing:
     def view_for(self, view: ViewState, motion: object, n_splats: int) -> ViewState:
         """The settings to draw this frame with: coarser while ``motion`` (any value) changes.
 
-        ``n_splats`` of the scene. Twice or half as many are another scene: it begins anew.
+        ``n_splats`` of the scene. Twice or half as many are another scene: it begins again.
         """
         now = self.clock()
         if not self._n_splats < 2 * n_splats < 4 * self._n_splats:

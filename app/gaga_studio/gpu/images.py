@@ -15,7 +15,7 @@ from gaga_core.errors import GagaError
 _LOG = logging.getLogger(__name__)
 
 Load = Callable[[], UInt8Array]
-_WAITING_MAX = 64  # requests that scrolled out of sight are dropped, oldest first
+_WAITING_MAX = 64  # requests that scrolled away are dropped, oldest first
 
 
 class ImageStore:

@@ -28,7 +28,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Overlays:
-    """What is shown besides the scene itself."""
+    """What is shown in addition to the scene."""
 
     cameras: tuple[Camera, ...] = ()  # frusta to draw
     active_camera: int | None = None  # index of the highlighted one

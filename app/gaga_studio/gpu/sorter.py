@@ -12,7 +12,7 @@ from gaga_core.raster.base import NEAR
 from gaga_core.scene.scene import Placements
 from gaga_studio.gpu import sort_kernels
 
-MARGIN = 0.12  # share of the picture's size kept around it: a turning camera sees no bare rim
+MARGIN = 0.12  # share of the picture's size kept around it: a turning camera has no empty border
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Sorter:
         self._result: DepthOrder | None = None
         self._done = 0  # ticket of the last job done
         self._ended = False
-        self._columns = Columns()
+        self._columns = SortColumns()
         self._thread = threading.Thread(target=self._work, name="gaga-sort", daemon=True)
         self._thread.start()
 
@@ -100,7 +100,7 @@ class Sorter:
                 with self._changed:
                     self._result, self._done = result, job.ticket
                     self._changed.notify_all()
-        finally:  # whatever ended the worker, nobody may wait for it in vain
+        finally:  # however the worker ended, nobody may wait for it
             with self._changed:
                 self._ended = True
                 self._changed.notify_all()
@@ -114,7 +114,7 @@ class Sorter:
 
 def sort(job: SortJob) -> DepthOrder:
     """The order of ``job``, in this thread."""
-    return Columns().sort(job)
+    return SortColumns().sort(job)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +122,14 @@ class _Chosen:
     """The splats of a budget."""
 
     budget: int
-    rows: IntArray  # (R,) rising; empty stands for all
+    rows: IntArray  # (R,) ascending; empty stands for all
     threshold: float
 
 
 _ALL = _Chosen(0, np.zeros(0, np.int32), -np.inf)
 
 
-class Columns:
+class SortColumns:
     """What is worked out once per set of Gaussians, and scratch memory."""
 
     def __init__(self) -> None:

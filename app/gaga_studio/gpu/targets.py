@@ -6,7 +6,7 @@ import moderngl
 
 
 class Target:
-    """Color attachments of one size; made anew when the size changes."""
+    """Color attachments of one size; made again when the size changes."""
 
     def __init__(
         self, ctx: moderngl.Context, formats: Sequence[tuple[int, str]], *, smooth: bool = False

@@ -1,4 +1,4 @@
-"""The picture of the scene as a texture, drawn anew only when something in it changed."""
+"""The picture of the scene as a texture, drawn again only when something in it changed."""
 
 from dataclasses import dataclass
 
@@ -156,7 +156,7 @@ class Viewport:
             self._use(now.thinned())
 
     def _use(self, order: DepthOrder) -> None:
-        """Draw with ``order``; a scene that has shrunk meanwhile loses the rows that it lost."""
+        """Draw with ``order``; a scene that has shrunk since then loses the rows that it lost."""
         n = self.buffers.n_splats
         kept = order.order if order.n_splats <= n else order.order[order.order < n]
         with drawing(self._ctx):

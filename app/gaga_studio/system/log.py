@@ -1,4 +1,4 @@
-"""The log file: what went wrong, in full, for whoever is asked to mend it."""
+"""The log file: what went wrong, in full, for the person who fixes it."""
 
 import logging
 from logging.handlers import RotatingFileHandler

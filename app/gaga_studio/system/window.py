@@ -1,7 +1,7 @@
 """The window itself: size, OpenGL context, docking layout, idling, dropped files.
 
-It knows nothing of the scene: ``studio.py`` hands it functions. Besides ``gpu/`` this is the only
-module that speaks to GLFW.
+It knows nothing of the scene: ``studio.py`` hands it functions. Apart from ``gpu/`` this is the
+only module that speaks to GLFW.
 """
 
 from collections.abc import Callable, Sequence
@@ -134,7 +134,9 @@ class Window:
         bar = hello_imgui.EdgeToolbarOptions()
         bar.size_em = 2.55
         bar.window_padding_em = ImVec2(0.55, 0.4)
-        bar.window_bg = ImVec4(0.0, 0.0, 0.0, 0.0)  # `ui.toolbar` paints it in the theme's color
+        bar.window_bg = ImVec4(
+            0.0, 0.0, 0.0, 0.0
+        )  # `ui.chrome.toolbar` paints it in the theme's color
         callbacks.add_edge_toolbar(hello_imgui.EdgeToolbarType.top, hooks.tool_bar, bar)
 
     def _started(self) -> None:

@@ -11,7 +11,7 @@ _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 class GroundTool(ClickTool):
     """The points are kept in ``view.ground``: they are points in the world, so the camera may move.
 
-    The window marks them (``ui.ground``); the end of the tool forgets them.
+    The window marks them (``ui.viewport.ground_overlay``); the end of the tool forgets them.
     """
 
     name = ToolName.GROUND

@@ -191,8 +191,8 @@ def drive(
     drivers: list[Driver] = []
 
     def run(engine: Any) -> None:
-        if patience_s > PATIENCE_S:
-            engine.engine_io.config_watchdog_kill_test = 20 * patience_s
+        # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.
+        engine.engine_io.config_watchdog_kill_test = 20 * patience_s
         driver = Driver(studio, engine, patience_s)
         drivers.append(driver)
         driver.settle()

@@ -1,4 +1,4 @@
-"""Align to ground in the window: three clicks, an orbit between them, a click beside everything."""
+"""Align to ground in the window: three clicks, an orbit between them, a click on nothing."""
 
 from pathlib import Path
 

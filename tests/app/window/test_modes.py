@@ -14,7 +14,7 @@ pytestmark = pytest.mark.window
 
 
 def _choose(d: Driver, title: str) -> None:
-    """An entry of the drop-down beside the modes."""
+    """An entry of the drop-down next to the modes."""
     d.click("**/###More render modes")
     d.engine.item_click(f"//$FOCUSED/###{title}")
     d.check(title)

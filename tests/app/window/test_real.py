@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.window, pytest.mark.slow]
 
 
 def linked(source: Path, target: Path, *names: str) -> Path:
-    """A scene folder of links, so that nothing is written beside the real files."""
+    """A scene folder of links, so that nothing is written next to the real files."""
     target.mkdir()
     for name in names:
         (target / name).symlink_to(source / name)

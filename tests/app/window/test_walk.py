@@ -51,7 +51,7 @@ class _Walk:
     def associate(self, d: Driver) -> None:
         assert d.session.stage_offer() is not None
         d.click("**/###Find objects")
-        d.until(lambda: d.session.live is not None, "the bank grows in sight")
+        d.until(lambda: d.session.live is not None, "the bank is shown while it grows")
         d.settle()
         assert int(d.session.scene.labels.max()) == 6  # type: ignore[union-attr]
         assert d.session.stage_offer() is None

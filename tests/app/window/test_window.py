@@ -1,4 +1,4 @@
-"""The window besides the main job: beginnings, bad files, cancelling, sizes, keys, questions."""
+"""Everything but the main job: beginnings, bad files, cancelling, sizes, keys, questions."""
 
 import time
 from collections.abc import Iterator
@@ -286,7 +286,7 @@ def test_the_palette_runs_a_command(display: str, balls: Path) -> None:
     drive(test, path=balls)
 
 
-def test_nothing_is_drawn_anew_while_nothing_changes(display: str, balls: Path) -> None:
+def test_nothing_is_drawn_again_while_nothing_changes(display: str, balls: Path) -> None:
     def test(d: Driver) -> None:
         d.pixels()
         viewport = d.studio.viewport

@@ -13,7 +13,7 @@ from gaga_studio.ui.kit.widgets import Face
 
 
 @dataclass(frozen=True)
-class Figures:
+class FrameFigures:
     """What the picture costs, and who draws it."""
 
     n_splats: int
@@ -21,7 +21,7 @@ class Figures:
     backend: str  # "llvmpipe, OpenGL 4.5"
 
 
-def draw(session: Session, hint: str, figures: Figures | None) -> None:
+def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     """The whole bar; ``hint`` says what a click does now."""
     right = _figures_text(session, figures)
     width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
@@ -87,7 +87,7 @@ def duration(seconds: float) -> str:
     return f"{whole // 60} min {whole % 60} s"
 
 
-def _figures_text(session: Session, figures: Figures | None) -> str:
+def _figures_text(session: Session, figures: FrameFigures | None) -> str:
     if figures is None or session.document is None or not session.view.show_info:
         return ""
     parts = [f"{figures.n_splats:,} splats"]

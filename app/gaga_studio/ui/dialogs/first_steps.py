@@ -71,14 +71,14 @@ class CardPlace:
 def place(area: PictureArea, foot: float, unit: float) -> CardPlace | None:
     """Where the card can stand in the picture above the y of ``foot``; None: nowhere.
 
-    ``unit`` is one em. Five lines need room beside the middle third of the picture, or below it.
+    ``unit`` is one em. Five lines need room next to the middle third of the picture, or below it.
     """
     left, top, width, height = area.left, area.top, area.width, area.height
     bottom = min(foot, area.bottom) - _GAP * unit
     wide, high = _WIDTH * unit, _HIGH * unit
-    beside = left + _GAP * unit + wide <= left + width / 3
+    is_next_to = left + _GAP * unit + wide <= left + width / 3
     below = bottom - high >= top + height * 2 / 3
-    if (beside and bottom - high >= top + 3 * unit) or below:
+    if (is_next_to and bottom - high >= top + 3 * unit) or below:
         return CardPlace(left + _GAP * unit, bottom, wide, True)
     strip = min(20 * unit, width - 2 * _GAP * unit)
     if strip < 9 * unit or bottom - 2.2 * unit < top + height * 2 / 3:

@@ -37,7 +37,7 @@ def draw(session: Session, dragged: DraggedPreferences) -> None:
         dragged.values.clear()
         return
     before = session.settings
-    # The rows scroll where the window is low; the button to close stays in sight.
+    # The rows scroll where the window is low; the button to close stays visible.
     imgui.begin_child("Rows", ImVec2(0, body_height(em(26.5))))
     imgui.push_item_width(em(13))
     settings = _look(before, dragged)

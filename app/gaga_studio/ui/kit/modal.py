@@ -33,7 +33,7 @@ def begin_modal(name: str, width: float) -> bool:
 
 
 def body_height(wanted: float) -> float:
-    """Height of a part that scrolls, so that what is above it and one row below stay in sight."""
+    """Height of a part that scrolls, so that what is above it and one row below stay visible."""
     style = imgui.get_style()
     row = em(0.3) + imgui.get_frame_height() + 2 * style.item_spacing.y
     high = imgui.get_main_viewport().size.y * HIGH

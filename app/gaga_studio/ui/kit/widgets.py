@@ -61,8 +61,8 @@ def button(
     return clicked and not why_not
 
 
-def beside(text: str, gap: float = 0.0, extra: float = 0.0) -> None:
-    """What is drawn next stands beside the last item where it fits, else below it.
+def next_to(text: str, gap: float = 0.0, extra: float = 0.0) -> None:
+    """What is drawn next stands next to the last item where it fits, else below it.
 
     It is a button that says ``text``, and ``extra`` pixels wider.
     """

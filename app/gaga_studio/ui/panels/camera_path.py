@@ -32,19 +32,19 @@ def draw(session: Session) -> None:
 
 def _buttons(session: Session, path: CameraPath) -> None:
     command_buttons.command_button(session, "camera.add_keyframe", "Add keyframe")
-    widgets.beside(f"{icons.TURNTABLE}  Turntable")
+    widgets.next_to(f"{icons.TURNTABLE}  Turntable")
     command_buttons.command_button(session, "camera.turntable", "Turntable")
     if not path.keyframes:
         return
-    widgets.beside("Closed", em(1))
+    widgets.next_to("Closed", em(1))
     hint = "After the last keyframe the camera goes on to the first"
     if widgets.toggle("Closed", path.is_closed, hint=hint):
         camera_path.set_closed(session, not path.is_closed)
-    widgets.beside("Even speed")
+    widgets.next_to("Even speed")
     hint = "The same speed all the way: the times between the keyframes follow their distances"
     if widgets.toggle("Even speed", path.even_speed, hint=hint):
         camera_path.set_even_speed(session, not path.even_speed)
-    widgets.beside(f"{icons.FILM}  Save film…", em(1))
+    widgets.next_to(f"{icons.FILM}  Save film…", em(1))
     command_buttons.command_button(session, "camera.film", "Save film…")
 
 

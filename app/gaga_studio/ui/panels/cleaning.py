@@ -26,7 +26,7 @@ def draw(session: Session) -> bool:
         f"{_splats(len(found.remove))} to drop",
         (
             (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
-            (counts["neighbours_out"], "of what is beside it"),
+            (counts["neighbours_out"], "of what is next to it"),
         ),
     )
     _line(
@@ -45,11 +45,11 @@ def draw(session: Session) -> bool:
     return True
 
 
-def draw_choice(session: Session, beside: bool) -> None:
-    """The choice to clean always; ``beside`` the button that was drawn last."""
+def draw_choice(session: Session, is_next_to: bool) -> None:
+    """The choice to clean always; ``is_next_to`` the button that was drawn last."""
     command = commands.command("object.clean_first")
-    if beside:
-        widgets.beside(command.title, extra=imgui.get_frame_height() - em(0.6))
+    if is_next_to:
+        widgets.next_to(command.title, extra=imgui.get_frame_height() - em(0.6))
     if widgets.checkbox(f"{command.title}###Clean first", session.settings.clean_first)[0]:
         commands.run(command.id, session)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")

@@ -54,7 +54,7 @@ def _head(session: Session, state: FilmStripState) -> None:
 
 
 def _strip(session: Session, document: Document, state: FilmStripState) -> None:
-    """Only what is in sight is drawn and loaded."""
+    """Only what is visible is drawn and loaded."""
     _wheel()
     scroll, room = imgui.get_scroll_x(), imgui.get_content_region_avail()
     bar = imgui.get_style().scrollbar_size
@@ -84,7 +84,7 @@ def _wheel() -> None:
 def _follow(
     session: Session, state: FilmStripState, widths: list[float], ends: list[float]
 ) -> None:
-    """Bring the photo into sight that the camera went to."""
+    """Scroll to the photo that the camera went to."""
     active = session.active_view
     if active == state.seen or active is None or active >= len(widths):
         return

@@ -26,7 +26,7 @@ _GOOD, _FAIR = 0.75, 0.5  # agreements
 
 
 @dataclass(frozen=True)
-class Columns:
+class RowColumns:
     """Where the columns are that not every width has; -1 = not there."""
 
     views: int
@@ -65,7 +65,7 @@ class Rows:
     table: ObjectTable
     quality: DoubleArray  # (G,) -1 = not measured
     shown: Sequence[int]  # groups in the order of the list
-    columns: Columns
+    columns: RowColumns
 
     def draw(self, row: int) -> None:
         """The cells of a row of the table."""

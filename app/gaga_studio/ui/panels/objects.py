@@ -18,7 +18,7 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.panels import object_row, search
-from gaga_studio.ui.panels.object_row import Columns, RowState
+from gaga_studio.ui.panels.object_row import RowColumns, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
@@ -42,7 +42,7 @@ class ObjectListState:
     rows: RowState = field(default_factory=RowState)
     search: SearchBoxState = field(default_factory=SearchBoxState)
     was_row_hovered: bool = False
-    scroll_to: int | None = None  # group to bring into sight
+    scroll_to: int | None = None  # group to scroll to
     last_selected: tuple[int, ...] = ()
 
 
@@ -105,12 +105,12 @@ def _list(
     imgui.end_table()
 
 
-def _columns_for(is_measured: bool) -> Columns:
+def _columns_for(is_measured: bool) -> RowColumns:
     """What fits: views make room for the quality when it is known."""
     room = imgui.get_content_region_avail().x / em(1)
     has_views = room > (_ROOM_FOR_ALL if is_measured else _ROOM_FOR_VIEWS)
     last = 3 + has_views
-    return Columns(
+    return RowColumns(
         views=3 if has_views else -1,
         quality=last if is_measured else -1,
         shown=last + is_measured,
@@ -128,7 +128,7 @@ def _highlight(session: Session, state: ObjectListState) -> None:
     state.was_row_hovered = bool(hovered)
 
 
-def _columns(columns: Columns) -> None:
+def _columns(columns: RowColumns) -> None:
     """Headers; the id of each column is the place of its sort key."""
     fixed = imgui.TableColumnFlags_.width_fixed
     plain = fixed | imgui.TableColumnFlags_.no_sort | imgui.TableColumnFlags_.no_header_label

@@ -55,7 +55,7 @@ def _agreement(session: Session, group: int) -> None:
     for position, view in enumerate(found.views[:_WORST]):
         face = Face(icon=icons.CAMERA, text=f"{view.view}  {100 * view.agreement:.0f} %")
         if position:
-            widgets.beside(f"{face.icon}  {face.text}")
+            widgets.next_to(f"{face.icon}  {face.text}")
         hint = f"Fly there. Its masks have {view.n_mask:,} pixels, its picture {view.n_shown:,}."
         if widgets.button(f"Worst {view.view}", face, hint=hint):
             command_buttons.fly_to(session, view.view)
@@ -77,7 +77,7 @@ def draw_confidence(session: Session, document: Document) -> None:
         document.confidence_threshold = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
     command_buttons.command_button(session, "object.uncertain", "Select uncertain", Face())
-    widgets.beside("Clean up the edge")
+    widgets.next_to("Clean up the edge")
     command_buttons.command_button(session, "object.clean", "Clean up the edge", Face())
 
 

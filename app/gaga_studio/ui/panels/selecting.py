@@ -78,7 +78,7 @@ def _bars(found: Histogram, low: float, high: float) -> None:
     corner = imgui.get_cursor_screen_pos()
     imgui.dummy(ImVec2(width, height))
     drawing = imgui.get_window_draw_list()
-    # Square roots: a bin of ten is seen beside one of a million.
+    # Square roots: a bin of ten is visible next to one of a million.
     tall = np.sqrt(found.counts / max(int(found.counts.max()), 1))
     own = np.sqrt(found.chosen / max(int(found.counts.max()), 1))
     step = width / len(found.counts)

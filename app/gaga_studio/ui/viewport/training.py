@@ -237,7 +237,7 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     """The estimate and the buttons."""
     is_other = found.going_on is not None and plan.config != found.going_on
     if is_other:
-        widgets.dim("With other settings the training starts anew.", wrap=True)
+        widgets.dim("With other settings the training starts again.", wrap=True)
         found = replace(found, iteration=0)
     about = next_stage.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
     widgets.dim(f"It takes {about} on the processor here.")
