@@ -232,7 +232,7 @@ class Studio:
         is_covered = ui.scene.picture.evidence.decision is not None
         call("Dialogs", lambda: self._requests.take(session))
         call("File dialog", ui.files.draw)
-        call("Sheets", lambda: sheets.draw(session, ui.palette))
+        call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
         call("Export", lambda: export_options.draw(session, ui.export, ui.files))
         call("Make splats", lambda: training.sheet(session, ui.plan))
