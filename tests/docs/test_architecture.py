@@ -34,3 +34,12 @@ def test_every_package_is_listed() -> None:
     ):
         listed = " ".join(cells[0] for cells in tables(_PAGE)[heading])
         assert packages == set(re.findall(r"`(\w+)/`", listed))
+
+
+def test_every_file_that_any_page_names_exists() -> None:
+    pages = [*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")]
+    pattern = r"`((?:gaga_core|app|tests|docs)/[\w/.]+\.(?:py|json|md|cff))`"
+    for page in pages:
+        named = set(re.findall(pattern, page.read_text(encoding="utf-8")))
+        missing = [name for name in named if not (ROOT / name).is_file()]
+        assert not missing, f"{page.name} names {missing}"
