@@ -35,7 +35,7 @@ class MaskGroups:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a baseline may look at."""
+    """What a baseline may use."""
 
     gaussians: Gaussians
     views: tuple[Camera, ...]  # with masks, by name

@@ -78,7 +78,7 @@ class TextTable:
 
 @dataclass(frozen=True)
 class BenchmarkReport:
-    """A data set's results beside the published ones."""
+    """A data set's results next to the published ones."""
 
     dataset: str  # "replica"
     title: str  # "Replica"
@@ -96,7 +96,7 @@ class BenchmarkReport:
         return values
 
     def sentences(self) -> list[str]:
-        """What a person should know beside the table."""
+        """What a person should know about the table."""
         found = [f"{scene}: {reason}" for scene, reason in self.failed.items()]
         sources = sorted({scene.masks for scene in self.scenes if scene.masks})
         if sources:
@@ -173,10 +173,10 @@ class BenchmarkReport:
         if ours:
             # Means over the same scenes: a published one counts where ours does.
             pairs = [(o, t) for o, t in zip(ours, theirs, strict=True) if t]
-            beside = np.mean([t for _, t in pairs], axis=0).tolist() if pairs else []
+            theirs_mean = np.mean([t for _, t in pairs], axis=0).tolist() if pairs else []
             mean = _tenths(np.mean(ours, axis=0).tolist(), n)
             n_missing = str(sum(len(run.missing) for _, run in whole))
-            rows.append([self._mean_title(len(ours)), *mean, *_tenths(beside, n), n_missing])
+            rows.append([self._mean_title(len(ours)), *mean, *_tenths(theirs_mean, n), n_missing])
         return _table([[*heads, "missing"], *rows])
 
     def _sparse_table(self) -> TextTable:

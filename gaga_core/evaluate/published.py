@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Figures:
+class PublishedScores:
     """One row of a published table."""
 
     method: str
@@ -19,16 +19,16 @@ class Figures:
 
 PROMPT_METRICS = ("mIoU", "mBIoU")
 
-INSTANCE: Mapping[str, tuple[Figures, ...]] = {
+INSTANCE: Mapping[str, tuple[PublishedScores, ...]] = {
     "replica": (
-        Figures("Gaga", "SAM", (46.21, 39.53, 50.62)),
-        Figures("Gaga", "EntitySeg", (41.45, 59.74, 45.59)),
-        Figures("Gaussian Grouping", "SAM", (21.76, 25.00, 19.72)),
-        Figures("Gaussian Grouping", "EntitySeg", (35.90, 14.07, 31.57)),
+        PublishedScores("Gaga", "SAM", (46.21, 39.53, 50.62)),
+        PublishedScores("Gaga", "EntitySeg", (41.45, 59.74, 45.59)),
+        PublishedScores("Gaussian Grouping", "SAM", (21.76, 25.00, 19.72)),
+        PublishedScores("Gaussian Grouping", "EntitySeg", (35.90, 14.07, 31.57)),
     ),
     "scannet": (
-        Figures("Gaga", "SAM", (45.06, 22.88, 51.02)),
-        Figures("Gaga", "EntitySeg", (43.08, 35.46, 49.73)),
+        PublishedScores("Gaga", "SAM", (45.06, 22.88, 51.02)),
+        PublishedScores("Gaga", "EntitySeg", (43.08, 35.46, 49.73)),
     ),
 }
 

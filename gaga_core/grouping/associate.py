@@ -289,7 +289,8 @@ def _vote_by_points(
     task: _Task,
     consensus: ConsensusConfig,
     tables: Mapping[str, LongArray],  # by view: (M + 1, G + 1) points of each group in each mask
-    first: IntArray | None = None,  # (N,) labels by which merged masks are split; None = silent
+    first: IntArray
+    | None = None,  # (N,) labels by which merged masks are split; None = they do not vote
 ) -> Stage[Votes]:
     """Labels per Gaussian by vote of the masks with their points' groups."""
 

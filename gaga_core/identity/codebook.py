@@ -12,7 +12,7 @@ from gaga_core.arrays import FloatArray, IntArray, check_shape
 from gaga_core.identity.codebook_kernels import repulsion
 from gaga_core.identity.linear_kernels import D
 
-_WORK = 200_000_000  # pairs of codes to look at, all steps together: seconds for any G
+_WORK = 200_000_000  # pairs of codes to compare, all steps together: seconds for any G
 _MOST_STEPS, _LEAST_STEPS = 300, 20
 _FIRST_SHARPNESS, _LAST_SHARPNESS = 4.0, 60.0
 

@@ -98,11 +98,11 @@ def fit_identity(
     for progress in sweeps:
         yield progress
         if isinstance(progress.payload, _Look):
-            look = progress.payload
-            field = replace(field, encodings=look.encodings)
+            state = progress.payload
+            field = replace(field, encodings=state.encodings)
             accuracy = _accuracy(field, tests)
             if accuracy > best:
-                best, best_field, best_sweep = accuracy, field, look.sweep
+                best, best_field, best_sweep = accuracy, field, state.sweep
     return Fitted(
         closed=replace(start, identity=replace(start.identity, field=best_field)),
         n_rows=sum(len(batch.labels) for batch in batches),
@@ -138,7 +138,7 @@ def _summed(batch: Batch) -> _View:
 def _sweep(
     views: Sequence[_View], codes: FloatArray, labels: IntArray, config: FitConfig
 ) -> Stage[None]:
-    """SIRT from the codes of ``labels``; looks are payloads, after 1, 2, 4, ... sweeps."""
+    """SIRT from the codes of ``labels``; states are payloads, after 1, 2, 4, ... sweeps."""
     encodings = np.ascontiguousarray(codes[labels])
     columns = np.zeros(len(encodings), np.float64)
     for view in views:

@@ -24,7 +24,7 @@ class LinearRows:
 
     n_gaussians: int
     by_pixel: PixelWeights
-    touched: IntArray  # (T,) Gaussians with an entry, rising
+    touched: IntArray  # (T,) Gaussians with an entry, ascending
     starts: LongArray  # (T + 1,) where each one's list begins
     rows: IntArray  # (nnz,) row of W
     row_weights: FloatArray  # (nnz,)

@@ -48,7 +48,7 @@ def transpose(
     rows: IntArray,  # (nnz,) out: row of W
     row_weights: FloatArray,  # (nnz,) out
 ) -> None:
-    """The same entries by Gaussian, rows rising: a stable counting sort."""
+    """The same entries by Gaussian, rows ascending: a stable counting sort."""
     for p in range(indptr.shape[0] - 1):
         for j in range(indptr[p], indptr[p + 1]):
             at = cursor[indices[j]]

@@ -7,20 +7,20 @@ from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray, check_s
 from gaga_core.kernels import n_threads
 from gaga_core.progress import Progress, Stage
 
-_CHUNK = 1 << 17  # queries between two looks at cancel
+_CHUNK = 1 << 17  # queries between two chances to cancel
 
 
 def nearest(
     means: FloatArray,  # (N, 3)
     k: int,
     *,
-    of: BoolArray | None = None,  # (N,) who asks; all
-    among: BoolArray | None = None,  # (N,) who answers; all
+    of: BoolArray | None = None,  # (N,) queried; None = all
+    among: BoolArray | None = None,  # (N,) that may be neighbours; None = all
 ) -> Stage[IntArray]:
-    """The ``k`` nearest of each asking Gaussian (Q, k), nearest first, the Gaussian itself too.
+    """The ``k`` nearest of each queried Gaussian (Q, k), nearest first, the Gaussian itself too.
 
-    Asking Gaussians are taken in rising order. Positions that are not finite have only themselves;
-    when fewer than ``k`` answer, the last one is repeated. Progress counts queries.
+    Queried Gaussians are taken in ascending order. Positions that are not finite have only
+    themselves; when fewer than ``k`` are found, the last one is repeated. Progress counts queries.
     """
     check_shape("means", means, ("N", 3))
     if k < 1:

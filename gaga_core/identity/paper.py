@@ -32,8 +32,8 @@ from gaga_core.identity.neighbours import nearest
 from gaga_core.identity.rows import Batch, RowConfig, ViewRows, sample_rows, view_batches
 from gaga_core.identity.training import (
     Fit,
-    Gradients,
-    Rates,
+    IdentityGradients,
+    IdentityRates,
     Training,
     adam_step,
     agreement,
@@ -52,7 +52,7 @@ class PaperConfig:
     """Settings of mode "paper": the published ones."""
 
     iterations: int = 10_000
-    rates: Rates = field(default_factory=Rates)
+    rates: IdentityRates = field(default_factory=IdentityRates)
     reg_every: int = 5  # iterations between two uses of the 3D regulariser; 0 = never
     reg_factor: float = 2.0  # lambda
     reg_samples: int = 1000  # Gaussians of one use
@@ -76,7 +76,7 @@ class TimeEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Trained:
+class TrainedIdentity:
     """Result of mode "paper"."""
 
     identity: Identity
@@ -97,7 +97,7 @@ def train_identity(
     config: PaperConfig | None = None,
     *,
     checkpoint: Path | None = None,
-) -> Stage[Trained]:
+) -> Stage[TrainedIdentity]:
     """Train encodings and layer on the pseudo labels ``label_map`` of ``cameras``.
 
     The first progress carries a `TimeEstimate`, measured on one view. With ``checkpoint`` the state
@@ -119,7 +119,7 @@ def train_identity(
     few = max(1, min(len(run.batches), len(fits)))
     field = training.field()
     labels, confidence = field.classify(field.encodings)
-    return Trained(
+    return TrainedIdentity(
         identity=Identity(field, labels, confidence, "paper"),
         first_loss=float(np.mean([fit.loss for fit in fits[:few]])) if fits else math.nan,
         last_loss=float(np.mean([fit.loss for fit in fits[-few:]])) if fits else math.nan,
@@ -177,7 +177,7 @@ def _estimate(
     """Time of a few steps on the first view, thrown away."""
     batch = Batch(LinearRows.of(view.weights, n_gaussians), view.labels)
     training = start_from_zeros(n_gaussians, n_groups, config.rows.seed)
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     # Any Gaussians will do as neighbours: the arithmetic is the same.
     size = (min(config.reg_samples, n_gaussians), config.reg_neighbours)
     near = np.random.default_rng(0).integers(0, n_gaussians, size).astype(np.int32)
@@ -201,7 +201,7 @@ def _train(
     checkpoint: Path | None,
     fits: list[Fit],  # appended to
 ) -> Stage[None]:
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     while training.step < config.iterations - 1:
         step = training.step
         fit = _step(
@@ -230,7 +230,7 @@ def _sample(near: IntArray, step: int, config: PaperConfig) -> IntArray | None:
 def _step(
     training: Training,
     batch: Batch,
-    gradients: Gradients,
+    gradients: IdentityGradients,
     config: PaperConfig,
     near: IntArray | None,
 ) -> Fit:

@@ -18,8 +18,8 @@ from gaga_core.identity.field import Identity, IdentityField
 from gaga_core.identity.rows import Batch, RowConfig, ViewRows, held_out, mixed_batches, sample_rows
 from gaga_core.identity.training import (
     Fit,
-    Gradients,
-    Rates,
+    IdentityGradients,
+    IdentityRates,
     Training,
     adam_step,
     batch_of_step,
@@ -34,9 +34,9 @@ class RefineConfig:
     """Settings of mode "refine"."""
 
     steps: int = 60  # at most
-    check_every: int = 5  # steps between two looks at the held-out views
-    patience: int = 4  # looks without a gain before it stops
-    rates: Rates = field(default_factory=Rates)
+    check_every: int = 5  # steps between two evaluations of the held-out views
+    patience: int = 4  # evaluations without a gain before it stops
+    rates: IdentityRates = field(default_factory=IdentityRates)
     rows: RowConfig = field(default_factory=RowConfig)
 
     def __post_init__(self) -> None:
@@ -76,7 +76,7 @@ def refine_identity(
     n_rows = sum(len(view.labels) for view in views)
     batches, tests = _split(views, len(gaussians))
     training = Training.of(start.identity.field)
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     before = best = _fit(training, tests)
     best_field, best_step, since = start.identity.field, 0, 0
     while training.step < config.steps and since < config.patience:

@@ -20,7 +20,7 @@ _FLOOR = np.float32(1e-10)  # inside the logarithms of the regulariser, as publi
 
 
 @dataclass(frozen=True)
-class Rates:
+class IdentityRates:
     """Settings of Adam, as the published code trains."""
 
     encodings: float = 2.5e-3
@@ -53,7 +53,7 @@ class Training:
 
 
 @dataclass(eq=False)
-class Gradients:
+class IdentityGradients:
     """Sums of gradients; the arrays are added to."""
 
     encodings: FloatArray  # (N, D)
@@ -61,10 +61,10 @@ class Gradients:
     bias: FloatArray  # (K,)
 
     @staticmethod
-    def zeros(training: Training) -> "Gradients":
+    def zeros(training: Training) -> "IdentityGradients":
         """No gradient yet."""
         values = (training.encodings, training.weight, training.bias)
-        return Gradients(*(np.zeros_like(value) for value in values))
+        return IdentityGradients(*(np.zeros_like(value) for value in values))
 
     def clear(self) -> None:
         """Set all to 0."""
@@ -91,7 +91,10 @@ class _Block:
 
 
 def cross_entropy(
-    training: Training, batch: Batch, gradients: Gradients | None = None, factor: float = 1.0
+    training: Training,
+    batch: Batch,
+    gradients: IdentityGradients | None = None,
+    factor: float = 1.0,
 ) -> Fit:
     """Mean cross-entropy of the batch's pixels; adds ``factor`` times its gradients.
 
@@ -148,7 +151,7 @@ def agreement(
     training: Training,
     near: IntArray,  # (S, k) Gaussians: a sample, and its neighbours with itself first
     factor: float,
-    gradients: Gradients | None = None,
+    gradients: IdentityGradients | None = None,
 ) -> float:
     """3D regulariser: mean KL(p_i || p_j) over neighbours j of the sampled i, over the classes.
 
@@ -181,7 +184,7 @@ def agreement(
     return loss
 
 
-def adam_step(training: Training, gradients: Gradients, rates: Rates) -> None:
+def adam_step(training: Training, gradients: IdentityGradients, rates: IdentityRates) -> None:
     """One step of Adam on all parameters, in place."""
     training.step += 1
     root = math.sqrt(1 - 0.999**training.step)

@@ -1,6 +1,6 @@
 """Compile the kernels before they are needed, with progress: once on a machine, half a minute.
 
-Whoever starts long work calls `after_warm_up`; the window runs `warm_up_stage` in a job when
+What starts long work calls `after_warm_up`; the window runs `warm_up_stage` in a job when
 `kernels.is_compiled` says no. Every step calls the real operators on a scene of a few splats, so
 that no list of kernels and of their argument types has to be kept.
 """
@@ -141,7 +141,7 @@ def _search(sample: _Sample) -> object:
 
 def _train(sample: _Sample) -> object:
     """A training of a few steps: half size and full, every SH degree, density, held-out views."""
-    # Loaded here: whoever associates or renders has no use for it.
+    # Loaded here: association and rendering do not use it.
     from gaga_core.reconstruct.initial import first_splats_stage
     from gaga_core.reconstruct.settings import TrainConfig
     from gaga_core.reconstruct.train import train

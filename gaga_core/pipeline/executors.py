@@ -30,7 +30,7 @@ from gaga_core.progress import Progress, Stage, run_stage
 Engine = Literal["local", "dask", "ray"]
 ENGINES = get_args(Engine)
 SUMMARY = "gaga-run.json"  # in the folder of scenes
-_SECONDS = 0.2  # between two looks at the engine
+_SECONDS = 0.2  # between two polls of the engine
 _TRIES = 3  # of a scene whose worker dies
 _STAGE = "Run scenes"
 _ENDED = ("finished", "error", "lost", "cancelled")  # of a dask future
@@ -214,7 +214,7 @@ def _received(connection: Connection) -> SceneOutcome | None:
 
 
 def _work(answer: Connection, scene: str, config: RunConfig, threads: int) -> None:
-    """A local worker: being asked to end closes the stage, which removes what is half-made."""
+    """A local worker: a request to end closes the stage, which removes what is half-made."""
 
     def end(_number: int, _frame: FrameType | None) -> None:
         sys.exit(1)

@@ -57,7 +57,7 @@ class LiftConfig:
 
 
 @dataclass(frozen=True)
-class Figures:
+class LiftFigures:
     """What a mode counted and measured; None where it has no such figure."""
 
     from_bank: int | None = None  # Gaussians labelled by the memory bank alone
@@ -85,7 +85,7 @@ class LiftReport:
     labelled: int  # Gaussians with a group
     mean_confidence: float  # of those
     seconds: float
-    figures: Figures
+    figures: LiftFigures
 
     def to_json(self) -> dict[str, object]:
         """All figures that this mode has, in one level."""
@@ -118,8 +118,8 @@ def lift_scene(
     """Encode the groups of an associated scene; write identity.npz and the report's entry "lift".
 
     Mode "vote" is votes and least squares, "refine" trains that a little, "paper" from zeros. The
-    result appears whole or not at all. A run of "paper" that is stopped leaves a checkpoint beside
-    it (and nothing else), from which the next run with the same settings goes on.
+    result appears whole or not at all. A run of "paper" that is stopped leaves a checkpoint next
+    to it (and nothing else), from which the next run with the same settings goes on.
     """
     if mode not in get_args(Mode):
         raise GagaError(f"There is no mode {mode!r}. Choose one of {', '.join(get_args(Mode))}.")
@@ -239,7 +239,7 @@ def _task(
     )
 
 
-def _run(mode: Mode, task: _Task) -> Stage[tuple[Identity, Figures]]:
+def _run(mode: Mode, task: _Task) -> Stage[tuple[Identity, LiftFigures]]:
     if mode == "vote":
         voted = yield from _vote(task)
         return voted.closed.identity, _vote_figures(voted)
@@ -265,9 +265,9 @@ def _vote(task: _Task) -> Stage[Fitted]:
     )
 
 
-def _vote_figures(voted: Fitted) -> Figures:
+def _vote_figures(voted: Fitted) -> LiftFigures:
     closed = voted.closed
-    return Figures(
+    return LiftFigures(
         from_bank=closed.n_from_bank,
         from_neighbours=closed.n_from_neighbours,
         max_cosine=closed.max_cosine,
@@ -278,7 +278,7 @@ def _vote_figures(voted: Fitted) -> Figures:
     )
 
 
-def _refine(task: _Task) -> Stage[tuple[Identity, Figures]]:
+def _refine(task: _Task) -> Stage[tuple[Identity, LiftFigures]]:
     voted = yield from _vote(task)
     refined = yield from refine_identity(
         task.gaussians,
@@ -301,7 +301,7 @@ def _refine(task: _Task) -> Stage[tuple[Identity, Figures]]:
     return refined.identity, figures
 
 
-def _paper(task: _Task) -> Stage[tuple[Identity, Figures]]:
+def _paper(task: _Task) -> Stage[tuple[Identity, LiftFigures]]:
     trained = yield from train_identity(
         task.gaussians,
         task.bank.n_groups,
@@ -311,7 +311,7 @@ def _paper(task: _Task) -> Stage[tuple[Identity, Figures]]:
         task.config.paper,
         checkpoint=task.checkpoint,
     )
-    figures = Figures(
+    figures = LiftFigures(
         rows=trained.n_rows,
         steps=trained.steps,
         resumed_at=trained.resumed_at,

@@ -112,7 +112,7 @@ def _size_of(files: tuple[Path, ...]) -> tuple[int, int]:
 def scene_of(photos: Path) -> Path:
     """Scene folder for photos or a video that lie outside one, where the user names none.
 
-    Beside them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE.
+    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE.
     """
     photos = photos.absolute()
     if photos.is_dir() and photos.name in ("images", ORIGINALS):

@@ -1,6 +1,6 @@
 """From photos to a scene folder with splats: every step that is not there yet.
 
-Photos are looked at, placed by structure from motion, checked, undistorted, and splats are trained
+Photos are examined, placed by structure from motion, checked, undistorted, and splats are trained
 on them. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and is taken up
 the next time; when the scene is complete, that folder is gone.
 """

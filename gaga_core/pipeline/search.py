@@ -44,8 +44,8 @@ from gaga_core.scene.scene import Scene
 
 INDEX_FILE = "index.npz"
 TEXTS_FILE = "index_texts.npz"
-MAX_VIEWS = 64  # views looked at for an index, spread evenly
-LONGEST_SIDE = 640  # pixels of a view that is looked at
+MAX_VIEWS = 64  # views rendered for an index, spread evenly
+LONGEST_SIDE = 640  # pixels of such a view
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,15 +123,15 @@ def find_in_view(
         raise ValueError("views: expected at least one camera")
     engine, config = rasterizer or choose(), config or DetectConfig()
     gaussians, labels = yield from _shown(scene)
-    looked = []
+    votes = []
     n_boxes = 0
     for i, camera in enumerate(views):
         yield Progress("Find in view", i, len(views), camera.name)
         picture = picture_of(camera) if picture_of else _rendered(engine, gaussians, camera)
         boxes = detector.detect(picture, text, config)
         n_boxes += len(boxes)
-        looked.append((splat_groups(engine, gaussians, camera, labels), boxes))
-    found = vote_boxes(looked)
+        votes.append((splat_groups(engine, gaussians, camera, labels), boxes))
+    found = vote_boxes(votes)
     where = views[0].name or "this view"
     where = where if len(views) == 1 else f"{len(views)} views"
     if n_boxes == 0:
@@ -153,7 +153,7 @@ def index_scene(
     rasterizer: Rasterizer | None = None,
     config: IndexConfig | None = None,
 ) -> Stage[GroupIndex]:
-    """Look at all groups of ``scene`` that ``previous`` does not know.
+    """Index all groups of ``scene`` that ``previous`` does not know.
 
     ``photo_of`` gives the photo (H, W, 3) of a (resized) camera; used as long as nothing was moved
     or recolored, else and by default the splats are rendered.
@@ -187,9 +187,9 @@ def refresh_index(
     rasterizer: Rasterizer | None = None,
     config: IndexConfig | None = None,
 ) -> Stage[GroupIndex]:
-    """`index_scene` for a project, kept in its folder; only what changed is looked at again.
+    """`index_scene` for a project, kept in its folder; only what changed is indexed again.
 
-    A damaged index is built anew. The file is replaced at the end: cancelling keeps the last one.
+    A damaged index is built again. The file is replaced at the end: cancelling keeps the last one.
     """
     path = work_of(project) / INDEX_FILE
     try:

@@ -109,7 +109,7 @@ def segment_scene(
     """Write a label map (uint16 PNG) of each of ``views`` (train, test, all, or names).
 
     ``name`` is the folder in SCENE/masks, the provider's own name by default; ``redo`` makes
-    everything anew. Photos that cannot be read are named in the report, the others are done.
+    everything again. Photos that cannot be read are named in the report, the others are done.
     A cancel keeps the finished views and never leaves half a file. Raises ``GagaError`` when no
     view could be done, or when the folder holds label maps that were not made here.
     """

@@ -36,7 +36,7 @@ class FilmConfig:
 
     what: What = "rgb"
     background: RGB = (0.0, 0.0, 0.0)
-    antialiased: bool | None = None  # the mip look; None = as the file's comments say
+    antialiased: bool | None = None  # low-pass of mip-splatting; None = as the file's comments say
     video: VideoConfig = field(default_factory=VideoConfig)
 
     def __post_init__(self) -> None:

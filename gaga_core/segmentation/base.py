@@ -95,7 +95,7 @@ def scored_masks(
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What is written beside masks about where they come from."""
+    """What is written next to masks about where they come from."""
 
     model: str  # name of the model
     licence: str = ""
@@ -105,7 +105,7 @@ class ModelCard:
 
 
 class Provider(Protocol):
-    """A source of masks. Loads its weights when the first picture is asked for."""
+    """A source of masks. Loads its weights at the first picture."""
 
     @property
     def name(self) -> str:

@@ -59,7 +59,7 @@ class ProviderSettings:
             raise ValueError("points_per_side or crop_layers is negative")
 
     def generator_of(self, model_type: str, *, on_gpu: bool) -> GeneratorConfig:
-        """What a model of ``model_type`` is asked with."""
+        """Settings for a model of ``model_type``."""
         config = self.generator or GeneratorConfig.of(model_type, on_gpu=on_gpu)
         side, layers = self.points_per_side, self.crop_layers
         return replace(

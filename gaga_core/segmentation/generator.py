@@ -27,7 +27,7 @@ _STAGE = "Segment"
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
-    """A picture that the model has looked at, ready for points."""
+    """A picture that the model has encoded, ready for points."""
 
     # points (n, 2) x, y in pixels of the picture -> logits (n, 3, h, w), predicted IoU (n, 3)
     decode: Callable[[FloatArray], tuple[Tensor, Tensor]]
@@ -40,7 +40,7 @@ Encoder = Callable[[UInt8Array], Encoded]
 
 @dataclass(frozen=True)
 class _Window:
-    """A part of the picture that is looked at by itself."""
+    """A part of the picture that is processed by itself."""
 
     x0: int
     y0: int

@@ -48,7 +48,7 @@ def load_folder(kind: ModelKind, folder: Path) -> Module:
     """The model in ``folder`` (config.json, *.safetensors), on the processor, float32, frozen.
 
     Raises ``GagaError`` when transformers is missing, the folder holds another kind of model, or
-    weights are missing: a model that is partly random would make masks that only look like some.
+    weights are missing: a model that is partly random would make plausible but wrong masks.
     """
     with offline():
         import transformers
@@ -74,7 +74,7 @@ def load_folder(kind: ModelKind, folder: Path) -> Module:
 
 
 def freeze(model: Module) -> Module:
-    """``model`` ready to be asked: no dropout, no gradients."""
+    """``model`` ready for inference: no dropout, no gradients."""
     return model.eval().requires_grad_(False)
 
 

@@ -1,4 +1,4 @@
-"""Mask providers that ask a model: the families differ in `MaskMaker` alone."""
+"""Mask providers that run a model: the families differ in `MaskMaker` alone."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

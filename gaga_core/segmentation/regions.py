@@ -1,10 +1,10 @@
 """Masks without any model: regions merged on color, contour and the splats' depth.
 
 Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is cut
-where a merge looks wrong: unlike parts, or a shape that things do not have. What depth adds is the
-shape of the surface: objects meet what they stand on in a concave crease (Stein 2014, "Convexity
-based object partitioning"), and their own edges are convex. Nothing here knows what an object is:
-a quick start, not a match for Segment Anything.
+where a merge is unlikely: parts that differ, or a shape that objects do not have. Depth
+adds the shape of the surface: objects meet what they stand on in a concave crease (Stein 2014,
+"Convexity based object partitioning"), and their own edges are convex. Nothing here knows what an
+object is: a quick start, not a match for Segment Anything.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _SMOOTH_RADIUS = 3  # pixels
 _SMOOTH_SPACE, _SMOOTH_VALUE = 5.0, 12.0  # sigmas: pixels, Lab units
 _CONTOUR_SCALES = ((1.7, 0.6), (4.6, 0.8))  # sigma in pixels, weight: contour, and not texture
 _ROUNDS = 6  # of SLIC
-_REACH = 3  # pixels to both sides over which a crease is looked for
+_REACH = 3  # pixels to both sides over which a crease is searched
 _DEPTH_SIGMA = 1.5  # pixels of smoothing
 _LOG_DEPTH = 90.0  # Lab units of superpixels for a step by the factor e
 _NORMAL = 20.0  # Lab units of superpixels for a unit between normals

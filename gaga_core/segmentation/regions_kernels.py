@@ -40,7 +40,7 @@ def nearest_centres(
     centres: FloatArray,  # (rows * columns, C + 2) features, y, x; moved in place
     rows: int,
     columns: int,
-    nearness: float,  # weight of a squared pixel beside a squared unit of the features
+    nearness: float,  # weight of a squared pixel next to a squared unit of the features
     sums: DoubleArray,  # (rows * columns, C + 3) scratch
     labels: IntArray,  # (H, W) written: index of the pixel's centre
 ) -> None:

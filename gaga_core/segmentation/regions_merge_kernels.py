@@ -59,7 +59,7 @@ def cost_of(
     weights: DoubleArray,  # (6,) MEAN..CREASE
     total: float,  # pixels of the picture
 ) -> float:
-    """How wrong it looks to merge two neighbours; a small one is easily lost."""
+    """Cost of merging two neighbours; that of a small one is low."""
     squared, common = 0.0, 0.0
     for c in range(color.shape[1]):
         d = color[a, c] / area[a] - color[b, c] / area[b]

@@ -20,12 +20,12 @@ class RegionsProvider:
 
     @property
     def card(self) -> ModelCard:
-        """What is written beside the masks."""
+        """What is written next to the masks."""
         return ModelCard("regions (no model)", settings=asdict(self.config))
 
     @property
     def work_width(self) -> int:
-        """Pixels of the width at which pictures are looked at."""
+        """Pixels of the width at which pictures are processed."""
         return self.config.width
 
     def fingerprint(self) -> str:

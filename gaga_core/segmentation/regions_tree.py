@@ -11,7 +11,7 @@ _BINS = 6  # of lightness; two more for each of a and b
 # What a merge's shape speaks for it (fitted to photos of things on a table and to drawn scenes):
 # start, log share of the smaller and of the larger, how much better than the smaller the union
 # fills its box, how well it does, log of its raggedness, share of the smaller's and of the larger's
-# border that vanishes. With depth the creases tell enough: cost alone decides.
+# border that vanishes. With depth the creases suffice: cost alone decides.
 _COLOR_GRANTS = np.array([0.73, 0.166, -0.25, 1.46, -1.31, 0.327, 0.7, 0.74])
 _SHAPE_GRANTS = np.array([np.log(4.2), 0, 0, 0, 0, 0, 0, 0])
 

@@ -5,7 +5,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.kernels import kernel
 
-# Weights of the doubt, in the order of the array that the kernel takes.
+# Weights of a merge's penalty, in the order of the array that the kernel takes.
 START, SMALL, LARGE, FILLED, FILL, RAGGED, INSIDE, TAKEN = range(8)
 
 

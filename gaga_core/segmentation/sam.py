@@ -45,7 +45,7 @@ def sam_settings(generator: GeneratorConfig, flatten_config: FlattenConfig) -> d
 
 
 def sam_encoder(module: Module) -> Encoder:
-    """How a model of this family looks at a picture. ``GagaError`` for other models."""
+    """How a model of this family encodes a picture. ``GagaError`` for other models."""
     model = cast("PreTrainedModel", module)
     kind = str(model.config.model_type)
     if not kind.startswith("sam"):
@@ -91,8 +91,8 @@ def fitted(height: int, width: int, longest: int) -> tuple[int, int]:
 
 def _embed(model: "PreTrainedModel", pixels: Tensor, kind: str) -> dict[str, Tensor | list[Tensor]]:
     """What the model's decoder needs of the picture, by argument name."""
-    look = cast("Callable[[Tensor], list[Tensor]]", model.get_image_embeddings)
-    found = look(pixels)
+    embed = cast("Callable[[Tensor], list[Tensor]]", model.get_image_embeddings)
+    found = embed(pixels)
     if kind == "sam_hq":
         return {"image_embeddings": found[0], "intermediate_embeddings": found[1]}
     return {"image_embeddings": found}

@@ -17,7 +17,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.segmentation.loading import freeze
 
-_DECODER_HEADS = 8  # of all published models; the weights do not tell
+_DECODER_HEADS = 8  # of all published models; the weights do not show it
 _PATTERNS = tuple(
     (re.compile(pattern), new)
     for pattern, new in (
@@ -153,7 +153,7 @@ def _check_kind(state: Mapping[str, Tensor], origin: str) -> None:
 
 
 def _config_of(state: Mapping[str, Tensor]) -> "transformers.SamConfig":  # type: ignore[name-defined]  # noqa: F821
-    """The config that the shapes of the weights tell."""
+    """The config that follows from the shapes of the weights."""
     import transformers
 
     embed = state["image_encoder.patch_embed.proj.weight"]  # (C, 3, p, p)

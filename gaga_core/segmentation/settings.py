@@ -9,7 +9,7 @@ _SAM_KINDS = ("sam", "sam_hq")
 
 @dataclass(frozen=True)
 class GeneratorConfig:
-    """How a model that is prompted with points is asked for everything in a picture."""
+    """How a model that is prompted with points finds everything in a picture."""
 
     points_per_side: int = 32
     """Points along each side of the grid; time grows with the square. 1..128."""
@@ -26,7 +26,7 @@ class GeneratorConfig:
     min_area: float = 0.0002
     """Least area of a mask as a share of the picture. 0..1."""
     crop_layers: int = 0
-    """Also look at 4, 16, ... overlapping crops, for small things; takes longer. 0..3."""
+    """Also process 4, 16, ... overlapping crops, for small objects; takes longer. 0..3."""
     crop_overlap: float = 0.34
     """Overlap of neighbouring crops of the first layer, as a share of the shorter side. 0..0.9."""
     crop_point_divisor: int = 2

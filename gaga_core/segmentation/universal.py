@@ -1,7 +1,7 @@
 """Mask2Former-like models of transformers: a set of queries, each with a mask and class scores.
 
-The loadable kin of EntitySeg (CropFormer), whose masks the paper uses: Mask2Former, MaskFormer and
-EoMT. Classes are used for confidence only; what comes out is class-agnostic.
+The loadable relatives of EntitySeg (CropFormer), whose masks the paper uses: Mask2Former,
+MaskFormer and EoMT. Classes are used for confidence only; what comes out is class-agnostic.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""Weights on this machine: where they are looked for, and what to say when there are none.
+"""Weights on this machine: where they are searched, and what to say when there are none.
 
-Nothing is ever downloaded. Looked at, in this order: a path that the user names, the folder of
+Nothing is ever downloaded. Searched, in this order: a path that the user names, the folder of
 models of this program (`models_folder`), the user's own cache of the Hugging Face hub.
 """
 

@@ -21,7 +21,13 @@ from gaga_core.identity.linear_kernels import D
 from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import refine_identity
 from gaga_core.identity.rows import Batch
-from gaga_core.identity.training import Gradients, Rates, adam_step, cross_entropy, start_from_zeros
+from gaga_core.identity.training import (
+    IdentityGradients,
+    IdentityRates,
+    adam_step,
+    cross_entropy,
+    start_from_zeros,
+)
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import PixelWeights
 from gaga_core.raster.cpu import CpuRasterizer
@@ -158,14 +164,16 @@ def _rasterizing_steps(
     """CPU seconds of a step as published: render a whole view, cross-entropy, backward, Adam."""
     cpu, n = CpuRasterizer(), len(gaussians)
     training = start_from_zeros(n, _GROUPS, 0)
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     n_pixels = cameras[0].width * cameras[0].height
     pixels = np.arange(n_pixels, dtype=np.int32)
     # The layer's part on the rendered features: an operator that is the unit matrix.
     ones = PixelWeights(np.arange(n_pixels + 1), pixels, np.ones(n_pixels, np.float32))
     unit = LinearRows.of(ones, n_pixels)
     layer = replace(training, encodings=np.empty((n_pixels, D), np.float32))
-    slopes = Gradients(np.empty((n_pixels, D), np.float32), gradients.weight, gradients.bias)
+    slopes = IdentityGradients(
+        np.empty((n_pixels, D), np.float32), gradients.weight, gradients.bias
+    )
 
     def step(camera: Camera) -> None:
         gradients.clear()
@@ -175,7 +183,7 @@ def _rasterizing_steps(
         view = prepare(gaussians, camera)  # counted twice: it is a few per cent
         by_view = _backward(view, camera, _by_tile(slopes.encodings, camera), n)
         gradients.encodings[view.order] = by_view
-        adam_step(training, gradients, Rates())
+        adam_step(training, gradients, IdentityRates())
 
     step(cameras[0])
     start = time.process_time()

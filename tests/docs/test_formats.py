@@ -12,7 +12,7 @@ import pytest
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import Figures, lift_scene
+from gaga_core.pipeline.lift import LiftFigures, lift_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.query.index import GroupIndex, save_index
@@ -112,7 +112,7 @@ def test_what_a_lift_writes(made: SceneFolder) -> None:
     _check("identity.npz", _names(made.work / "identity.npz"))
     _check("Entry lift", _json(made.work / "report.json")["lift"])
     _, optional = fields(_PAGE, "Entry lift")
-    assert optional == set(asdict(Figures()))
+    assert optional == set(asdict(LiftFigures()))
 
 
 def test_what_masks_are_written_with(made: SceneFolder, tmp_path: Path) -> None:

@@ -21,11 +21,11 @@ STAGE = "Find prompts"
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What whoever answers text prompts may look at."""
+    """What a method that answers text prompts may use."""
 
     scene: Scene  # the splats with their groups
     train: tuple[Camera, ...]
-    views: tuple[Camera, ...]  # the views to answer for; the published protocol looks in the first
+    views: tuple[Camera, ...]  # the views to answer for; the published protocol uses the first
     maps: Mapping[str, Path]  # group maps of those views, by view name
     rasterizer: Rasterizer
 

@@ -43,7 +43,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
 
 TITLE = "Benchmark"
-_TRACKED = "object_mask"  # associated by a tracker already: only when asked for
+_TRACKED = "object_mask"  # associated by a tracker already: only on request
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ def _result(task: _Task, share: float, scored: _Scored) -> BenchmarkRun:
 def _question(
     task: _Task, folder: SceneFolder, gaussians: Gaussians, labels: IntArray, maps: Sequence[Path]
 ) -> Question:
-    """What whoever answers the prompts may look at."""
+    """What a method that answers the prompts may use."""
     prompts = task.scene.prompts
     wanted = set() if prompts is None else set(prompts.views.values())
     views = tuple(c for c in select_views(folder, "test") if c.name in wanted)

@@ -1,7 +1,7 @@
 """Repair an association by hand: a mask goes to another group, and what follows from it is redone.
 
-The bank before the mask's view stays; from that view on every mask is decided anew in the same
-order, the moved one as told: with "paper" by the splats behind it, with "robust" by points on its
+The bank before the mask's view stays; from that view on every mask is decided again in the same
+order, the moved one as given: with "paper" by the splats behind it, with "robust" by points on its
 surface (see `reassociate_points`). Either way decisions made by hand stay, ids of groups stay, and
 only splats of groups whose masks changed get another label. (The authors name "a dynamic
 reassignment mechanism" as future work.)
@@ -104,7 +104,7 @@ def reassociate_stage(
 
 
 def changed_groups(before: Iterable[Decision], after: Iterable[Decision]) -> frozenset[int]:
-    """Groups that lost or won a mask; 0 is never among them."""
+    """Groups that lost or gained a mask; 0 is never among them."""
     old = {(d.view, d.mask): d.group for d in before}
     pairs = ((old.get((d.view, d.mask), 0), d.group) for d in after)
     return frozenset(g for pair in pairs if pair[0] != pair[1] for g in pair) - {0}
@@ -120,7 +120,7 @@ def _refill(
     first: str,
     free: int,
 ) -> Stage[MemoryBank]:
-    """The bank filled again: as it was before view ``first``, anew from there on."""
+    """The bank filled again: as it was before view ``first``, decided again from there on."""
     former = {(d.view, d.mask): d for d in bank.log}
     order = list(dict.fromkeys(d.view for d in bank.log))
     start = order.index(first)
@@ -179,7 +179,7 @@ def _decided(
     known: tuple[Mapping[tuple[str, int], Decision], Mapping[tuple[str, int], int]],
     ids: _Ids,
 ) -> list[Decision]:
-    """`memory_bank.add_view`, but masks of ``known[1]`` go where they are told."""
+    """`memory_bank.add_view`, but masks of ``known[1]`` go where it says."""
     (masks, mask_of), (former, forced) = shown, known
     width = max(int(group.max(initial=0)), ids.free) + 1
     counts = np.zeros((len(masks.ids), width), np.int32)
@@ -239,7 +239,7 @@ def _labels(
     before: IntArray,
     touched: frozenset[int],
 ) -> Stage[IntArray]:
-    """Labels (N,) after the vote: who no mask sees takes the bank's group, or his neighbours'."""
+    """Labels (N,) after the vote: who no mask sees takes the bank's group, or its neighbours'."""
     if not evidence.config.fill_unseen:
         return np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
     kept = np.where(_among(before, touched), np.int32(0), before)
@@ -273,7 +273,7 @@ def _settled(
     (labels, sure), (old, old_sure) = found, before
     stays = ~(_among(old, touched) | _among(labels, touched))
     owners = redone.group
-    if (owners < 0).all():  # by votes: nobody came first
+    if (owners < 0).all():  # by votes: no group came first
         owners = np.where(stays, former.group, np.where(labels > 0, labels, np.int32(-1)))
     in_bank = {d.group for d in former.log}
     by_hand = [g for g in np.unique(old).tolist() if g > 0 and g not in in_bank]

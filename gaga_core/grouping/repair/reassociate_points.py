@@ -1,6 +1,6 @@
 """Beyond the paper: a mask moved by hand among groups that the consensus of the views made.
 
-The views are gone through in the order of the log, on the points of their surfaces: up to the
+The views are processed in the order of the log, on the points of their surfaces: up to the
 mask's view every mask stays as it was decided, from there on a mask takes the group of most of its
 points that earlier views know. This is done twice, with the mask where it was and where it was
 moved: what differs is what follows from the move. Everything else keeps what the consensus gave it.
@@ -53,8 +53,8 @@ def follow_points(
     tables = point_tables(shown, point, [len(ids) for ids in masks])
     tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in tables]
     log = _logged(evidence, bank, masks, (of_mask, tables), forced)
-    nobody = np.full_like(bank.group, -1)
-    return replace(bank, group=nobody, n_groups=width - 1, log=log), tables
+    unowned = np.full_like(bank.group, -1)
+    return replace(bank, group=unowned, n_groups=width - 1, log=log), tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class _Walk:
     width: int  # G + 1
 
     def groups(self, told: Sequence[IntArray]) -> list[IntArray]:
-        """The group (M + 1,) of each view's masks; ``told`` are certain, -1 = not said."""
+        """The group (M + 1,) of each view's masks; ``told`` are given, -1 = not given."""
         votes, pins = np.zeros((len(self.shown), self.width), np.int32), self._pins(told)
         result = [groups.copy() for groups in self.former]
         for place, v in enumerate(self.order):
@@ -91,7 +91,7 @@ class _Walk:
         return _labels(votes, self._pins(told))
 
     def _pins(self, told: Sequence[IntArray]) -> IntArray:
-        """What is certain of each point (S,), -1 = nothing."""
+        """The group that is given for each point (S,), -1 = none."""
         pins = np.full(len(self.shown), -1, np.int32)
         for v, groups in enumerate(told):
             said = groups[self.shown[:, v]]
@@ -107,7 +107,7 @@ def _labels(votes: IntArray, pins: IntArray) -> IntArray:
 
 
 def _told(view: str, ids: IntArray, forced: Forced) -> IntArray:
-    """What a person said of the masks (M + 1,) of a view, -1 = nothing."""
+    """Groups (M + 1,) that a person gave the masks of a view, -1 = none given."""
     said = [forced.get((view, int(i)), -1) for i in ids]
     return np.array([-1, *said[1:]], np.int32)
 
@@ -126,7 +126,7 @@ class VotingMaps:
     bank: MemoryBank
     tables: Sequence[LongArray]  # of the views: points of each group in each mask
     forced: Forced
-    labels: IntArray  # (N,) by which masks that hold several groups are told apart
+    labels: IntArray  # (N,) by which masks that hold several groups are divided
     rasterizer: Rasterizer
 
     def of(self, camera: Camera) -> IntArray:

@@ -1,10 +1,10 @@
-"""Take a group apart by its own masks: the person sees two things where the bank has one.
+"""Split a group by its own masks: the person sees two objects where the bank has one.
 
-Masks that show different things of the group cover different splats of it. The first cut is that of
-the graph of masks (weights: shared over all covered splats of both, Jaccard; cut: the sign of its
-second eigenvector, Shi and Malik, 2000). Then masks and splats vote in turn: a splat belongs to the
-side whose masks cover it more often, and a mask that covers both sides is silent, as the mask that
-had merged the two must be.
+Masks that show different objects of the group cover different splats of it. The first cut is that
+of the graph of masks (weights: shared over all covered splats of both, Jaccard; cut: the sign of
+its second eigenvector, Shi and Malik, 2000). Then masks and splats vote in turn: a splat belongs to
+the side whose masks cover it more often, and a mask that covers both sides does not vote, as the
+mask that had merged the two must not.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _NEIGHBOURS = 8
 
 @dataclass(frozen=True, eq=False)
 class GroupSplit:
-    """A group in two. The larger side keeps the group's id."""
+    """The two parts of a group. The larger side keeps the group's id."""
 
     rows: IntArray  # (K,) splats of the smaller side
     masks: frozenset[tuple[str, int]]  # (view, mask) that go with it
@@ -45,7 +45,7 @@ def split_group_stage(
 ) -> Stage[GroupSplit]:
     """Cluster the masks of a group into two by the splats that they cover, its splats with them.
 
-    Raises ``GagaError`` when the masks do not tell two things apart.
+    Raises ``GagaError`` when the masks do not show two objects.
     """
     wanted = {d.view for d in log}
     views = [camera for camera in evidence.views if camera.name in wanted]

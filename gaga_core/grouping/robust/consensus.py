@@ -1,22 +1,15 @@
 """Beyond the paper: groups by the consensus of all views (the preset "robust").
 
-A segmenter errs view by view: it cuts a thing in two here, takes two things for one there. Two
-points of one thing show in one mask in most of the views that see both; two points of different
-things hardly ever do. So points on the surfaces (`surface_points`) are clustered by the share of
-views that show them in one mask, over the views that see both: average linkage, where a cluster's
-agreement with another is the mean over all pairs of their points. No view comes first, and a mask
-that merges two things is one voice among many. (The view consensus rate between masks is from
-MaskClustering, Yan et al., CVPR 2024; here its members are points, so that merged masks need not be
-found and dropped beforehand.)
+A segmenter errs view by view: it splits an object in one view and merges two objects in another.
+Two points of one object show in one mask in most of the views that see both; two points of
+different objects rarely do. So points on the surfaces (`surface_points`) are clustered by the share
+of views that show them in one mask, over the views that see both: average linkage, where a
+cluster's agreement with another is the mean over all pairs of their points. No view comes first,
+and a mask that merges two objects is one vote among many. (The view consensus rate between masks is
+from MaskClustering, Yan et al., CVPR 2024; here its members are points, so that merged masks need
+not be found and dropped beforehand.)
 
-What is left of spurious groups (20 of 527 on the benchmark's tuning seeds 0 to 5) are thin things
-whose neighbours' masks take their splats, halves of one thing that are never or hardly seen
-together, and parts of walls. Dropping groups that, drawn into the views, have a mean IoU below 1/2
-with their own masks did not earn its place: precision 95.1 to 96.1 on the reporting seeds and 93.7
-to 95.8 on others, but IoU 86.7 to 86.4 and 86.2 to 85.3, recall 96.8 to 96.5 and 95.7 to 95.2. Nor
-did votes of a mask's rim count half (precision 96.3 to 96.5 on the tuning seeds) or not at all
-(96.1), the square root of a view's votes (96.7), one voice a view (96.1, recall -1.8), or votes
-relative to the views in which a group has a mask (96.0).
+What was tried on top of this and left out, with its figures: docs/experiments.md.
 """
 
 from collections.abc import Sequence
@@ -41,7 +34,7 @@ STAGE = "Compare views"
 _ROWS = 64  # rows of pairs in one piece of work
 _SLICE = 1024  # rows between two chances to cancel
 _MERGES = 256  # merges between two chances to cancel
-_HALF_VOICE = 0.3  # points of a cluster with which a view has half a voice about it
+_HALF_WEIGHT = 0.3  # points of a cluster with which a view's vote about it weighs 1/2
 _DIGITS = 9  # of agreements that are compared, so that the order of sums does not matter
 
 
@@ -52,10 +45,10 @@ class ConsensusConfig:
     per_mask: int = 8  # points sampled in each mask that shows fewer
     max_points: int = 8192  # memory and time grow with the square
     point_agreement: float = 0.55  # share of views that joins clusters of points, pair by pair
-    view_agreement: float = 0.45  # ... that joins clusters, each view one voice
-    doubt: float = 2.0  # views' worth of doubt: orders pairs that few views see
+    view_agreement: float = 0.45  # ... that joins clusters, one vote for each view
+    doubt: float = 2.0  # prior, in views: orders pairs that few views see
     min_views: float = 0.1  # least views per pair of points; few, because parts chain
-    min_voice: float = 0.2  # least summed voice of the views that see two clusters
+    min_voice: float = 0.2  # least summed weight of the views that see two clusters
     min_points: int = 3  # smaller clusters are noise
     min_support: float = 0.25  # share of the views that see a group in which it leads a mask
     rare: float = 0.05  # groups that lead masks in a lesser share of all views are noise, ...
@@ -163,9 +156,9 @@ def _join_best(
     """The cluster (C + 1,) that each one becomes when those join that agree most with each other;
     None when no two agree enough.
 
-    Here every view has one voice: the chance that a point of a and one of b show in one mask. Its
+    Every view has one vote: the chance that a point of a and one of b show in one mask. Its
     weight grows with the points that it sees of both, towards 1. ``prior`` (C + 1, C + 1), what the
-    surface says of two clusters, has the voice of ``doubt`` views.
+    surface says of two clusters, weighs as much as ``doubt`` views.
     """
     agreement = _view_agreement(tables, prior, config)
     best, value = agreement.argmax(axis=1), agreement.max(axis=1)
@@ -186,7 +179,7 @@ def _view_agreement(
     same, voice = np.zeros((width, width)), np.zeros((width, width))
     for table in tables:
         seen = table.sum(axis=0)
-        weight = seen / (seen + _HALF_VOICE)
+        weight = seen / (seen + _HALF_WEIGHT)
         share = table / np.maximum(seen, 1) * weight
         same += share.T @ share
         voice += weight[:, None] * weight[None, :]

@@ -35,9 +35,9 @@ def count_pairs(
 def agreement(
     together: FloatArray, both: FloatArray, size: DoubleArray, i: int, j: int, rules: DoubleArray
 ) -> float:
-    """Mean share of views that show members of clusters i and j in one mask; -1 = cannot tell.
+    """Mean share of views that show members of clusters i and j in one mask; -1 = not known.
 
-    ``rules``: (3,) threshold, least number of views a pair, views' worth of doubt at 1/2.
+    ``rules``: (3,) threshold, least number of views a pair, weight of the prior 1/2 in views.
     """
     pairs = size[i] * size[j]
     known = both[i, j] / pairs

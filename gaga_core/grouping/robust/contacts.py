@@ -1,8 +1,8 @@
 """Beyond the paper: what the shape of the surface says of two clusters of points.
 
-Where little is seen of two clusters at once, the views alone cannot tell whether they are parts of
-one thing. Parts of one thing touch along a long border, and the surface is even or bulges there;
-two things that touch mostly meet in a crease (local convexity: Stein et al., CVPR 2014). This is a
+Where few views see two clusters at once, the views alone do not show whether they are parts of one
+object. Parts of one object touch along a long border, and the surface is smooth or convex there;
+two objects that touch mostly meet in a crease (local convexity: Stein et al., CVPR 2014). This is a
 prior only: views that see both outvote it.
 """
 

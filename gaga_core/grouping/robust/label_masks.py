@@ -30,8 +30,8 @@ def decide_masks(
 ) -> MemoryBank:
     """The bank with each mask decided by its points: overlap = share of the points it shows.
 
-    Decisions keep their order and #G(m); a group is new where it comes first. Nobody owns
-    Gaussians yet. A mask without a point of any group has none.
+    Decisions keep their order and #G(m); a group is new where it comes first. No group
+    owns Gaussians yet. A mask without a point of any group has none.
     """
     best = {view: two_best(table) for view, table in tables.items()}
     row = {view: {int(m): k for k, m in enumerate(ids[view])} for view in tables}

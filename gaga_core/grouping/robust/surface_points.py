@@ -1,8 +1,8 @@
 """Points on the surfaces that the masks show, and the mask that each point shows in every view.
 
-What two masks of different views have in common is asked of points that both views really see,
-found by comparing depths, instead of Gaussians whose centres project into them: a point inside a
-mask, away from its ragged edge, is a clean witness.
+Two masks of different views are compared by points that both views really see, found by comparing
+depths, instead of by Gaussians whose centres project into them: points inside a mask, away from its
+ragged edge, are reliable.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,10 +1,10 @@
-"""Beyond the paper: where few views are, the shape of the surfaces decides with them.
+"""Beyond the paper: with few views, the shape of the surfaces decides together with the masks.
 
-With a handful of views a fault of one mask is outvoted by none: an object that melts with its
-neighbour wherever it shows has no group, and every mask that bleeds leaves a rim. So a group falls
-apart into the pieces that creases and mask borders cut it into; a piece that runs on evenly into
-another group joins that, a large one becomes a group of its own. Gaussians that no view sees well
-take the label that they reach along the surface, not the nearest one.
+With a few views no other view corrects an error of one mask: an object that is merged with its
+neighbour in all of them has no group, and a mask that is too large leaves a rim. So each group is
+cut into pieces at creases and mask borders; a piece that continues smoothly into another group
+joins that group, a large one becomes a group of its own. Gaussians that no view sees well take the
+label that they reach along the surface, not the nearest one.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
 STAGE = "Follow surfaces"
-_HALF_VOICE = 0.1  # blending weight with which a view has half a voice about a Gaussian
+_HALF_WEIGHT = 0.1  # blending weight with which a view's vote about a Gaussian weighs 1/2
 _ROUNDS = 2
 _STEPS = 4 + _ROUNDS  # of progress: views, neighbours, normals, rounds, hidden Gaussians
 _HIDDEN = 4  # times the least size of a piece: of a surface that no mask shows to be a group
@@ -45,7 +45,7 @@ class SurfaceConfig:
     max_views: int = 12
     neighbours: int = 10
     least_weight: float = 0.6  # summed blending weight of a Gaussian that a view sees well
-    same_mask: float = 1.0  # a view's voice for an edge inside a mask; an even edge has 1 as well
+    same_mask: float = 1.0  # a view's vote for an edge inside a mask; a smooth edge counts 1, too
     other_mask: float = 0.5  # ... against an edge between two masks
     runs_on: float = 0.25  # mean likeness of the edges over which a piece joins another group ...
     runs_on_share: float = 0.3  # ... and their least share of all edges that leave the piece
@@ -77,7 +77,7 @@ def follow_surfaces(
     rasterizer: Rasterizer,
     config: SurfaceConfig,
 ) -> Stage[IntArray]:
-    """Labels (N,) after the surfaces were asked; new groups have the ids after the largest one."""
+    """Labels (N,) that follow the surfaces; new groups have the ids after the largest one."""
     looking = _observe(gaussians, views, masks, rasterizer)
     seen = yield from part(looking, 0, _STEPS, STAGE)
     shown = finite(gaussians) & (seen.weights.max(axis=1) > config.least_weight)
@@ -138,7 +138,7 @@ def _pieced(
     normals = splat_normals(gaussians, graph.nearest)
     weights = seen.weights.astype(np.float64)
     normals = towards_cameras(normals, points, views, weights, graph.nearest)
-    likeness = evenness(graph, normals) + _said_by_masks(graph, seen, config)
+    likeness = evenness(graph, normals) + _votes_of_masks(graph, seen, config)
     least = config.least(len(points))
     for turn in range(_ROUNDS):
         yield Progress(STAGE, 3 + turn, _STEPS, "cut into pieces")
@@ -147,7 +147,7 @@ def _pieced(
     return pieces.parted(labels, config.crease, least)
 
 
-def _said_by_masks(
+def _votes_of_masks(
     graph: Neighbours, seen: _ViewObservations, config: SurfaceConfig
 ) -> DoubleArray:
     """What all views say of each edge (E,): > 0 its ends show in one mask, < 0 in two."""
@@ -155,8 +155,8 @@ def _said_by_masks(
     for of, weight in zip(seen.masks.T, seen.weights.T.astype(np.float64), strict=True):
         a, b = of[graph.first], of[graph.second]
         least = np.minimum(weight[graph.first], weight[graph.second])
-        voice = np.where((a > 0) & (b > 0), least / (least + _HALF_VOICE), 0)
-        result += voice * np.where(a == b, config.same_mask, -config.other_mask)
+        weights = np.where((a > 0) & (b > 0), least / (least + _HALF_WEIGHT), 0)
+        result += weights * np.where(a == b, config.same_mask, -config.other_mask)
     return result
 
 

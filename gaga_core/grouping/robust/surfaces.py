@@ -29,7 +29,7 @@ _BACK_TO_BACK = -0.5  # cosine of normals of two sheets that lie on each other
 _SPREADS = 30  # steps that orientations spread over the graph
 _EVEN = 0.5  # how far an edge runs within the planes of both ends that joins a surface
 _SOLID = -2.2  # logit of the opacity, a tenth, from which on a splat makes a surface
-_NEARNESS = 0.3  # weight of distance beside evenness, when labels flood
+_NEARNESS = 0.3  # weight of distance next to evenness, when labels spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +95,10 @@ def towards_cameras(
     for _ in range(_SPREADS):
         open_ = np.flatnonzero(side == 0)
         cosine = np.einsum("ni,nki->nk", normals[open_], normals[nearest[open_]])
-        told = np.sign((side[nearest[open_]] * cosine).sum(axis=1))
-        if not told.any():
+        signs = np.sign((side[nearest[open_]] * cosine).sum(axis=1))
+        if not signs.any():
             break
-        side[open_] = told
+        side[open_] = signs
     turned = normals * np.where(side == 0, 1, side)[:, None]
     cosine = np.einsum("ni,nki->nk", turned, turned[nearest])
     weight = np.where(np.abs(cosine) > _ALIKE, cosine, 0)
@@ -121,7 +121,7 @@ def along_surfaces(gaussians: Gaussians, labels: IntArray, k: int, least: int) -
     """Labels (N,) in which those without one, 0, take the one they reach over the evenest surface.
 
     A surface of at least ``least`` Gaussians that no label reaches evenly is a group of its own: it
-    belongs to a thing that no mask shows. Normals have no sign here, for nobody sees these
+    belongs to an object that no mask shows. Normals have no sign here, as no view sees these
     Gaussians: an edge is even that runs along the planes of both ends. Whom no edge joins to a
     label takes the nearest one.
     """

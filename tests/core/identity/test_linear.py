@@ -13,8 +13,8 @@ from gaga_core.identity.linear import LinearRows, join_rows, take_rows
 from gaga_core.identity.linear_kernels import D, softmax_rows
 from gaga_core.identity.rows import Batch
 from gaga_core.identity.training import (
-    Gradients,
-    Rates,
+    IdentityGradients,
+    IdentityRates,
     Training,
     adam_step,
     agreement,
@@ -90,9 +90,9 @@ def test_results_do_not_depend_on_threads(
     for threads in ("1", "4"):
         monkeypatch.setenv("GAGA_THREADS", threads)
         training = _training()
-        gradients = Gradients.zeros(training)
+        gradients = IdentityGradients.zeros(training)
         fit = cross_entropy(training, batch, gradients)
-        adam_step(training, gradients, Rates())
+        adam_step(training, gradients, IdentityRates())
         results.append((fit, training.encodings, training.weight, training.bias))
     assert results[0][0] == results[1][0]
     for one, many in zip(results[0][1:], results[1][1:], strict=True):
@@ -123,7 +123,7 @@ def _torch_state(training: Training) -> list[torch.Tensor]:
     return [torch.tensor(value.astype(np.float64), requires_grad=True) for value in values]
 
 
-def _agrees(gradients: Gradients, tensors: list[torch.Tensor]) -> None:
+def _agrees(gradients: IdentityGradients, tensors: list[torch.Tensor]) -> None:
     ours = (gradients.encodings, gradients.weight, gradients.bias)
     for mine, tensor in zip(ours, tensors, strict=True):
         assert tensor.grad is not None
@@ -134,7 +134,7 @@ def _agrees(gradients: Gradients, tensors: list[torch.Tensor]) -> None:
 
 def test_cross_entropy_and_its_gradients(weights: PixelWeights, rows: LinearRows) -> None:
     training, labels = _training(), _labels(len(rows))
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     fit = cross_entropy(training, Batch(rows, labels), gradients, 0.25)
     E, weight, bias = tensors = _torch_state(training)
     dense = csr_matrix((weights.weights, weights.indices, weights.indptr), (len(rows), _N))
@@ -153,7 +153,7 @@ def test_agreement_is_the_published_regulariser() -> None:
     rng = np.random.default_rng(5)
     sampled = rng.choice(_N, 40, replace=False)
     near = np.stack([sampled, *(rng.integers(0, _N, 40) for _ in range(4))], axis=1)
-    gradients = Gradients.zeros(training)
+    gradients = IdentityGradients.zeros(training)
     loss = agreement(training, near.astype(np.int32), 2.0, gradients)
     E, weight, bias = tensors = _torch_state(training)
     p = torch.softmax(E @ weight.T + bias, dim=1)
@@ -168,14 +168,14 @@ def test_agreement_is_the_published_regulariser() -> None:
 def test_adam_is_torchs() -> None:
     training = _training()
     tensors = [t.detach().float().requires_grad_() for t in _torch_state(training)]
-    rates = Rates()
+    rates = IdentityRates()
     groups = [
         {"params": tensors[:1], "lr": rates.encodings},
         {"params": tensors[1:], "lr": rates.layer},
     ]
     optimiser = torch.optim.Adam(groups, eps=1e-15)
     for step in range(5):
-        gradients = Gradients(
+        gradients = IdentityGradients(
             _normal(_N, D, seed=step), _normal(_K, D, seed=step), _normal(_K, seed=step)
         )
         gradients.encodings[::3] = 0

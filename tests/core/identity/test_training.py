@@ -12,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.identity.closed_form import ClosedForm
-from gaga_core.identity.paper import PaperConfig, TimeEstimate, Trained, train_identity
+from gaga_core.identity.paper import PaperConfig, TimeEstimate, TrainedIdentity, train_identity
 from gaga_core.identity.refine import RefineConfig, Refined, refine_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -90,7 +90,7 @@ def _train(
     label_map: Callable[[Camera], IntArray],
     config: PaperConfig,
     checkpoint: Path | None = None,
-) -> Trained:
+) -> TrainedIdentity:
     return run_stage(
         train_identity(
             scene.gaussians, G, train, label_map, choose(), config, checkpoint=checkpoint
