@@ -1,5 +1,6 @@
 # make studio  sets everything up and opens the window on the demo scene
 # make test    sets everything up and runs every check and test (starts its own Xvfb)
+# make screenshots  takes the pictures of README and guide again (docs/images)
 # make docs    sets everything up and builds the documentation into docs/_build
 PYTHON ?= python3
 VENV := .venv

@@ -57,8 +57,7 @@ class Shot:
 
     def window(self, d: Driver) -> None:
         """The whole window, at rest."""
-        # Notices are read once and fade; the picture shows the window at rest.
-        d.session.notices = ()
+        _rest(d)
         d.settle()
         self.now(d)
 
@@ -73,7 +72,9 @@ class Shot:
     def save(self, image: Image.Image) -> None:
         """``image`` with as many colors as fit into the size that a page can carry."""
         for colors in _COLORS:
-            small = image.quantize(colors, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            small = image.quantize(
+                colors, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE
+            )
             file = io.BytesIO()
             small.save(file, "PNG", optimize=True)
             if file.tell() <= _MOST_BYTES:
@@ -94,7 +95,10 @@ def main() -> None:
         parser.error(f"no such picture: {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as folder, xvfb():
         os.environ["GAGA_HOME"] = str(chosen.home or folder)
-        take([p for p in PICTURES if p.name in chosen.names or not chosen.names], chosen.out)
+        os.environ["GAGA_MODELS"] = "models"  # the dialog of masks shows this path
+        names = chosen.names or [picture.name for picture in PICTURES]
+        by_name = {picture.name: picture for picture in PICTURES}
+        take([by_name[name] for name in names], chosen.out)
 
 
 def take(pictures: Iterable[Picture], out: Path) -> None:
@@ -151,9 +155,10 @@ def _photos(d: Driver, shot: Shot) -> None:
 def _masks(d: Driver, shot: Shot) -> None:
     d.menu("Object/###Make masks…")
     dialog = d.studio.ui.scene.masks
-    d.click("**/###Try on one photo")
-    d.until(lambda: dialog.preview is not None, "one photo is done")
-    d.settle()
+    for n in (1, 2):  # the first compiles
+        d.click("**/###Try on one photo")
+        d.until(lambda n=n: dialog.n_previews == n, "one photo is done")  # type: ignore[misc]
+        d.settle()
     shot.window(d)
 
 
@@ -161,6 +166,8 @@ def _find_objects(d: Driver, shot: Shot) -> None:
     """While the memory bank grows."""
     files.associate(d.session)
     d.until(lambda: _fraction(d.session) > 0.45, "half of the views are associated")
+    _rest(d)
+    d.frames()
     shot.now(d)
     d.settle()
 
@@ -249,13 +256,18 @@ def _quality(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _rest(d: Driver) -> None:
+    """Nothing is hovered, and no notice is shown: those are read once and fade."""
+    d.move_to(d.size[0] * 0.75, -20)  # an empty part of the tool bar
+    d.session.notices = ()
+
+
 def _select_teapot(d: Driver) -> int:
     """Click the object at the middle and name it; its group."""
     width, height = d.size
     d.click_picture(width * _TEAPOT[0], height * _TEAPOT[1])
     group = d.session.selected_groups()[0]
     objects.rename(d.session, group, "teapot")
-    d.move_to(width * 0.75, -20)  # on an empty part of the tool bar: nothing is hovered
     return group
 
 
