@@ -2,6 +2,7 @@
 
 SCENE/images/                     photos
 SCENE/sparse/0/                   COLMAP model, .bin or .txt
+SCENE/cameras.json                cameras of a 3DGS training, where there is no COLMAP model
 SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
 SCENE/masks/<provider>/<stem>.png label map per view
 SCENE/split.json                  optional {"train": [names], "test": [names]}
@@ -16,6 +17,7 @@ from pathlib import Path
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.cameras_json import read_cameras_json
 from gaga_core.io.colmap import ColmapReading, has_colmap
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES
@@ -65,8 +67,9 @@ def is_scene_folder(path: Path) -> bool:
 def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     """Look at a scene folder. ``model`` overrides the splats.
 
-    A folder needs splats or a COLMAP model; photos may be missing (viewing does without). Raises
-    ``GagaError`` with one sentence otherwise.
+    A folder needs splats or a COLMAP model; photos may be missing: viewing needs none. Without a
+    COLMAP model, cameras come from ``cameras.json``, which trainings of 3DGS leave next to their
+    splats. Raises ``GagaError`` with one sentence otherwise.
     """
     root = Path(root)
     if not root.exists():
@@ -83,7 +86,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     try:
         model_path = model or find_model(root)
         masks = find_mask_folders(root)
-        cameras = reading.result().cameras if reading is not None else ()
+        cameras = reading.result().cameras if reading is not None else _trained_cameras(root)
     finally:
         if reading is not None:
             reading.close()
@@ -186,6 +189,13 @@ def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
     return json.dumps({**report, key: value}, indent=2) + "\n"
 
 
+def _trained_cameras(root: Path) -> tuple[Camera, ...]:
+    """Cameras by name of the ``cameras.json`` in a training's output folder; none without one."""
+    path = root / "cameras.json"
+    cameras = read_cameras_json(path) if path.is_file() else ()
+    return tuple(sorted(cameras, key=lambda camera: camera.name))
+
+
 def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
     """Photos of the views; a photo of the same stem with another suffix will do."""
     if not folder.is_dir():
@@ -196,7 +206,7 @@ def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
     paths = {}
     for camera in cameras:
         stem = Path(camera.name).with_suffix("").as_posix()
-        path = by_name.get(camera.name) or by_stem.get(stem)
+        path = by_name.get(camera.name) or by_stem.get(camera.name) or by_stem.get(stem)
         if path is not None:
             paths[camera.name] = path
     return paths

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.geometry import look_at, matrices_to_quats, quats_to_matrices
+from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 
 TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
@@ -210,15 +210,6 @@ def turntable(
         turned = replace(shot, eye=at, quat=(quat[0], quat[1], quat[2], quat[3]))
         keys.append(Keyframe(turned, seconds / TURNTABLE_KEYS))
     return CameraPath(tuple(keys), is_closed=True)
-
-
-def shot_towards(eye: DoubleArray, target: DoubleArray, up: DoubleArray, fov: float) -> Shot:
-    """A shot from ``eye`` (3,) at ``target`` (3,) with ``up`` (3,) on top; ``fov`` radians."""
-    matrix = look_at(eye, target, up)
-    quat = matrices_to_quats(matrix[None, :3, :3])[0]
-    distance = float(np.linalg.norm(np.asarray(target) - eye))
-    four = (float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3]))
-    return Shot(_three(np.asarray(eye, np.float64)), four, fov, fov, distance)
 
 
 # --- the curve

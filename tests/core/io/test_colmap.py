@@ -79,6 +79,25 @@ def test_a_damaged_cameras_json_is_a_sentence(tmp_path: Path) -> None:
             read_cameras_json(path)
 
 
+def test_a_training_without_colmap_has_the_cameras_of_its_json(tmp_path: Path) -> None:
+    cameras = orbit_cameras(4)
+    (tmp_path / "images").mkdir()
+    for camera in cameras:
+        (tmp_path / "images" / camera.name).write_bytes(b"not read here")
+    trained = tmp_path / "point_cloud" / "iteration_7" / "point_cloud.ply"
+    trained.parent.mkdir(parents=True)
+    trained.write_bytes(b"nor this")
+    write_cameras_json(tmp_path / "cameras.json", cameras[::-1])
+    folder = open_scene_folder(tmp_path)
+    assert [camera.name for camera in folder.cameras] == [Path(c.name).stem for c in cameras]
+    assert np.allclose(folder.cameras[2].cam_from_world, cameras[2].cam_from_world)
+    assert [folder.require_image(c.name).name for c in folder.cameras] == [c.name for c in cameras]
+    assert len(folder.test) == 1
+    # A COLMAP model knows the principal points too, and comes first.
+    model_in(tmp_path / "sparse" / "0")
+    assert {Path(c.name).suffix for c in open_scene_folder(tmp_path).cameras} != {""}
+
+
 def scene_in(root: Path) -> Path:
     model_in(root / "sparse" / "0")
     (root / "images").mkdir()

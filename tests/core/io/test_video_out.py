@@ -28,9 +28,10 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.camera_json import save_path
-from gaga_core.scene.camera_path import CameraPath, Keyframe, shot_towards, turntable
+from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
+from tests.core.scene.shots import shot_towards
 
 SMALL = VideoConfig(96, 64, fps=10, quality=90)
 UP = np.array([0.0, 0.0, 1.0])

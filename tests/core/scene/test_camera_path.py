@@ -24,9 +24,9 @@ from gaga_core.scene.camera_path import (
     CameraPath,
     Keyframe,
     Shot,
-    shot_towards,
     turntable,
 )
+from tests.core.scene.shots import shot_towards
 
 UP = np.array([0.0, 0.0, 1.0])
 
