@@ -105,7 +105,7 @@ def _cuda() -> Finding:
 
 
 def _rasterizer() -> Finding:
-    """Who draws; asked again, since a person runs this after fixing something."""
+    """The rasterizer in use, tested again: a user runs this after fixing something."""
     name, reason = backend_report(fresh=True)
     return Finding("rasterizer", f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})", True)
 

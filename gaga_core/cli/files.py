@@ -205,5 +205,5 @@ def _read_json(path: Path) -> object:
     except OSError as error:
         raise GagaError(f"{path} cannot be read: {error.strerror}. Check the path.") from error
     except ValueError as error:
-        raise GagaError(f"{path} is no JSON ({error}). Fix it and run again.") from error
+        raise GagaError(f"{path} is not JSON ({error}). Fix it and run again.") from error
     return content

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunCommand:
-    """From photos to objects: splats, masks, groups, encodings, pictures; whatever is missing."""
+    """From photos to objects: splats, masks, groups, encodings, pictures; all that are missing."""
 
     scene: Positional[Path]
     """Scene folder, folder of photos or video; with --executor a folder of many scenes."""
@@ -101,14 +101,14 @@ class RunCommand:
         if self.model is not None or self.to is not None:
             raise GagaError("--model and --to are for one scene. Leave them out with --executor.")
         workers = EngineConfig(engine, self.workers, address=self.address)
-        list_scenes(self.scene)  # before kernels are compiled for nothing
+        list_scenes(self.scene)  # fails before kernels are compiled
         report = out.follow(after_warm_up(run_scenes(self.scene, config, workers)))
         out.scores(report, as_json=self.json)
         return 1 if report.failed else 0
 
 
 def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]:
-    """What this run has to say of the photos: what was left out, what the checks warn of."""
+    """Notes on the photos: which were left out, and warnings of the checks."""
     sfm = after.get("sfm")
     if sfm == before.get("sfm") or not isinstance(sfm, dict):
         return []

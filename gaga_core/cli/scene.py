@@ -86,7 +86,7 @@ class RenderCommand:
     out: Path | None = None
     """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
     what: Literal["rgb", "groups", "depth", "identity"] = "rgb"
-    """What a pixel says. identity: group ids decoded from the rendered identity encodings."""
+    """What a pixel holds. identity: group ids decoded from the rendered identity encodings."""
     views: tuple[str, ...] = ("test",)
     """train, test, all, or names of views."""
     model: Path | None = None

@@ -62,5 +62,5 @@ def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:
         if error.errno is None:
             raise GagaError(f"{path} is damaged. {cure}") from error
         raise GagaError(explain_os_error(error, path)) from error
-    except (*_DAMAGED, AttributeError) as error:  # a lone .npy is no archive: no .files
+    except (*_DAMAGED, AttributeError) as error:  # a single .npy is not an archive: no .files
         raise GagaError(f"{path} is damaged. {cure}") from error

@@ -20,7 +20,7 @@ def read_cameras_json(path: Path) -> tuple[Camera, ...]:
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{path} is no cameras.json of a 3DGS scene ({error}).") from error
+        raise GagaError(f"{path} is not a cameras.json of a 3DGS scene ({error}).") from error
 
 
 def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:

@@ -70,7 +70,7 @@ def _checked(path: Path, elements: Mapping[str, AnyArray]) -> tuple[FloatArray, 
     """Limits (C, 18), rows of packed words (N,) and SH bytes (N, K); ``GagaError`` if any lacks."""
     chunk, rows = elements.get("chunk"), elements.get("vertex")
     if chunk is None or rows is None or not set(_PACKED) <= set(rows.dtype.names or ()):
-        raise GagaError(f"{path.name} is no compressed PLY. Choose another file.")
+        raise GagaError(f"{path.name} is not a compressed PLY. Choose another file.")
     present = set(chunk.dtype.names or ())
     if not set(_LIMITS[:12]) <= present or len(chunk) * CHUNK < len(rows) or len(rows) == 0:
         raise GagaError(f"{path.name} is damaged: its chunks do not fit. Copy or export it again.")

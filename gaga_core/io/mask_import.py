@@ -124,7 +124,7 @@ def _bits(path: Path) -> str:
 
 
 def _check_labels(path: Path) -> None:
-    """``GagaError`` when a picture is no label map but a photo or an overlay."""
+    """``GagaError`` when a picture is not a label map but a photo or an overlay."""
     image = open_image(path)
     if image.mode in ("RGB", "RGBA") and image.getcolors(MOST_COLORS) is None:
         raise GagaError(

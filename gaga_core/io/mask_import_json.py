@@ -62,7 +62,7 @@ def read_json(path: Path) -> object:
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except (ValueError, RecursionError) as error:
-        raise GagaError(f"{path.name} is damaged: it is no JSON. Copy it again.") from error
+        raise GagaError(f"{path.name} is damaged: it is not JSON. Copy it again.") from error
     return content
 
 

@@ -18,7 +18,7 @@ def read_labels(path: Path) -> IntArray:
     """Label map (H, W) int32, 0 = none.
 
     8- and 16-bit gray and palette pictures hold ids; in RGB pictures every distinct color but black
-    is an id (in the order of its value). Raises ``GagaError`` when the file is no picture.
+    is an id (in the order of its value). Raises ``GagaError`` when the file is not a picture.
     """
     image = open_image(path)
     if image.mode == "1":

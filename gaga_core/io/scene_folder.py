@@ -76,7 +76,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
         raise GagaError(f"{root} does not exist. Check the path.")
     if not is_scene_folder(root):
         raise GagaError(
-            f"{root} is no scene folder: it has no point_cloud.ply, images/ or sparse/. "
+            f"{root} is not a scene folder: it has no point_cloud.ply, images/ or sparse/. "
             "Choose the folder that holds them."
         )
     if model is not None and not model.is_file():

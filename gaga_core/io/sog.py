@@ -30,7 +30,7 @@ META = "meta.json"
 _MOST_META = 1 << 24  # bytes
 _MOST_SIDE = 16384  # of a WebP
 _SLACK = 1 << 20  # pixels that a picture may hold beyond its splats
-_ZIP_RATIO = 20  # WebP does not shrink in a zip; what does is no picture
+_ZIP_RATIO = 20  # WebP does not shrink in a zip; what does is not a picture
 _PER_ROW = 64  # palette entries in a row of pixels
 _COEFFICIENTS = {1: 3, 2: 8, 3: 15}
 
@@ -100,7 +100,7 @@ def read_sog_stage(path: Path) -> Stage[Gaussians]:
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, SyntaxError) as error:
-        raise GagaError(f"{path.name} is no sound SOG ({error}). Export it again.") from error
+        raise GagaError(f"{path.name} is not a valid SOG ({error}). Export it again.") from error
     except Image.DecompressionBombError as error:
         raise GagaError(f"{path.name} has a picture too large to be true.") from error
     except UnidentifiedImageError as error:

@@ -87,8 +87,8 @@ def read_splats_stage(path: Path) -> Stage[Gaussians]:
     if suffix == ".splat":
         return (yield from read_splat_stage(path))
     raise GagaError(
-        f"{path.name} is no file of splats that gaga-studio knows. Choose a .ply, .splat, .spz or "
-        ".sog file."
+        f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz "
+        "or .sog file."
     )
 
 

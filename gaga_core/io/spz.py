@@ -100,7 +100,7 @@ def read_spz_stage(path: Path) -> Stage[Gaussians]:
             start = file.read(4)
             file.seek(0)
             if start[:2] != GZIP_MAGIC and start != MAGIC:
-                raise GagaError(f"{path.name} is no SPZ file. Choose another file.")
+                raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
             reading = _read_4 if start == MAGIC else _read_gzip
             head, out = yield from reading(path, file)
     except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
@@ -155,7 +155,7 @@ def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
 
 def _checked(path: Path, magic: bytes, head: _Head) -> _Head:
     if magic != MAGIC:
-        raise GagaError(f"{path.name} is no SPZ file. Choose another file.")
+        raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
     if head.version > 4:
         raise GagaError(f"{path.name} is SPZ version {head.version}; gaga-studio reads 1 to 4.")
     if head.version < 1 or head.degree > 4 or head.fraction_bits > 24:

@@ -75,7 +75,7 @@ ALIASES: dict[str, str] = {
     "pinkish": "pink", "greyish": "grey", "grayish": "grey", "whitish": "white",
     "blackish": "black", "orangish": "orange", "purplish": "purple",
 }  # fmt: skip
-# What a person who says the first also accepts of the second.
+# What a user who names the first color also accepts of the second.
 _KIN: dict[str, dict[str, float]] = {
     "yellow": {"gold": 0.7},
     "gold": {"yellow": 0.4},

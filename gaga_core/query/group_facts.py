@@ -77,7 +77,7 @@ def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
 
     ``cameras`` say which way is up and what surrounds them. About 100 ms per million splats.
     """
-    # Imported when first asked for: numba is a good part of the launch time.
+    # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.query.group_facts_kernels import tally_looks, weigh_splats
     from gaga_core.raster.cpu.prepare import for_kernel
 

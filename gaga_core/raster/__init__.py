@@ -19,7 +19,7 @@ def choose(name: str = "auto") -> Rasterizer:
     compile, which takes minutes once. Raises `GagaError` when there is no such backend here.
     """
     wanted = _wanted(name)
-    # Imported when asked for: numba alone takes a good part of the launch time, torch more.
+    # Imported when needed: importing numba takes a large part of the launch time, torch more.
     if wanted == "auto":
         from gaga_core.raster import probe
 

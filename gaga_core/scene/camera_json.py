@@ -55,7 +55,7 @@ def path_of(content: object) -> CameraPath:
 
 
 def save_path(path: CameraPath, file: Path) -> Path:
-    """Write a path as a JSON file. Raises ``GagaError`` when the disk says no."""
+    """Write a path as a JSON file. Raises ``GagaError`` when the disk refuses it."""
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(path_entry(path), indent=1) + "\n", encoding="utf-8")
     return file
@@ -70,7 +70,7 @@ def load_path(file: Path) -> CameraPath:
         raise GagaError(explain_os_error(error, file)) from error
     except ValueError as error:  # also of JSON and of text that is none
         raise GagaError(
-            f"{file} is no camera path ({error}). Save one in the window: Camera, Save path."
+            f"{file} is not a camera path ({error}). Save one in the window: Camera, Save path."
         ) from error
 
 

@@ -46,7 +46,7 @@ def object_table(scene: Scene) -> ObjectTable:
 
     Live labels of a running association: ``object_table(replace(scene, labels=..., bank=...))``.
     """
-    # Imported when first asked for: numba is a good part of the launch time.
+    # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.raster.cpu.prepare import for_kernel
     from gaga_core.scene.objects_kernels import tally_groups
 

@@ -17,7 +17,7 @@ def estimate_up(cameras: Sequence[Camera]) -> DoubleArray:
 
     People hold cameras level: up is what the pictures' right axes have least of, on the side to
     which their tops point. When all look the same way that is no direction, and the mean of the
-    pictures' tops is taken. Without cameras: -y, as in the world of most lone models.
+    pictures' tops is taken. Without cameras: -y, as in the world of most single models.
     """
     if not cameras:
         return _COLMAP_UP.copy()

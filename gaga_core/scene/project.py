@@ -51,7 +51,7 @@ class Project:
 
     scene: Scene
     model_path: Path
-    folder: SceneFolder | None = None  # None: a lone .ply
+    folder: SceneFolder | None = None  # None: a single .ply
     path: Path | None = None  # folder of the saved project; None: never saved
     model_fingerprint: str = ""  # of the model as it was opened
     bookmarks: tuple[Bookmark, ...] = ()
@@ -63,7 +63,7 @@ class Project:
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1
-        while (path / _FILE).exists():  # a lone .ply opens without edits: keep a former save
+        while (path / _FILE).exists():  # a single .ply opens without edits: keep a former save
             n += 1
             path = self.model_path.with_suffix(f".{n}.gaga")
         return path
@@ -86,7 +86,9 @@ def open_path_stage(path: Path) -> Stage[Project]:
         yield Progress("Look at the folder", 0, 1, path.name)
         return (yield from _open_folder(open_scene_folder(path)))
     if path.suffix.lower() == ".json" and not is_sog_meta(path):
-        raise GagaError(f"{path.name} is no saved project. Choose a project.json of gaga-studio.")
+        raise GagaError(
+            f"{path.name} is not a saved project. Choose a project.json of gaga-studio."
+        )
     digest = fingerprint(path)
     gaussians = yield from read_splats_stage(path)
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
@@ -247,7 +249,7 @@ def _read_document(file: Path) -> dict[str, dict[str, object]]:
             f"{file} is damaged. Move it away to open the scene from the start."
         ) from error
     if not complete:
-        raise GagaError(f"{file} is no project of gaga-studio.")
+        raise GagaError(f"{file} is not a project of gaga-studio.")
     if document["format"] != _FORMAT:
         raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
     result: dict[str, dict[str, object]] = document

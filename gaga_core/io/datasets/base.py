@@ -189,7 +189,7 @@ def read_names(path: Path) -> list[str]:
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except UnicodeDecodeError as error:
-        raise GagaError(f"{path} is no text file. Copy it again.") from error
+        raise GagaError(f"{path} is not a text file. Copy it again.") from error
     return [line.strip() for line in lines if line.strip()]
 
 

@@ -34,7 +34,7 @@ class TiledView:
 class _Memory:
     """Writable face of a read-only array, for kernels that only read.
 
-    Numba compiles a kernel again for read-only arrays: seconds, for nothing.
+    Numba would compile a kernel again, in seconds, for read-only arrays.
     """
 
     def __init__(self, array: AnyArray) -> None:

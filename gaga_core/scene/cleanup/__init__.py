@@ -1,1 +1,1 @@
-"""Cleaning of objects: floaters out, hidden left-overs in."""
+"""Cleaning of objects: floaters out, hidden rests in."""

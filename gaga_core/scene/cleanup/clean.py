@@ -1,4 +1,4 @@
-"""Clean an object: take in what belongs to it, give up floaters and what belongs to others.
+"""Clean an object: add what belongs to it, remove floaters and what belongs to others.
 
 Labels by vote are wrong where pictures say little: inside (no picture shows it), along contacts
 (a splat covers pixels of both sides), and in the air (a floater takes the mask behind it). Four

@@ -29,7 +29,7 @@ class Pool:
     rows: LongArray  # (P,) increasing rows of the scene
     points: DoubleArray  # (P, 3) world
     labels: IntArray  # (P,) group
-    colors: FloatArray  # (P, 3) as photographed: a recolor says nothing about belonging
+    colors: FloatArray  # (P, 3) as photographed: a recolor does not change what belongs together
     opacities: FloatArray  # (P,)
     sizes: DoubleArray  # (P,) standard deviation, geometric mean of the two longer axes
     free: BoolArray  # (P,) may change: not locked

@@ -1,4 +1,4 @@
-"""What is made of cleaning: a preview to look at, edits, cleaned copies.
+"""Results of cleaning: a preview, edits, cleaned copies.
 
 The cleaning itself (`gaga_core.scene.cleanup.clean`) needs SciPy, which is imported only when it
 runs.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DROPPED = (0.93, 0.36, 0.26)  # color of splats that would leave the object; RGB 0..1
 TAKEN_IN = (0.20, 0.60, 1.00)  # of splats that would join it: apart for color-blind eyes too
 _KEPT_OPACITY = 0.35  # factor for the rest of the object: what lies inside is seen
-_OTHER_OPACITY = 0.06  # for everything else: floaters mostly hang behind and inside of something
+_OTHER_OPACITY = 0.06  # for everything else: floaters are mostly behind or inside of something
 _SHOWN_OPACITY = 20.0  # factor for those that come and go: floaters are faint
 _GRAY = np.tile([0.85 * 0.299, 0.85 * 0.587, 0.85 * 0.114, 0.05], (3, 1))  # (3, 4) Rec. 601 luma
 _STAGE = "Clean up"
@@ -55,7 +55,7 @@ def _clean_objects(scene: Scene, groups: Sequence[int]) -> Stage[IntArray]:
     from gaga_core.scene.cleanup.clean import clean_object, cleaned_labels
 
     for i, group in enumerate(groups):
-        # What an earlier one gave up or took in is where the next one finds it.
+        # The next object sees what the earlier ones added and removed.
         edit = cleaned_labels(scene, clean_object(scene, group))
         if edit is not None:
             edit.apply(scene)

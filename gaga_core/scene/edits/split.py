@@ -39,7 +39,7 @@ def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Ed
 
     None when the group is in one piece; ``least`` as in `components_of`.
     """
-    # Imported when first asked for: search trees are a part of the launch time.
+    # Imported when first needed: importing search trees takes a part of the launch time.
     from gaga_core.scene.selection.components import components_of
 
     parts = components_of(scene, group_indices(scene, group), least)

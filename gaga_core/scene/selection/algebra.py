@@ -78,7 +78,7 @@ def in_mask(
     ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
     A gesture that asks again and again keeps the `gaga_core.scene.selection.by_screen.Screen`.
     """
-    # Imported when first asked for: numba is a good part of the launch time.
+    # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.scene.selection.by_screen import screen
 
     return screen(scene, camera, surface_depth).inside(mask)

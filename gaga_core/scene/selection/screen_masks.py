@@ -28,7 +28,7 @@ def polygon(points: Sequence[ScreenPoint], width: int, height: int) -> BoolArray
     mask = np.zeros((height, width), np.bool_)
     if len(points) < 3:
         return mask
-    # Imported when first asked for: a good part of a second.
+    # Imported when first needed: it takes a large part of a second.
     from skimage.draw import polygon as pixels_inside
 
     outline = np.asarray(points, np.float64) - 0.5

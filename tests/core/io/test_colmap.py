@@ -154,7 +154,7 @@ def test_photos_that_are_gone_do_not_keep_a_scene_closed(tmp_path: Path) -> None
 
 def test_other_folders_are_refused_in_words(tmp_path: Path) -> None:
     assert not is_scene_folder(tmp_path)
-    with pytest.raises(GagaError, match="no scene folder"):
+    with pytest.raises(GagaError, match="not a scene folder"):
         open_scene_folder(tmp_path)
     with pytest.raises(GagaError, match="does not exist"):
         open_scene_folder(tmp_path / "none")

@@ -162,7 +162,7 @@ def test_names_of_another_form_are_damage(tmp_path: Path, names: str) -> None:
     write_ply(tmp_path / "a.ply", random_gaussians(9))
     file = save_project(opened(tmp_path / "a.ply")) / "project.json"
     file.write_text(file.read_text().replace('"names": {}', f'"names": {names}'))
-    with pytest.raises(GagaError, match="no project"):
+    with pytest.raises(GagaError, match="not a project"):
         opened(file)
 
 

@@ -178,7 +178,7 @@ def test_what_is_no_masks_is_refused_in_one_sentence(tmp_path: Path) -> None:
         write(s / "a.b.json", content)
         assert said in refused(root, s)
     (s / "a.b.json").write_text("[")
-    assert "no JSON" in refused(root, s)
+    assert "not JSON" in refused(root, s)
     (s / "a.b.json").unlink()
     label_pngs(s)
     for stem in TRUE:

@@ -180,7 +180,7 @@ def test_a_file_is_known_by_what_it_holds(tmp_path: Path) -> None:
     other = path.rename(tmp_path / "wrong.ply")
     assert len(read_splats(other)) == 40
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(GagaError, match="no file of splats"):
+    with pytest.raises(GagaError, match="not a splat file"):
         read_splats(tmp_path / "notes.txt")
 
 
