@@ -8,7 +8,7 @@ from gaga_core.segmentation import regions_tree_kernels
 
 _LAB = np.array([0.62, 1.9, 1.9], np.float32)  # lightness changes with shading, hue less
 _BINS = 6  # of lightness; two more for each of a and b
-# What a merge's shape speaks for it (fitted to photos of things on a table and to drawn scenes):
+# How much a merge's shape favours it (fitted to photos of objects on a table and to drawn scenes):
 # start, log share of the smaller and of the larger, how much better than the smaller the union
 # fills its box, how well it does, log of its raggedness, share of the smaller's and of the larger's
 # border that vanishes. With depth the creases suffice: cost alone decides.

@@ -36,7 +36,7 @@ class Contacts:
     convexity: DoubleArray  # (P,) > 0 the surface bulges between them, < 0 it has a crease
 
     def prior(self, cluster: IntArray) -> DoubleArray:
-        """Chance (C + 1, C + 1) that two clusters are parts of one thing, views unasked.
+        """Chance (C + 1, C + 1) that two clusters are parts of one object, before the views vote.
 
         ``cluster`` (S,) has ids 1..C, or 0 = none.
         """

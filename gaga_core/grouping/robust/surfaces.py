@@ -1,8 +1,8 @@
 """Beyond the paper: the surfaces that Gaussians form, as a graph of neighbours.
 
 A Gaussian's normal is its thinnest axis; where it has none, that of the plane through its
-neighbours. Over an edge the surface is even, bulges, or has a crease: two things that touch mostly
-meet in a crease (local convexity: Stein et al., CVPR 2014).
+neighbours. Over an edge the surface is smooth, convex, or has a crease: two objects that touch
+mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
 """
 
 from collections.abc import Sequence
