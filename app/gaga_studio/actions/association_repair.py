@@ -11,7 +11,7 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.scene import Scene
@@ -43,18 +43,15 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
         return False
     scene = document.settled().scene
     evidence = evidence_of(session, document)
-    labels, sure = file_columns(scene)
+    labels, confidence = file_columns(scene)
     is_same, (progress, end) = _watch(session, document), files.watch_bank(session)
     free = edits.free_group(scene)
 
     def stage() -> "Stage[Repair]":
         from gaga_core.grouping.repair.reassociate import Move, reassociate_stage  # numba, scipy
-        from gaga_core.pipeline.compile_kernels import after_warm_up
 
-        yield Progress("Associate again", 0, 0, "Preparing")
         move = Move(decision.view, decision.mask, group)
-        work = reassociate_stage(evidence, bank, labels, sure, move, choose(), free=free)
-        return (yield from after_warm_up(work))
+        return reassociate_stage(evidence, bank, labels, confidence, move, choose(), free=free)
 
     def done(repair: "Repair") -> None:
         if not is_same():
@@ -65,7 +62,8 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
         document.focus = repair.group or document.focus
         session.notify(Level.INFO, repair.sentence())
 
-    return session.jobs.start("Associate again", stage(), progress, done, end)
+    name = "Associate again"
+    return session.jobs.start(name, stages.prepared(name, stage), progress, done, end)
 
 
 def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:
@@ -109,15 +107,14 @@ def overlaps(session: Session, decision: Decision) -> dict[int, float] | None:
 
 
 def _look(evidence: "Evidence", view: str) -> Stage[object]:
-    from gaga_core.grouping.repair.view_evidence import gather_stage
-    from gaga_core.pipeline.compile_kernels import after_warm_up
-
     def gather() -> Stage[object]:
+        from gaga_core.grouping.repair.view_evidence import gather_stage
+
         one = evidence.only([evidence.camera(view)])
         yield from gather_stage(one, choose(), only_bounds=True)
         return None
 
-    return (yield from after_warm_up(gather()))
+    return stages.prepared("Look at the view", gather)
 
 
 # --- an object that is two
@@ -140,11 +137,8 @@ def split_by_masks(session: Session) -> bool:
 
     def stage() -> "Stage[GroupSplit]":
         from gaga_core.grouping.repair.split_group import split_group_stage
-        from gaga_core.pipeline.compile_kernels import after_warm_up
 
-        yield Progress("Vote again", 0, 0, "Preparing")
-        work = split_group_stage(evidence, log, rows, choose(), name=name)
-        return (yield from after_warm_up(work))
+        return split_group_stage(evidence, log, rows, choose(), name=name)
 
     def done(split: "GroupSplit") -> None:
         if not is_same():
@@ -159,7 +153,7 @@ def split_by_masks(session: Session) -> bool:
         text = f"{name} is two now: {len(split.masks)} of its {len(log)} masks and "
         session.notify(Level.INFO, f"{text}{len(split.rows):,} splats left it.")
 
-    return session.jobs.start(f"Split {name}", stage(), None, done)
+    return session.jobs.start(f"Split {name}", stages.prepared("Vote again", stage), None, done)
 
 
 # --- what both read

@@ -8,9 +8,9 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.pipeline import video
 from gaga_core.pipeline.video import FilmConfig
-from gaga_core.progress import Stage
 from gaga_core.scene.camera_json import load_path, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, SplatLook
@@ -181,7 +181,7 @@ def export_film(session: Session, target: Path, config: FilmConfig) -> bool:
     stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
     return session.jobs.start(
         f"Film {target.name}",
-        _warmed(stage) if painter is None else stage,
+        stages.prepared("Draw", lambda: stage) if painter is None else stage,
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
     )
 
@@ -214,7 +214,7 @@ def save_picture(
     )
     return session.jobs.start(
         f"Save {target.name}",
-        _warmed(stage) if painter is None else stage,
+        stages.prepared("Draw", lambda: stage) if painter is None else stage,
         on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
     )
 
@@ -246,17 +246,6 @@ def _painter(
 def _look(session: Session) -> bool | None:
     look = session.view.look
     return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
-
-
-def _warmed(stage: Stage[Path]) -> Stage[Path]:
-    def warmed() -> Stage[Path]:
-        from gaga_core.pipeline.compile_kernels import (
-            after_warm_up,  # numba is a good part of the launch time
-        )
-
-        return (yield from after_warm_up(stage))
-
-    return warmed()
 
 
 def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:

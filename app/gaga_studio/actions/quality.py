@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.actions import association_repair, navigation
+from gaga_studio.session import stages
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
@@ -23,21 +24,19 @@ def measure(session: Session) -> bool:
     scene = document.settled().scene
     evidence, bank = association_repair.evidence_of(session, document), scene.bank
     assert bank is not None  # `evidence_of` looked
-    labels, sure = association_repair.file_columns(scene)
+    labels, confidence = association_repair.file_columns(scene)
     digest = document.read.labels_digest()
 
     def stage() -> "Stage[Quality]":
         from gaga_core.evaluate.quality import quality_stage
-        from gaga_core.pipeline.compile_kernels import after_warm_up
 
-        yield Progress("Measure the objects", 0, 0, "Preparing")
-        work = quality_stage(evidence, bank, labels, sure, choose())
-        return (yield from after_warm_up(work))
+        return quality_stage(evidence, bank, labels, confidence, choose())
 
     def done(found: "Quality") -> None:
         document.quality[digest] = found
 
-    return session.jobs.start("Measure the objects", stage(), None, done)
+    title = "Measure the objects"
+    return session.jobs.start(title, stages.prepared(title, stage), None, done)
 
 
 def shown(session: Session) -> "tuple[Quality | None, bool]":

@@ -24,6 +24,7 @@ from gaga_core.query.search import Answer
 from gaga_core.scene.edits.groups import name_groups
 from gaga_core.segmentation.weights import models_folder
 from gaga_studio.actions import navigation, selection
+from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.search_state import look_up_stage, measure_stage
@@ -179,19 +180,15 @@ def index(session: Session) -> None:
     project = document.settled()
     frozen = replace(project, scene=replace(project.scene))
 
-    def stage() -> Stage[GroupIndex]:
-        from gaga_core.pipeline.compile_kernels import (
-            after_warm_up,  # numba is a good part of the launch time
-        )
-
-        yield Progress("Index the objects", 0, 0, "Loading the model")
-        return (yield from after_warm_up(refresh_index(frozen, _load_embedder())))
+    stage = stages.prepared(
+        "Index the objects", lambda: refresh_index(frozen, _load_embedder()), "Loading the model"
+    )
 
     def done(made: GroupIndex) -> None:
         document.search.forget_index()
         session.notify(Level.INFO, f"Indexed {len(made):,} objects: ask for anything by its name.")
 
-    session.jobs.start("Index this scene", stage(), on_done=done)
+    session.jobs.start("Index this scene", stage, on_done=done)
 
 
 def find_here(session: Session, size: tuple[int, int]) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 
 from gaga_core.scene.scene import State
 from gaga_studio.actions import cleanup, masks, quality, search
+from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 
@@ -34,7 +35,7 @@ def no_selection(session: Session) -> str:
     reason = no_scene(session)
     if reason:
         return reason
-    return "" if len(session.selected_indices()) else "Nothing is selected. Click an object first."
+    return "" if len(session.selected_indices()) else str(NothingSelectedError())
 
 
 def no_selection_to_clean(session: Session) -> str:

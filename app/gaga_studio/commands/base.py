@@ -2,11 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 
 Reason = Callable[[Session], str]
+ViewSwitch = Literal[
+    "show_frusta",
+    "show_outline",
+    "show_panels",
+    "show_info",
+    "show_cube",
+    "takes_splats",
+    "visible_only",
+    "snaps",
+    "local_axes",
+]  # fields of `ViewState` that are on or off
 
 
 def always(_: Session) -> str:
@@ -44,3 +56,16 @@ def ask(request: Request) -> Callable[[Session], None]:
         session.request = request
 
     return run
+
+
+def switch(
+    id_: str, title: str, group: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = always
+) -> Command:
+    """Build a command that switches a field of the view on and off."""
+
+    def run(session: Session) -> None:
+        setattr(session.view, name, not getattr(session.view, name))
+
+    return Command(
+        id_, title, group, run, shortcut, enabled=enabled, is_on=lambda s: getattr(s.view, name)
+    )

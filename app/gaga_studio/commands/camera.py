@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from gaga_studio.actions import bookmarks, camera_path, photo_compare
 from gaga_studio.commands import availability
-from gaga_studio.commands.base import Command, Reason, ask
+from gaga_studio.commands.base import Command, Reason, ask, switch
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import PhotoCompareMode
@@ -17,10 +17,6 @@ SET = tuple(f"camera.set_bookmark_{key}" for key in bookmarks.KEYS)
 
 def _toggle_orthographic(session: Session) -> None:
     session.rig.set_orthographic(not session.rig.pose.is_orthographic)
-
-
-def _toggle_cube(session: Session) -> None:
-    session.view.show_cube = not session.view.show_cube
 
 
 def _speed(factor: float) -> Callable[[Session], None]:
@@ -93,13 +89,7 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         enabled=availability.no_scene,
         is_on=lambda session: session.rig.pose.is_orthographic,
     ),
-    Command(
-        "view.cube",
-        "View cube",
-        "Camera",
-        _toggle_cube,
-        is_on=lambda session: session.view.show_cube,
-    ),
+    switch("view.cube", "View cube", "Camera", "show_cube"),
     Command("camera.faster", "Fly faster", "Camera", _speed(1.25)),
     Command("camera.slower", "Fly slower", "Camera", _speed(1 / 1.25)),
     Command(

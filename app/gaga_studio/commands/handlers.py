@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.actions import align_ground, cleanup, history, navigation, selection
+from gaga_studio.actions import align_ground, cleanup, history, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
@@ -47,16 +47,6 @@ def cancel(session: Session) -> None:
         selection.select_none(session)
 
 
-def next_view(session: Session) -> None:
-    """Fly to the next photo."""
-    navigation.next_view(session, 1)
-
-
-def previous_view(session: Session) -> None:
-    """Fly to the photo before."""
-    navigation.next_view(session, -1)
-
-
 def toggle_clean_first(session: Session) -> None:
     """Switch cleaning of objects before they are isolated, deleted or exported."""
     settings = session.settings
@@ -66,36 +56,6 @@ def toggle_clean_first(session: Session) -> None:
 def toggle_flying(session: Session) -> None:
     """Orbit or fly."""
     session.rig.is_flying = not session.rig.is_flying
-
-
-def toggle_frusta(session: Session) -> None:
-    """Show or hide the photos' cameras."""
-    session.view.show_frusta = not session.view.show_frusta
-
-
-def toggle_outline(session: Session) -> None:
-    """Show or hide the outline of the selection."""
-    session.view.show_outline = not session.view.show_outline
-
-
-def toggle_panels(session: Session) -> None:
-    """Show or hide everything but the picture."""
-    session.view.show_panels = not session.view.show_panels
-
-
-def toggle_info(session: Session) -> None:
-    """Show or hide the figures in the status bar."""
-    session.view.show_info = not session.view.show_info
-
-
-def toggle_splats(session: Session) -> None:
-    """Let region tools select whole objects or single splats."""
-    session.view.takes_splats = not session.view.takes_splats
-
-
-def toggle_visible_only(session: Session) -> None:
-    """Let region tools select the visible surface or everything behind it, too."""
-    session.view.visible_only = not session.view.visible_only
 
 
 def smaller_brush(session: Session) -> None:
@@ -128,16 +88,6 @@ def toggle_first_steps(session: Session) -> None:
     """Show or hide the card of five steps."""
     put_away = not session.settings.first_steps_done
     session.change_settings(replace(session.settings, first_steps_done=put_away))
-
-
-def toggle_snap(session: Session) -> None:
-    """Move handles freely or in steps."""
-    session.view.snaps = not session.view.snaps
-
-
-def toggle_local_axes(session: Session) -> None:
-    """Put handles along the world's axes or the object's own."""
-    session.view.local_axes = not session.view.local_axes
 
 
 def set_pivot(session: Session) -> None:

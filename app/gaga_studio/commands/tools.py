@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from gaga_studio.actions import align_ground
 from gaga_studio.commands import availability, handlers
-from gaga_studio.commands.base import Command
+from gaga_studio.commands.base import Command, switch
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 
@@ -46,20 +46,9 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         enabled=availability.no_scene,
         is_on=lambda session: session.tool is ToolName.GROUND,
     ),
-    Command(
-        "tool.snap",
-        "Handles snap to steps",
-        "Tools",
-        handlers.toggle_snap,
-        is_on=lambda s: s.view.snaps,
-    ),
-    Command(
-        "tool.local_axes",
-        "Handles along the object's own axes",
-        "Tools",
-        handlers.toggle_local_axes,
-        "Shift+C",
-        is_on=lambda s: s.view.local_axes,
+    switch("tool.snap", "Handles snap to steps", "Tools", "snaps"),
+    switch(
+        "tool.local_axes", "Handles along the object's own axes", "Tools", "local_axes", "Shift+C"
     ),
     Command(
         "tool.set_pivot",
@@ -81,20 +70,8 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "Tools",
         handlers.reset_pivot,
     ),
-    Command(
-        "tool.splats",
-        "Select single splats, not objects",
-        "Tools",
-        handlers.toggle_splats,
-        is_on=lambda s: s.view.takes_splats,
-    ),
-    Command(
-        "tool.visible_only",
-        "Select the visible surface only",
-        "Tools",
-        handlers.toggle_visible_only,
-        is_on=lambda s: s.view.visible_only,
-    ),
+    switch("tool.splats", "Select single splats, not objects", "Tools", "takes_splats"),
+    switch("tool.visible_only", "Select the visible surface only", "Tools", "visible_only"),
     Command("tool.smaller_brush", "Smaller brush", "Tools", handlers.smaller_brush, "["),
     Command("tool.larger_brush", "Larger brush", "Tools", handlers.larger_brush, "]"),
     Command(

@@ -2,7 +2,7 @@
 
 from gaga_studio.actions import navigation
 from gaga_studio.commands import availability, handlers
-from gaga_studio.commands.base import Command
+from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
 
 
@@ -40,7 +40,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.next_photo",
         "Next photo",
         "View",
-        handlers.next_view,
+        lambda s: navigation.next_view(s, 1),
         "Right",
         enabled=availability.no_photos,
     ),
@@ -48,7 +48,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.previous_photo",
         "Previous photo",
         "View",
-        handlers.previous_view,
+        lambda s: navigation.next_view(s, -1),
         "Left",
         enabled=availability.no_photos,
     ),
@@ -61,32 +61,21 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         enabled=availability.no_scene,
         is_on=lambda s: s.rig.is_flying,
     ),
-    Command(
+    switch(
         "view.frusta",
         "Cameras of the photos",
         "View",
-        handlers.toggle_frusta,
+        "show_frusta",
         "C",
         enabled=availability.no_photos,
-        is_on=lambda s: s.view.show_frusta,
     ),
-    Command(
+    switch(
         "view.outline",
         "Outline of the selection",
         "View",
-        handlers.toggle_outline,
+        "show_outline",
         enabled=availability.no_scene,
-        is_on=lambda s: s.view.show_outline,
     ),
-    Command(
-        "view.panels",
-        "Panels",
-        "View",
-        handlers.toggle_panels,
-        "Tab",
-        is_on=lambda s: s.view.show_panels,
-    ),
-    Command(
-        "view.info", "Figures", "View", handlers.toggle_info, "I", is_on=lambda s: s.view.show_info
-    ),
+    switch("view.panels", "Panels", "View", "show_panels", "Tab"),
+    switch("view.info", "Figures", "View", "show_info", "I"),
 )

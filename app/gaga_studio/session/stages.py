@@ -1,9 +1,9 @@
 """The stages behind the session's buttons. Each works on values taken at the call."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gaga_core.scene.scene import Scene
 if TYPE_CHECKING:
     from gaga_core.pipeline.photo_source import PhotoFind
 
+T = TypeVar("T")
 Export = Literal["scene", "selected", "objects"]
 
 
@@ -81,16 +82,22 @@ def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> St
     cameras = [camera for camera in project.folder.cameras if camera.name in train]
     gaussians = file_gaussians(project.scene)
 
-    def stage() -> Stage[Association]:
-        from gaga_core.pipeline.compile_kernels import (
-            after_warm_up,  # numba is a good part of the launch time
-        )
+    return prepared(
+        "Associate masks",
+        lambda: associate_stage(gaussians, cameras, masks, choose(), config),
+        "Preparing (the first run takes a little longer)",
+    )
 
-        yield Progress("Associate masks", 0, 0, "Preparing (the first run takes a little longer)")
-        stage = associate_stage(gaussians, cameras, masks, choose(), config)
-        return (yield from after_warm_up(stage))
 
-    return stage()
+def prepared(title: str, make: Callable[[], Stage[T]], text: str = "Preparing") -> Stage[T]:
+    """Compile the kernels where needed, then run the stage that ``make`` builds.
+
+    All in the job's thread: numba, torch and what ``make`` imports would slow the launch down.
+    """
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+
+    yield Progress(title, 0, 0, text)
+    return (yield from after_warm_up(make()))
 
 
 def file_gaussians(scene: Scene) -> Gaussians:

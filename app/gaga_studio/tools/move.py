@@ -6,18 +6,16 @@ from gaga_core.arrays import DoubleArray
 from gaga_studio.actions import history, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import RectShape, ViewportPoint
+from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}
 
 
-class MoveTool:
+class MoveTool(ClickTool):
     """A drag of the handles: ``begin``, any number of ``move_to``, then ``finish`` or ``cancel``.
 
     Clicks select, as with the pick tool; drags next to the handles orbit.
     """
-
-    takes_drag = False
 
     def __init__(self, name: ToolName = ToolName.MOVE) -> None:
         self.name = name
@@ -64,19 +62,6 @@ class MoveTool:
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
-
-    def press(self, session: Session, place: ViewportPoint) -> None:
-        """Do nothing: drags next to the handles move the camera."""
-
-    def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Do nothing: drags next to the handles move the camera."""
-
-    def release(self, session: Session, place: ViewportPoint) -> None:
-        """Do nothing: drags next to the handles move the camera."""
-
-    def overlay(self) -> RectShape | None:
-        """Draw nothing: the window draws the handles."""
-        return None
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""

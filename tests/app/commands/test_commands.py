@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -188,3 +189,28 @@ def test_render_modes(associated: Session) -> None:
         run("view.next_mode", associated)
         seen.add(associated.view.mode)
     assert seen == set(Mode)
+
+
+@pytest.mark.parametrize(
+    ("id_", "field"),
+    [
+        ("view.frusta", "show_frusta"),
+        ("view.outline", "show_outline"),
+        ("view.panels", "show_panels"),
+        ("view.info", "show_info"),
+        ("view.cube", "show_cube"),
+        ("tool.splats", "takes_splats"),
+        ("tool.visible_only", "visible_only"),
+        ("tool.snap", "snaps"),
+        ("tool.local_axes", "local_axes"),
+    ],
+)
+def test_a_switch_flips_one_field_and_back(session: Session, id_: str, field: str) -> None:
+    switch, before = command(id_), replace(session.view)
+    assert switch.is_on is not None
+    for _ in range(2):
+        was_on = switch.is_on(session)
+        assert run(id_, session)
+        assert switch.is_on(session) is not was_on
+        assert getattr(session.view, field) is not was_on
+        assert replace(session.view, **{field: getattr(before, field)}) == before
