@@ -30,7 +30,7 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
     assert session.need().history.state_id == state
 
 
-def test_groups_are_found_beside_added_splats(session: Session, tmp_path: Path) -> None:
+def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path) -> None:
     write_splats(tmp_path / "chair.ply", random_gaussians(50))
     scene = session.need().scene
     n = len(scene)

@@ -93,7 +93,7 @@ def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:
     assert (_labels(session)[: n - (_labels(session) == copy).sum()] != copy).all()
 
 
-def test_overlaps_of_a_mask_are_looked_up_beside(associated: Session) -> None:
+def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) -> None:
     session = associated
     mask = _decision(session, 3)
     found = association_repair.overlaps(session, mask)

@@ -54,7 +54,7 @@ def test_keyframes_are_added_moved_and_removed(walked: Session) -> None:
     assert camera_path.path_of(walked).keyframes == ()
 
 
-def test_the_preview_plays_to_the_end_and_begins_anew(walked: Session) -> None:
+def test_the_preview_plays_to_the_end_and_begins_again(walked: Session) -> None:
     camera_path.toggle_playing(walked)
     assert walked.view.playback.is_playing
     steps = 0

@@ -50,7 +50,7 @@ def _hues(colors: "Sequence[FloatArray | tuple[float, ...]]") -> FloatArray:
 
 
 def _ask(session: Session, text: str) -> tuple[int, ...]:
-    """Type, and wait until everything that runs beside is done."""
+    """Type, and wait until everything that runs in parallel is done."""
     search_actions.type_text(session, text, _SIZE)
     search = session.need().search
     end = time.monotonic() + 60
@@ -121,7 +121,7 @@ def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None
     assert not search_actions.take_all(associated)
 
 
-def test_selecting_measures_nothing_anew_but_editing_does(associated: Session) -> None:
+def test_selecting_measures_nothing_again_but_editing_does(associated: Session) -> None:
     groups = _ask(associated, "the largest")
     search, scene = associated.need().search, associated.need().scene
     cameras = train_views(associated.need().project)

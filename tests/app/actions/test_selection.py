@@ -92,7 +92,7 @@ def test_many_drags_of_a_grade_are_one_entry(selected: Session) -> None:
     assert np.array_equal(shown_colors(_scene(selected)), before)
 
 
-def test_a_grade_starts_anew_after_another_edit(selected: Session) -> None:
+def test_a_grade_starts_again_after_another_edit(selected: Session) -> None:
     grading = GradeSliders()
     grading.show(selected, Grade(saturation=0.5))
     grading.keep(selected)

@@ -52,21 +52,21 @@ def test_the_whole_walk(
     files.associate(session)
     finish(session)
     scene = scene_of(session)
-    mug, bowl, doomed = objects_of(session)[:3]
-    selection.select_groups(session, (mug,))
-    objects.rename(session, mug, "red mug")
+    red_one, bowl, doomed = objects_of(session)[:3]
+    selection.select_groups(session, (red_one,))
+    objects.rename(session, red_one, "red mug")
     objects.isolate(session)
-    assert set(np.unique(scene.labels[scene.visible])) == {mug}
+    assert set(np.unique(scene.labels[scene.visible])) == {red_one}
     objects.show_all(session)
-    selection.select_groups(session, (mug,))
+    selection.select_groups(session, (red_one,))
     color_grade.preview_recolor(session, (0.2, 0.4, 0.9))
     color_grade.recolor(session, (0.9, 0.1, 0.1))
     np.testing.assert_allclose(
-        mean_color(scene, group_indices(scene, mug)), [0.9, 0.1, 0.1], atol=0.02
+        mean_color(scene, group_indices(scene, red_one)), [0.9, 0.1, 0.1], atol=0.02
     )
-    start = world_means(scene, group_indices(scene, mug))
+    start = world_means(scene, group_indices(scene, red_one))
     transform.move(session, shift(np.array([0.0, 0.0, 0.5])))
-    moved = world_means(scene, group_indices(scene, mug))
+    moved = world_means(scene, group_indices(scene, red_one))
     np.testing.assert_allclose(moved - start, np.tile([0, 0, 0.5], (len(start), 1)), atol=1e-6)
     transform.duplicate(session)
     (copy,) = session.selected_groups()
@@ -92,8 +92,8 @@ def test_the_whole_walk(
     assert len(written) == int(scene.visible.sum())
     groups = written.extra["group"]
     assert {doomed, bowl}.isdisjoint(groups.tolist())
-    assert {mug, copy} <= set(groups.tolist())
-    reds = _colors(written.sh)[groups == mug]
+    assert {red_one, copy} <= set(groups.tolist())
+    reds = _colors(written.sh)[groups == red_one]
     np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
 
     selection.select_groups(session, (copy,))
@@ -113,8 +113,8 @@ def test_the_whole_walk(
     again.open(scene_folder)
     finish(again)
     assert snapshot(scene_of(again)) == snapshot(scene)
-    assert again.need().name_of(mug) == "red mug"
-    assert len(again.decisions(mug)) == len(session.decisions(mug)) > 0
+    assert again.need().name_of(red_one) == "red mug"
+    assert len(again.decisions(red_one)) == len(session.decisions(red_one)) > 0
     assert not again.unsaved
 
 

@@ -153,7 +153,7 @@ def test_rate_gives_the_time_that_is_left() -> None:
     assert runner.wait()
 
 
-def test_a_quiet_job_runs_beside_another_and_stops_none() -> None:
+def test_a_quiet_job_runs_in_parallel_and_stops_none() -> None:
     runner, said = _runner()
     go = threading.Event()
     values: list[int] = []
