@@ -14,6 +14,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.reconstruct.optimizer import concatenate
 from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.stereo import stereo_points_stage
 from gaga_core.reconstruct.views import TrainView
 
 STAGE = "Place first splats"
@@ -82,10 +83,16 @@ def first_splats_stage(
 ) -> Stage[Gaussians]:
     """What a training of ``config`` starts from: `initial_gaussians`, then `cover_holes_stage`.
 
-    More points than the cap on splats are thinned at random, from the seed.
+    Fewer points than `TrainConfig.stereo` are joined by those of `stereo.stereo_points_stage`. More
+    than the cap on splats are thinned at random, from the seed.
     """
     check_shape("points", points, ("P", 3))
     most = config.density.max_splats
+    n_more = min(config.stereo, most) - len(points)
+    if n_more > 0:
+        more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
+        points = np.concatenate([points, more])
+        colors = np.concatenate([colors, more_colors])
     if len(points) > most:
         chosen = np.random.default_rng(config.seed).permutation(len(points))[:most]
         points, colors = points[chosen], colors[chosen]

@@ -71,6 +71,7 @@ class TrainConfig:
     dissimilarity: float = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
     initial_opacity: float = 0.1  # (Kerbl)
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
+    stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos
     cover: int = 10_000  # at most so many splats are put where views show no point
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
@@ -114,6 +115,7 @@ class TrainConfig:
                 longest_side=960,
                 half_until=0.25,
                 sh_every=0.1,
+                stereo=40_000,
                 rates=_quick(RateConfig(means=4e-4, log_scales=8e-3, sh=5e-3)),
                 density=_quick_density(250_000),
             )
@@ -124,6 +126,7 @@ class TrainConfig:
                 longest_side=640,
                 half_until=0.3,
                 sh_every=0.15,
+                stereo=20_000,
                 rates=_quick(RateConfig(means=8e-4, log_scales=0.01, sh=0.01)),
                 density=_quick_density(80_000),
             )
