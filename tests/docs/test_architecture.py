@@ -2,6 +2,7 @@
 
 import re
 
+import gaga_core
 from tests.docs.pages import DOCS, ROOT, tables
 
 _PAGE = DOCS / "architecture.md"
@@ -43,3 +44,11 @@ def test_every_file_that_any_page_names_exists() -> None:
         named = set(re.findall(pattern, page.read_text(encoding="utf-8")))
         missing = [name for name in named if not (ROOT / name).is_file()]
         assert not missing, f"{page.name} names {missing}"
+
+
+def test_the_citation_is_of_this_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.+)$", text, re.M) == [gaga_core.__version__]
+    assert {"cff-version", "message", "title", "authors"} <= set(
+        re.findall(r"^([\w-]+):", text, re.M)
+    )
