@@ -22,7 +22,7 @@ from PIL import Image
 from gaga_core.demo.folder import ensure_demo
 from gaga_core.progress import run_stage
 from gaga_studio import commands
-from gaga_studio.actions import camera_path, files, objects, quality
+from gaga_studio.actions import camera_path, color_grade, files, objects, quality
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
@@ -58,6 +58,7 @@ class Shot:
     def window(self, d: Driver) -> None:
         """The whole window, at rest."""
         _rest(d)
+        d.until(lambda: d.session.jobs.quiet is None, "the kernels are compiled")
         d.settle()
         self.now(d)
 
@@ -72,9 +73,7 @@ class Shot:
     def save(self, image: Image.Image) -> None:
         """``image`` with as many colors as fit into the size that a page can carry."""
         for colors in _COLORS:
-            small = image.quantize(
-                colors, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE
-            )
+            small = image.quantize(colors, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
             file = io.BytesIO()
             small.save(file, "PNG", optimize=True)
             if file.tell() <= _MOST_BYTES:
@@ -203,8 +202,8 @@ def _select(d: Driver, shot: Shot) -> None:
 
 
 def _edit(d: Driver, shot: Shot) -> None:
-    group = _select_teapot(d)
-    objects.set_color(d.session, group, (0.85, 0.35, 0.2))
+    _select_teapot(d)
+    color_grade.recolor(d.session, (0.25, 0.45, 0.85))
     commands.run("tool.move", d.session)
     d.settle()
     shot.window(d)
@@ -212,7 +211,7 @@ def _edit(d: Driver, shot: Shot) -> None:
 
 def _search(d: Driver, shot: Shot) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)
-    d.engine.key_chars("largest red thing")
+    d.engine.key_chars("blue")
     document = d.session.need()
     d.until(lambda: bool(document.search.meant), "something is found")
     d.keys(KEY.down_arrow)
