@@ -248,10 +248,11 @@ def _modes(d: Driver, shot: Shot) -> None:
 
 
 def _quality(d: Driver, shot: Shot) -> None:
-    """The object list by quality, the worst first."""
+    """The list with its column of quality, and the views in which an object agrees least."""
     quality.measure(d.session)
     d.settle()
     _select_teapot(d)
+    d.click("Inspector/###Quality")
     shot.window(d)
 
 
@@ -283,7 +284,7 @@ PICTURES = (
     Picture("camera_path", "a camera path of four places", _camera_path),
     Picture("export", "the dialog that exports objects", _export),
     Picture("modes", "groups, depth and confidence of one view", _modes),
-    Picture("quality", "the objects by quality", _quality),
+    Picture("quality", "how well objects agree with their masks", _quality),
 )
 
 if __name__ == "__main__":
