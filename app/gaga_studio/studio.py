@@ -230,7 +230,8 @@ class Studio:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
         is_covered = ui.scene.picture.evidence.decision is not None
-        call("Dialogs", lambda: self._requests.take(session))
+        # A place of its own for each: a failure is told once while the same place goes on failing.
+        call("Commands", lambda: self._requests.take(session))
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
