@@ -21,27 +21,29 @@ from gaga_studio.tools.gestures import FLY_KEYS
 
 __all__ = [
     "COMMANDS",
-    "GROUPS",
+    "MENUS",
     "PROFILES",
     "Command",
     "command",
     "for_shortcut",
     "keys_of",
+    "menu_of",
     "run",
     "shortcut_of",
 ]
 
-GROUPS = ("File", "Edit", "Select", "Object", "View", "Camera", "Tools", "Help")
-COMMANDS: tuple[Command, ...] = (
-    *FILE_COMMANDS,
-    *EDIT_COMMANDS,
-    *SELECT_COMMANDS,
-    *OBJECTS_COMMANDS,
-    *VIEW_COMMANDS,
-    *CAMERA_COMMANDS,
-    *TOOLS_COMMANDS,
-    *HELP_COMMANDS,
-)
+MENUS: Mapping[str, tuple[Command, ...]] = {
+    "File": FILE_COMMANDS,
+    "Edit": EDIT_COMMANDS,
+    "Select": SELECT_COMMANDS,
+    "Object": OBJECTS_COMMANDS,
+    "View": VIEW_COMMANDS,
+    "Camera": CAMERA_COMMANDS,
+    "Tools": TOOLS_COMMANDS,
+    "Help": HELP_COMMANDS,
+}
+COMMANDS = tuple(command for menu in MENUS.values() for command in menu)
+_MENU_OF = {command.id: title for title, menu in MENUS.items() for command in menu}
 _BY_ID = {command.id: command for command in COMMANDS}
 
 
@@ -57,6 +59,11 @@ _BY_KEYS = {
     profile: {keys: _BY_ID[id_] for id_, listed in table.items() for keys in listed}
     for profile, table in PROFILES.items()
 }
+
+
+def menu_of(chosen: Command) -> str:
+    """Title of the menu that a command stands in."""
+    return _MENU_OF[chosen.id]
 
 
 def command(command_id: str) -> Command:

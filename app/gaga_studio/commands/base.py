@@ -36,7 +36,6 @@ class Command:
 
     id: str
     title: str
-    group: str  # of GROUPS: the menu
     run: Callable[[Session], object]
     shortcut: str = ""
     aliases: tuple[str, ...] = ()
@@ -59,7 +58,7 @@ def ask(request: Request) -> Callable[[Session], None]:
 
 
 def switch(
-    id_: str, title: str, group: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = always
+    id_: str, title: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = always
 ) -> Command:
     """Build a command that switches a field of the view on and off."""
 
@@ -67,5 +66,5 @@ def switch(
         setattr(session.view, name, not getattr(session.view, name))
 
     return Command(
-        id_, title, group, run, shortcut, enabled=enabled, is_on=lambda s: getattr(s.view, name)
+        id_, title, run, shortcut, enabled=enabled, is_on=lambda s: getattr(s.view, name)
     )

@@ -32,7 +32,6 @@ def _compare(mode: PhotoCompareMode, name: str, title: str) -> Command:
     return Command(
         f"camera.{name}",
         title,
-        "Camera",
         lambda session: photo_compare.set_mode(session, mode),
         enabled=availability.no_photos,
         is_on=lambda session: session.view.compare is mode,
@@ -60,7 +59,6 @@ def _recall(key: int) -> Command:
     return Command(
         RECALL[key - 1],
         f"Go to bookmark {key}",
-        "Camera",
         lambda session: bookmarks.recall_key(session, key),
         f"Ctrl+{key}",
         enabled=_no_bookmark(key),
@@ -72,7 +70,6 @@ def _set(key: int) -> Command:
     return Command(
         SET[key - 1],
         f"Set bookmark {key}",
-        "Camera",
         lambda session: bookmarks.set_key(session, key),
         f"Ctrl+Shift+{key}",
         enabled=availability.no_scene,
@@ -83,19 +80,17 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.ortho",
         "Orthographic",
-        "Camera",
         _toggle_orthographic,
         "5",
         enabled=availability.no_scene,
         is_on=lambda session: session.rig.pose.is_orthographic,
     ),
-    switch("view.cube", "View cube", "Camera", "show_cube"),
-    Command("camera.faster", "Fly faster", "Camera", _speed(1.25)),
-    Command("camera.slower", "Fly slower", "Camera", _speed(1 / 1.25)),
+    switch("view.cube", "View cube", "show_cube"),
+    Command("camera.faster", "Fly faster", _speed(1.25)),
+    Command("camera.slower", "Fly slower", _speed(1 / 1.25)),
     Command(
         "camera.add_bookmark",
         "Bookmark this view",
-        "Camera",
         bookmarks.add,
         "Ctrl+B",
         enabled=availability.no_scene,
@@ -107,7 +102,6 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     Command(
         "camera.hold_photo",
         "Photo while held",
-        "Camera",
         photo_compare.hold,
         "Shift+G",
         enabled=availability.no_photos,
@@ -115,22 +109,16 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     Command(
         "camera.add_keyframe",
         "Add keyframe",
-        "Camera",
         camera_path.add_keyframe,
         "K",
         enabled=availability.no_scene,
     ),
     Command(
-        "camera.turntable",
-        "Turntable",
-        "Camera",
-        camera_path.make_turntable,
-        enabled=availability.no_scene,
+        "camera.turntable", "Turntable", camera_path.make_turntable, enabled=availability.no_scene
     ),
     Command(
         "camera.play",
         "Play the path",
-        "Camera",
         camera_path.toggle_playing,
         "Shift+K",
         enabled=availability.no_path,
@@ -139,29 +127,14 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     Command(
         "camera.clear_path",
         "Remove all keyframes",
-        "Camera",
         camera_path.clear,
         enabled=availability.no_keyframe,
     ),
     Command(
-        "camera.open_path",
-        "Open path…",
-        "Camera",
-        ask(Request.OPEN_PATH),
-        enabled=availability.no_scene,
+        "camera.open_path", "Open path…", ask(Request.OPEN_PATH), enabled=availability.no_scene
     ),
     Command(
-        "camera.save_path",
-        "Save path…",
-        "Camera",
-        ask(Request.SAVE_PATH),
-        enabled=availability.no_keyframe,
+        "camera.save_path", "Save path…", ask(Request.SAVE_PATH), enabled=availability.no_keyframe
     ),
-    Command(
-        "camera.film",
-        "Save film…",
-        "Camera",
-        ask(Request.SAVE_FILM),
-        enabled=availability.not_filmable,
-    ),
+    Command("camera.film", "Save film…", ask(Request.SAVE_FILM), enabled=availability.not_filmable),
 )

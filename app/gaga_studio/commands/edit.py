@@ -10,7 +10,6 @@ def _mirror(axis: int) -> Command:
     return Command(
         f"edit.mirror_{'xyz'[axis]}",
         f"Mirror across {'XYZ'[axis]}",
-        "Edit",
         lambda session: transform.mirror(session, axis),
         enabled=availability.no_selection,
     )
@@ -20,7 +19,6 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.undo",
         "Undo",
-        "Edit",
         history.undo,
         "Ctrl+Z",
         enabled=availability.no_undo,
@@ -29,7 +27,6 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.redo",
         "Redo",
-        "Edit",
         history.redo,
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
@@ -39,7 +36,6 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.duplicate",
         "Duplicate",
-        "Edit",
         transform.duplicate,
         "Shift+D",
         enabled=availability.no_selection,
@@ -47,7 +43,6 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.delete",
         "Delete",
-        "Edit",
         cleanup.delete_selected,
         "Delete",
         ("Backspace",),
@@ -57,20 +52,16 @@ EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
         "edit.delete_floaters",
         "Delete floaters",
-        "Edit",
         objects.delete_floaters,
         enabled=availability.no_scene,
     ),
     Command(
         "edit.confirm",
         "Confirm",
-        "Edit",
         handlers.confirm,
         "Enter",
         enabled=availability.nothing_to_confirm,
     ),
-    Command(
-        "edit.cancel", "Cancel", "Edit", handlers.cancel, "Escape", enabled=availability.no_cancel
-    ),
-    Command("edit.preferences", "Preferences…", "Edit", ask(Request.PREFERENCES), "Ctrl+,"),
+    Command("edit.cancel", "Cancel", handlers.cancel, "Escape", enabled=availability.no_cancel),
+    Command("edit.preferences", "Preferences…", ask(Request.PREFERENCES), "Ctrl+,"),
 )

@@ -6,12 +6,11 @@ from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
 
 FILE_COMMANDS: tuple[Command, ...] = (
-    Command("file.open_folder", "Open scene folder…", "File", ask(Request.OPEN_FOLDER), "Ctrl+O"),
-    Command("file.open_file", "Open splat file…", "File", ask(Request.OPEN_FILE), "Ctrl+Shift+O"),
+    Command("file.open_folder", "Open scene folder…", ask(Request.OPEN_FOLDER), "Ctrl+O"),
+    Command("file.open_file", "Open splat file…", ask(Request.OPEN_FILE), "Ctrl+Shift+O"),
     Command(
         "file.make_splats",
         "Make splats from photos",
-        "File",
         reconstruction.make,
         enabled=reconstruction.why_not,
         describe=reconstruction.title,
@@ -19,32 +18,19 @@ FILE_COMMANDS: tuple[Command, ...] = (
     Command(
         "file.make_splats_as",
         "Make splats as…",
-        "File",
         ask(Request.MAKE_SPLATS),
         enabled=reconstruction.why_not,
     ),
     Command(
-        "file.add_splats",
-        "Add splats…",
-        "File",
-        ask(Request.ADD_SPLATS),
-        enabled=availability.not_saveable,
+        "file.add_splats", "Add splats…", ask(Request.ADD_SPLATS), enabled=availability.not_saveable
     ),
+    Command("file.demo", "Open the demo", lambda s: s.open_demo(), enabled=availability.busy),
     Command(
-        "file.demo", "Open the demo", "File", lambda s: s.open_demo(), enabled=availability.busy
-    ),
-    Command(
-        "file.save",
-        "Save project",
-        "File",
-        lambda s: s.save(),
-        "Ctrl+S",
-        enabled=availability.not_saveable,
+        "file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=availability.not_saveable
     ),
     Command(
         "file.save_as",
         "Save project as…",
-        "File",
         ask(Request.SAVE_AS),
         "Ctrl+Shift+S",
         enabled=availability.not_saveable,
@@ -52,7 +38,6 @@ FILE_COMMANDS: tuple[Command, ...] = (
     Command(
         "file.export_scene",
         "Export scene…",
-        "File",
         ask(Request.EXPORT_SCENE),
         "Ctrl+Shift+E",
         enabled=availability.not_saveable,
@@ -60,46 +45,36 @@ FILE_COMMANDS: tuple[Command, ...] = (
     Command(
         "file.export_selected",
         "Export selection…",
-        "File",
         ask(Request.EXPORT_SELECTED),
         enabled=availability.not_exportable_selection,
     ),
     Command(
         "file.export_objects",
         "Export objects…",
-        "File",
         ask(Request.EXPORT_OBJECTS),
         enabled=availability.not_exportable_objects,
     ),
     Command(
         "file.export_masks",
         "Export masks…",
-        "File",
         ask(Request.EXPORT_MASKS),
         enabled=availability.not_exportable_masks,
     ),
     Command(
         "file.save_script",
         "Save the edits as a script…",
-        "File",
         ask(Request.SAVE_SCRIPT),
         enabled=availability.no_edits,
     ),
     Command(
         "file.save_picture",
         "Save picture…",
-        "File",
         ask(Request.SAVE_PICTURE),
         "Ctrl+Alt+S",
         enabled=availability.not_saveable,
     ),
     Command(
-        "file.close",
-        "Close",
-        "File",
-        lambda s: s.close(),
-        "Ctrl+W",
-        enabled=availability.not_saveable,
+        "file.close", "Close", lambda s: s.close(), "Ctrl+W", enabled=availability.not_saveable
     ),
-    Command("file.quit", "Quit", "File", lambda s: s.quit(), "Ctrl+Q"),
+    Command("file.quit", "Quit", lambda s: s.quit(), "Ctrl+Q"),
 )

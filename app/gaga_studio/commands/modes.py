@@ -39,7 +39,6 @@ def _mode(mode: Mode, title: str) -> Command:
     return Command(
         f"view.{mode}",
         title,
-        "View",
         run,
         enabled=needs.get(mode, availability.no_scene),
         is_on=lambda session: session.view.mode is mode,
@@ -53,7 +52,6 @@ def _look(look: SplatLook, title: str) -> Command:
     return Command(
         f"view.look_{look}",
         title,
-        "View",
         run,
         enabled=availability.no_scene,
         is_on=lambda session: session.view.look is look,
@@ -71,11 +69,9 @@ _MODES = (
 )
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,
-    Command(
-        "view.next_mode", "Next render mode", "View", next_mode, "M", enabled=availability.no_scene
-    ),
+    Command("view.next_mode", "Next render mode", next_mode, "M", enabled=availability.no_scene),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),
     _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),
-    Command("view.background", "Next background color", "View", next_background),
+    Command("view.background", "Next background color", next_background),
 )

@@ -18,7 +18,6 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.masks",
         "Make masks…",
-        "Object",
         ask(Request.MAKE_MASKS),
         "Ctrl+M",
         enabled=availability.no_photos_for_masks,
@@ -26,28 +25,24 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.masks_quick",
         "Make masks without a model (regions)",
-        "Object",
         masks.make,
         enabled=availability.no_photos_for_masks,
     ),
     Command(
         "object.import_masks",
         "Import masks from a folder…",
-        "Object",
         ask(Request.IMPORT_MASK_FOLDER),
         enabled=availability.no_views,
     ),
     Command(
         "object.import_masks_file",
         "Import masks from a file…",
-        "Object",
         ask(Request.IMPORT_MASK_FILE),
         enabled=availability.no_views,
     ),
     Command(
         "object.associate",
         "Find objects (associate masks)",
-        "Object",
         files.associate,
         "Ctrl+G",
         enabled=availability.no_masks,
@@ -55,7 +50,6 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.find",
         "Find an object…",
-        "Object",
         ask(Request.FIND),
         "Ctrl+F",
         enabled=availability.no_groups,
@@ -63,36 +57,17 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.find_in_view",
         "Find it in this view",
-        "Object",
         ask(Request.FIND_IN_VIEW),
         enabled=availability.no_detection,
     ),
+    Command("object.index", "Index this scene", search.index, enabled=availability.not_indexable),
     Command(
-        "object.index",
-        "Index this scene",
-        "Object",
-        search.index,
-        enabled=availability.not_indexable,
+        "object.name_all", "Name the objects", search.name_all, enabled=availability.not_nameable
     ),
-    Command(
-        "object.name_all",
-        "Name the objects",
-        "Object",
-        search.name_all,
-        enabled=availability.not_nameable,
-    ),
-    Command(
-        "object.hide",
-        "Hide",
-        "Object",
-        objects.hide,
-        "H",
-        enabled=availability.no_selection,
-    ),
+    Command("object.hide", "Hide", objects.hide, "H", enabled=availability.no_selection),
     Command(
         "object.isolate",
         "Isolate",
-        "Object",
         cleanup.isolate_selected,
         "/",
         enabled=availability.no_selection_to_clean,
@@ -100,31 +75,20 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.show_all",
         "Show all",
-        "Object",
         objects.show_all,
         "Shift+H",
         ("Alt+H",),
         enabled=availability.nothing_hidden,
     ),
     Command(
-        "object.rename",
-        "Rename",
-        "Object",
-        ask(Request.RENAME),
-        "F2",
-        enabled=availability.not_one_object,
+        "object.rename", "Rename", ask(Request.RENAME), "F2", enabled=availability.not_one_object
     ),
     Command(
-        "object.merge",
-        "Merge into one",
-        "Object",
-        objects.merge,
-        enabled=availability.not_several_objects,
+        "object.merge", "Merge into one", objects.merge, enabled=availability.not_several_objects
     ),
     Command(
         "object.separate",
         "Separate into an object of its own",
-        "Object",
         objects.separate,
         "Shift+P",
         enabled=availability.no_selection,
@@ -132,60 +96,44 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.split",
         "Split into parts that do not touch",
-        "Object",
         objects.split,
         enabled=availability.not_one_object,
     ),
     Command(
         "object.split_masks",
         "Split into the two things that its masks show",
-        "Object",
         association_repair.split_by_masks,
         enabled=availability.not_one_object_with_masks,
     ),
     Command(
         "object.uncertain",
         "Select uncertain splats",
-        "Object",
         selection.select_uncertain,
         enabled=availability.no_confidence,
     ),
     Command(
         "object.quality",
         "Measure the quality of the objects",
-        "Object",
         quality.measure,
         enabled=availability.no_bank,
     ),
     Command(
         "object.worst_view",
         "Go to the worst view",
-        "Object",
         quality.worst_view,
         enabled=availability.no_quality,
     ),
-    Command("object.lock", "Lock", "Object", objects.lock, enabled=availability.no_selection),
+    Command("object.lock", "Lock", objects.lock, enabled=availability.no_selection),
     Command(
-        "object.unlock_all",
-        "Unlock all",
-        "Object",
-        objects.unlock_all,
-        enabled=availability.nothing_locked,
+        "object.unlock_all", "Unlock all", objects.unlock_all, enabled=availability.nothing_locked
     ),
+    Command("object.clean", "Clean up", cleanup.start, enabled=availability.not_cleanable),
     Command(
-        "object.clean", "Clean up", "Object", cleanup.start, enabled=availability.not_cleanable
-    ),
-    Command(
-        "object.clean_apply",
-        "Apply the cleaning",
-        "Object",
-        cleanup.apply,
-        enabled=availability.no_cleaning,
+        "object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=availability.no_cleaning
     ),
     Command(
         "object.clean_first",
         "Always clean first",
-        "Object",
         handlers.toggle_clean_first,
         is_on=lambda s: s.settings.clean_first,
     ),

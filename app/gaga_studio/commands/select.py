@@ -6,17 +6,11 @@ from gaga_studio.commands.base import Command
 
 SELECT_COMMANDS: tuple[Command, ...] = (
     Command(
-        "select.all",
-        "Select all",
-        "Select",
-        selection.select_all,
-        "Ctrl+A",
-        enabled=availability.no_scene,
+        "select.all", "Select all", selection.select_all, "Ctrl+A", enabled=availability.no_scene
     ),
     Command(
         "select.none",
         "Select nothing",
-        "Select",
         selection.select_none,
         "Ctrl+Shift+A",
         ("Ctrl+D",),
@@ -25,26 +19,21 @@ SELECT_COMMANDS: tuple[Command, ...] = (
     Command(
         "select.invert",
         "Invert selection",
-        "Select",
         selection.select_inverse,
         "Ctrl+I",
         enabled=availability.no_scene,
     ),
-    Command("select.grow", "Grow", "Select", selection.grow, enabled=availability.no_selection),
-    Command(
-        "select.shrink", "Shrink", "Select", selection.shrink, enabled=availability.no_selection
-    ),
+    Command("select.grow", "Grow", selection.grow, enabled=availability.no_selection),
+    Command("select.shrink", "Shrink", selection.shrink, enabled=availability.no_selection),
     Command(
         "select.alike",
         "Grow to what is alike (identity)",
-        "Select",
         selection.grow_by_identity,
         enabled=availability.no_encodings,
     ),
     Command(
         "select.keep",
         "Keep the selection",
-        "Select",
         named_selections.keep_next,
         enabled=availability.no_selection,
     ),

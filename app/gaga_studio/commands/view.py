@@ -10,7 +10,6 @@ def _axis(axis: str) -> Command:
     return Command(
         f"view.{axis}",
         f"From the {axis}",
-        "View",
         lambda session: session.rig.look_along(axis),
         enabled=availability.no_scene,
     )
@@ -21,7 +20,6 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.frame_selected",
         "Focus the selection",
-        "View",
         navigation.frame_selected,
         "F",
         enabled=availability.no_scene,
@@ -29,7 +27,6 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.frame_all",
         "Show the whole scene",
-        "View",
         navigation.frame_all,
         "Shift+F",
         ("Home",),
@@ -39,7 +36,6 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.next_photo",
         "Next photo",
-        "View",
         lambda s: navigation.next_view(s, 1),
         "Right",
         enabled=availability.no_photos,
@@ -47,7 +43,6 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.previous_photo",
         "Previous photo",
-        "View",
         lambda s: navigation.next_view(s, -1),
         "Left",
         enabled=availability.no_photos,
@@ -55,27 +50,17 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     Command(
         "view.fly",
         "Fly",
-        "View",
         handlers.toggle_flying,
         "V",
         enabled=availability.no_scene,
         is_on=lambda s: s.rig.is_flying,
     ),
     switch(
-        "view.frusta",
-        "Cameras of the photos",
-        "View",
-        "show_frusta",
-        "C",
-        enabled=availability.no_photos,
+        "view.frusta", "Cameras of the photos", "show_frusta", "C", enabled=availability.no_photos
     ),
     switch(
-        "view.outline",
-        "Outline of the selection",
-        "View",
-        "show_outline",
-        enabled=availability.no_scene,
+        "view.outline", "Outline of the selection", "show_outline", enabled=availability.no_scene
     ),
-    switch("view.panels", "Panels", "View", "show_panels", "Tab"),
-    switch("view.info", "Figures", "View", "show_info", "I"),
+    switch("view.panels", "Panels", "show_panels", "Tab"),
+    switch("view.info", "Figures", "show_info", "I"),
 )

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from gaga_studio.actions import files, history, objects, selection
-from gaga_studio.commands import COMMANDS, GROUPS, Command, command, for_shortcut, run
+from gaga_studio.commands import COMMANDS, MENUS, Command, command, for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
 
@@ -49,11 +49,10 @@ def test_ids_titles_and_keys_are_unique() -> None:
         assert [name for name, n in Counter(names).items() if n > 1] == []
 
 
-def test_keys_are_written_in_one_way_and_groups_are_known() -> None:
+def test_keys_are_written_in_one_way() -> None:
     named = r"F\d|Delete|Backspace|Enter|Escape|Tab|Home|Left|Right"
     pattern = rf"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,.[\]]|{named})"
     for c in COMMANDS:
-        assert c.group in GROUPS
         for keys in (c.shortcut, *c.aliases):
             assert not keys or re.fullmatch(pattern, keys), keys
 
@@ -169,9 +168,7 @@ def test_escape_ends_the_innermost_thing_first(associated: Session) -> None:
     run("view.fly", session)
     run("edit.cancel", session)
     assert not session.rig.is_flying
-    assert [c.id for c in COMMANDS if c.group == "Tools" and c.is_on and c.is_on(session)] == [
-        "tool.move"
-    ]
+    assert [c.id for c in MENUS["Tools"] if c.is_on and c.is_on(session)] == ["tool.move"]
     run("edit.cancel", session)
     assert session.tool == ToolName.PICK
     assert session.selected_groups()

@@ -6,7 +6,7 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from gaga_studio.actions import masks
-from gaga_studio.commands import COMMANDS, GROUPS
+from gaga_studio.commands import MENUS
 from gaga_studio.commands.camera import RECALL, SET
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -51,16 +51,15 @@ _IN_SUBMENUS = {*RECALL, *SET}
 
 def draw(session: Session, reset_layout: Callable[[], None]) -> None:
     """Menus, and at the right end the name of what is open."""
-    for group in GROUPS:
-        if imgui.begin_menu(group):
-            for command in COMMANDS:
-                if command.group == group:
-                    if command.id in _LINE_BEFORE:
-                        imgui.separator()
-                    if command.id not in _IN_SUBMENUS:
-                        command_buttons.command_item(session, command.id)
-                    _submenu_after(session, command.id)
-            if group == "View":
+    for title, menu in MENUS.items():
+        if imgui.begin_menu(title):
+            for command in menu:
+                if command.id in _LINE_BEFORE:
+                    imgui.separator()
+                if command.id not in _IN_SUBMENUS:
+                    command_buttons.command_item(session, command.id)
+                _submenu_after(session, command.id)
+            if title == "View":
                 imgui.separator()
                 if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
                     reset_layout()

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core import __version__
 from gaga_studio import commands
-from gaga_studio.commands import COMMANDS, GROUPS, Command
+from gaga_studio.commands import COMMANDS, MENUS, Command
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -144,7 +144,7 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
     widgets.tooltip(why_not)
     if is_current and moved:
         imgui.set_scroll_here_y()
-    right = commands.shortcut_of(command, session) or command.group
+    right = commands.shortcut_of(command, session) or commands.menu_of(command)
     imgui.same_line(room - imgui.calc_text_size(right).x)
     with theme.text_color(theme.FAINT):
         imgui.text_unformatted(right)
@@ -160,7 +160,7 @@ def matching(text: str) -> list[Command]:
 
 
 def _searched(command: Command) -> str:
-    return f"{command.group} {command.title} {command.id}".casefold()
+    return f"{commands.menu_of(command)} {command.title} {command.id}".casefold()
 
 
 def _shortcuts(session: Session) -> None:
@@ -172,15 +172,11 @@ def _shortcuts(session: Session) -> None:
     if imgui.begin_table("Columns", columns):
         imgui.table_next_column()
         _sheet("Mouse", MOUSE)
-        for position, group in enumerate(GROUPS):
+        for position, (menu, listed) in enumerate(MENUS.items()):
             if position == 3 and columns == 2:
                 imgui.table_next_column()
-            rows = [
-                (", ".join(commands.keys_of(c, session)), c.title.rstrip("…"))
-                for c in COMMANDS
-                if c.group == group
-            ]
-            _sheet(group, [(keys, title) for keys, title in rows if keys])
+            rows = [(", ".join(commands.keys_of(c, session)), c.title.rstrip("…")) for c in listed]
+            _sheet(menu, [(keys, title) for keys, title in rows if keys])
         imgui.end_table()
     imgui.end_child()
     close_row()
