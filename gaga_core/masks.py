@@ -21,6 +21,7 @@ class MaskSet:
 
     loaders: Mapping[str, Loader] = field(default_factory=dict)
     source: str = ""  # where they come from, for messages
+    are_regions: bool = False  # made without a model: pieces of objects (`segmentation.regions`)
 
     def __len__(self) -> int:
         return len(self.loaders)

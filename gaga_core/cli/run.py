@@ -30,6 +30,8 @@ class RunCommand:
     """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
     """Preset of the association."""
+    detail: float | None = None
+    """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
     quality: Literal["draft", "standard", "full"] = "draft"
     """Of splats that are still to be trained."""
     iterations: int | None = None
@@ -91,7 +93,7 @@ class RunCommand:
             reconstruct=reconstruct,
             masks=self.masks,
             masks_from=self.masks_from,
-            associate=AssociateConfig.of(self.preset),
+            associate=AssociateConfig.of(self.preset).at_detail(self.detail),
         )
 
     def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:

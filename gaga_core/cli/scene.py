@@ -22,6 +22,8 @@ class AssociateCommand:
     """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
+    detail: float | None = None
+    """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -36,7 +38,7 @@ class AssociateCommand:
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
-        config = AssociateConfig.of(self.preset)
+        config = AssociateConfig.of(self.preset).at_detail(self.detail)
         stage = associate.associate_scene(
             folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
         )

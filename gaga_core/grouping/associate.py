@@ -12,6 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks
 from gaga_core.grouping.gated_views import DepthKind, GatedViews
+from gaga_core.grouping.hierarchy.objects import FoundObjects, HierarchyConfig, objects_stage
 from gaga_core.grouping.memory_bank import (
     MemoryBank,
     Preset,
@@ -19,7 +20,12 @@ from gaga_core.grouping.memory_bank import (
     groups_of_masks,
     views_per_group,
 )
-from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
+from gaga_core.grouping.robust.consensus import (
+    ConsensusConfig,
+    consensus_stage,
+    merged_masks,
+    point_tables,
+)
 from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
@@ -45,6 +51,7 @@ class AssociateConfig:
     consensus: ConsensusConfig | None = None  # groups by the views' consensus (beyond the paper)
     fill_unseen: bool = False  # hidden Gaussians take the gate's votes, then their neighbours'
     surfaces: SurfaceConfig | None = None  # ... or with few views what the surfaces say
+    hierarchy: HierarchyConfig | None = None  # how regions that no model made become objects
     histogram_bytes: int = HISTOGRAM_BYTES  # memory for the vote of labels per Gaussian
 
     def __post_init__(self) -> None:
@@ -60,6 +67,8 @@ class AssociateConfig:
             raise ValueError("consensus: needs a depth, 'expected' or 'median'")
         if self.consensus is None and (self.fill_unseen or self.surfaces is not None):
             raise ValueError("fill_unseen and surfaces: need the consensus")
+        if self.hierarchy is not None and self.depth != "median":
+            raise ValueError("hierarchy: needs the depth 'median'")
         if self.histogram_bytes < 1:
             raise ValueError("histogram_bytes: too small")
 
@@ -82,8 +91,23 @@ class AssociateConfig:
                 consensus=ConsensusConfig(),
                 fill_unseen=True,
                 surfaces=SurfaceConfig(),
+                hierarchy=HierarchyConfig(),
             )
         raise GagaError(f"There is no preset {preset!r}. Choose one of {', '.join(PRESETS)}.")
+
+
+    def at_detail(self, detail: float | None) -> "AssociateConfig":
+        """The same with another level of objects, 0 coarse .. 1 fine; None changes nothing.
+
+        Raises ``GagaError`` when the preset has no levels or the number is no detail.
+        """
+        if detail is None:
+            return self
+        if self.hierarchy is None:
+            raise GagaError(f"The preset {self.preset} has no levels of detail. Choose robust.")
+        if not 0 <= detail <= 1:
+            raise GagaError(f"The detail must be between 0 and 1, not {detail}.")
+        return replace(self, hierarchy=replace(self.hierarchy, detail=detail))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +156,8 @@ class _Task:
         self.rasterizer = rasterizer
         self.config = config
         self.n_cameras = n_cameras  # with masks or without
-        self.depths = None if config.consensus is None else DepthMaps(gated.views)
+        keeps_depths = config.consensus is not None or config.hierarchy is not None
+        self.depths = DepthMaps(gated.views) if keeps_depths else None
 
     def gaussians_of(self, camera: Camera) -> tuple[ViewMasks, IntArray]:
         """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none."""
@@ -153,7 +178,9 @@ def associate_stage(
     Preset "paper": views in the order of their names, the first one that has masks opens the bank.
     Each view costs one depth map and one pass over the Gaussians; masks are loaded one view at a
     time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
-    adds what `AssociateConfig` says. The progress after a view carries a `BankSnapshot`.
+    adds what `AssociateConfig` says. Where no model made the masks, it finds objects by their
+    surfaces (`grouping.hierarchy`), and the bank has levels of detail. The progress after a view
+    carries a `BankSnapshot`.
     Raises ``GagaError`` when there is nothing to associate.
     """
     config = config or AssociateConfig()
@@ -162,6 +189,8 @@ def associate_stage(
         raise GagaError("The model holds no Gaussians. Choose another .ply file.")
     gated = GatedViews(gaussians, views, masks, config.gate, config.depth)
     task = _Task(gated, rasterizer, config, len(cameras))
+    if masks.are_regions and config.hierarchy is not None and task.depths is not None:
+        return (yield from _by_surfaces(task, config.hierarchy, task.depths))
     if config.consensus is None or task.depths is None:
         return (yield from _by_memory_bank(task))
     return (yield from _by_consensus(task, config.consensus, task.depths))
@@ -178,7 +207,7 @@ def _by_memory_bank(task: _Task) -> Stage[Association]:
     vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config)
     votes = yield from part(vote, n_parts - 1, n_parts, STAGE)
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
-    return _association(task, bank, labels, votes)
+    return _association(task, bank, labels, votes.confidence)
 
 
 def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) -> Stage[Association]:
@@ -218,14 +247,46 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
         group=np.where(labels > 0, labels, np.int32(-1)),
         n_groups=max(decided.n_groups, int(labels.max(initial=0))),
     )
-    return _association(task, bank, labels, votes)
+    return _association(task, bank, labels, votes.confidence)
 
 
-def _association(task: _Task, bank: MemoryBank, labels: IntArray, votes: Votes) -> Association:
+def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Stage[Association]:
+    """Beyond the paper: regions that no model made and the shape of the surface decide together.
+
+    The memory bank is filled first, as in `_by_consensus`; each mask then takes the group of most
+    of the samples that it shows.
+    """
+    n_parts = 2 + (task.config.order == "coverage")
+    order = yield from _ordered_views(task, n_parts)
+    first_bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
+    stage = objects_stage(task.gaussians, task.views, task.gated.masks_of, depths, config)
+    found = yield from part(stage, n_parts - 1, n_parts, STAGE)
+    levels = found.levels
+    labels = levels.labels[levels.chosen]
+    decided = _decided_by_samples(task, first_bank, found)
+    bank = replace(
+        decided,
+        group=np.where(labels > 0, labels, np.int32(-1)),
+        n_groups=max(decided.n_groups, int(labels.max(initial=0))),
+        levels=levels,
+    )
+    return _association(task, bank, labels, found.confidence)
+
+
+def _decided_by_samples(task: _Task, bank: MemoryBank, found: FoundObjects) -> MemoryBank:
+    """The bank with each mask in the group of most of the samples that it shows."""
+    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
+    tables = point_tables(found.regions, found.groups, [len(ids[name]) for name in task.names])
+    return decide_masks(bank, dict(zip(task.names, tables, strict=True)), ids)
+
+
+def _association(
+    task: _Task, bank: MemoryBank, labels: IntArray, confidence: FloatArray
+) -> Association:
     return Association(
         bank=bank,
         labels=labels,
-        confidence=votes.confidence,
+        confidence=confidence,
         mask_groups=groups_of_masks(bank, task.names),
         views_per_group=views_per_group(bank),
         notes=_notes(task),
@@ -328,6 +389,9 @@ def _with_hidden(task: _Task, bank: MemoryBank, labels: IntArray) -> Stage[IntAr
 
 def _notes(task: _Task) -> tuple[str, ...]:
     n_views, resized, notes = len(task.views), task.gated.resized, []
+    hierarchy = task.config.hierarchy
+    if hierarchy is not None and hierarchy.detail is not None and not task.masks.are_regions:
+        notes.append("The masks come from a model and have no levels: the detail has no effect.")
     if n_views < task.n_cameras:
         notes.append(
             f"{task.n_cameras - n_views} of {task.n_cameras} views have no masks and took no part."

@@ -9,6 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
+from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, Preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
@@ -26,6 +27,10 @@ def bank_arrays(bank: MemoryBank) -> dict[str, AnyArray]:
     }
     for name in _COLUMNS:
         arrays[f"log_{name}"] = np.array([getattr(d, name) for d in bank.log])
+    if bank.levels is not None:
+        arrays["levels"] = bank.levels.labels
+        arrays["levels_chosen"] = np.array(bank.levels.chosen)
+        arrays["levels_background"] = np.array(bank.levels.background)
     return arrays
 
 
@@ -40,7 +45,15 @@ def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
         int(arrays["n_groups"]),
         log,
         preset=_preset_of(str(arrays["preset"])) if "preset" in arrays else _guessed_preset(log),
+        levels=_levels_of(arrays) if "levels" in arrays else None,
     )
+
+
+def _levels_of(arrays: dict[str, AnyArray]) -> Levels:
+    labels = np.ascontiguousarray(arrays["levels"], np.int32)
+    if labels.shape[1:] != arrays["group"].shape:
+        raise ValueError(f"levels: {labels.shape} does not fit {arrays['group'].shape} Gaussians")
+    return Levels(labels, int(arrays["levels_chosen"]), int(arrays["levels_background"]))
 
 
 def _preset_of(name: str) -> Preset:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray, LongArray, check_shape
 from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+from gaga_core.grouping.levels import Levels
 
 Preset = Literal["paper", "robust"]  # see `associate.AssociateConfig.of`
 
@@ -36,6 +37,8 @@ class MemoryBank:
     log: tuple[Decision, ...] = ()
     preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are shares of splats
     # ("paper") or of points on the surfaces ("robust"), and a repair decides in the same way
+
+    levels: Levels | None = field(default=None, kw_only=True)  # of objects made without a model
 
     @staticmethod
     def empty(n_gaussians: int, preset: Preset = "paper") -> "MemoryBank":

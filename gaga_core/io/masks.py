@@ -1,5 +1,6 @@
 """Label maps on disk: one PNG a view, named by the photo's stem."""
 
+import json
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,9 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
 from gaga_core.masks import MaskSet
+
+RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
+_WITHOUT_MODEL = "regions"  # the provider that has no model: `segmentation.regions`
 
 
 def read_labels(path: Path) -> IntArray:
@@ -66,7 +70,16 @@ def mask_folder(folder: Path, view_names: Iterable[str]) -> MaskSet:
         for name in view_names
         if Path(name).stem in by_stem
     }
-    return MaskSet(loaders, source=str(folder))
+    return MaskSet(loaders, source=str(folder), are_regions=_are_regions(folder))
+
+
+def _are_regions(folder: Path) -> bool:
+    """Whether the record of the folder says that no model made its label maps."""
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False  # nobody says so
+    return isinstance(record, dict) and record.get("provider") == _WITHOUT_MODEL
 
 
 def _as_ids(path: Path, values: AnyArray) -> IntArray:

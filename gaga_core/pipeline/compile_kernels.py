@@ -62,6 +62,7 @@ def warm_up_stage() -> Stage[None]:
         ("object list", _objects),
         ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
+        ("association, regions", _association("robust", are_regions=True)),
         ("training", _train),
         ("files", _write),
     ]
@@ -169,7 +170,7 @@ def _write(sample: _Sample) -> None:
         write_ply(Path(folder) / "sample.ply", sample.gaussians)
 
 
-def _association(preset: str) -> Callable[[_Sample], object]:
+def _association(preset: str, *, are_regions: bool = False) -> Callable[[_Sample], object]:
     def run(sample: _Sample) -> object:
         shown = {
             c.name: sample.rasterizer.label_splat(sample.gaussians, c, sample.labels).labels + 1
@@ -180,7 +181,7 @@ def _association(preset: str) -> Callable[[_Sample], object]:
             associate_stage(
                 sample.gaussians,
                 sample.cameras,
-                MaskSet(loaders, "sample"),
+                MaskSet(loaders, "sample", are_regions),
                 sample.rasterizer,
                 AssociateConfig.of(preset),
             )

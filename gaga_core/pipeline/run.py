@@ -12,12 +12,13 @@ from pathlib import Path
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.io.masks import RECORD
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder, read_model
 from gaga_core.pipeline import lift
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
 from gaga_core.pipeline.render import render_views
-from gaga_core.pipeline.segment import RECORD, segment_scene
+from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import Stage
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.regions import NAME as REGIONS

@@ -22,7 +22,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.masks import RECORD, read_labels, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage, part
@@ -30,7 +30,6 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.segmentation.base import Picture, Provider, fingerprint_of
 
-RECORD = "provider.json"
 STAGE = "Make masks"
 _VERSION = 1
 _BLOCK = 1 << 24  # bytes hashed between two steps

@@ -50,6 +50,8 @@ labels = {c.name: cpu.label_splat(g, c, made.labels).labels for c in made.camera
 masks = MaskSet({name: partial(labels.get, name) for name in labels}, "test")
 for preset in ("paper", "robust"):
     run_stage(associate_stage(g, made.cameras, masks, cpu, AssociateConfig.of(preset)))
+regions = replace(masks, are_regions=True)
+run_stage(associate_stage(g, made.cameras, regions, cpu, AssociateConfig.of("robust")))
 cpu.render(g, made.cameras[0], channels=np.zeros((len(g), 7), np.float32))
 cpu.render(g, made.cameras[0])
 scene = Scene.of(g, made.labels)

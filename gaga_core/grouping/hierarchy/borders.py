@@ -1,0 +1,221 @@
+"""Two witnesses of a border between pieces: what the views say, and the shape of the surface.
+
+Views: the share of them that show both sides in one region. Shape: concave creases and steps speak
+for two things, even and bulging borders for one (local convexity: Stein et al., CVPR 2014). Regions
+end at every print, so alone they say little; where the surface has a crease as well, two things
+meet. Two pieces that both stand on a plane and meet in a crease are two things, too.
+
+The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
+demo scene and of one generated room (`tests.bench.bench_objects` reports the others).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+
+from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
+from gaga_core.grouping.hierarchy.linkage import SignedGraph
+from gaga_core.grouping.hierarchy.pieces import Neighbourhood
+from gaga_core.grouping.hierarchy.surfels import Surfels
+
+_PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
+_HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
+_SMOOTHED = 2  # rounds of averaging over neighbours within a piece
+_SHARP = 0.4  # crease or step that counts in full
+_DEEP = 0.4  # crease from which on more is said
+_STANDS = 0.3  # crease at which standing side by side counts in full
+_ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
+_SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
+_FOOT = 0.1  # least crease between a thing and its support
+_OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
+# Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
+_FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
+# Of larger ones: bias, crease, bulge, step, views for one region, views for two, the latter where
+# the surface parts as well, both on one plane, deep crease, views for one region at a crease or
+# step, both standing on a plane at a crease.
+_COARSE = np.array([1.43, -1.82, 0.82, -0.44, 0.93, 3.43, 0.87, 0.62, -2.42, 1.81, -0.8])
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What the views say of pairs of neighbouring small pieces."""
+
+    first: LongArray  # (B,) < second
+    second: LongArray  # (B,)
+    length: DoubleArray  # (B,) edges between them
+    same: DoubleArray  # (B,) summed chance that a sample of each shows in one region
+    voice: DoubleArray  # (B,) summed voice of the views that see both
+
+    @staticmethod
+    def of(surfels: Surfels, near: Neighbourhood, piece: LongArray) -> "Agreement":
+        """Agreement about all borders of pieces (S,)."""
+        first, second, cell = _pairs(piece[near.first], piece[near.second])
+        n = int(piece.max()) + 1
+        same, voice = np.zeros(len(first)), np.zeros(len(first))
+        for region in surfels.regions.T:
+            rows = np.flatnonzero(region)
+            if len(rows) == 0:
+                continue
+            shape = (n, int(region.max()) + 1)
+            table = coo_matrix((np.ones(len(rows)), (piece[rows], region[rows])), shape).tocsr()
+            total = np.asarray(table.sum(axis=1)).ravel()
+            both = np.flatnonzero((total[first] > 0) & (total[second] > 0))
+            a, b = first[both], second[both]
+            weight = total / (total + _HALF_VOICE)
+            chance = np.asarray(table[a].multiply(table[b]).sum(axis=1)).ravel()
+            same[both] += weight[a] * weight[b] * chance / (total[a] * total[b])
+            voice[both] += weight[a] * weight[b]
+        length = np.bincount(cell, minlength=len(first)).astype(np.float64)
+        return Agreement(first, second, length, same, voice)
+
+
+def fine_graph(
+    surfels: Surfels, near: Neighbourhood, piece: LongArray, views: Agreement
+) -> SignedGraph:
+    """The small pieces (S,) and the evidence about their borders, by their mean normals."""
+    size = np.bincount(piece).astype(np.float64)
+    centre = _means(surfels.points, piece) / size[:, None]
+    normal = _means(surfels.normals, piece)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    a, b = views.first, views.second
+    bend, step = _shape(centre, normal, a, b)
+    share = (views.same + _PRIOR) / (views.voice + 2 * _PRIOR)
+    features = [np.ones_like(bend), np.clip(-bend - 0.05, 0, 1), np.clip(bend, 0, 1)]
+    features += [np.clip(step, 0, 1), 2 * share - 1]
+    return SignedGraph(size, a, b, views.length, np.stack(features, axis=1) @ _FINE)
+
+
+def coarse_graph(
+    surfels: Surfels,
+    near: Neighbourhood,
+    plane: IntArray,  # (S,) 0 = none
+    piece: LongArray,  # (S,) small pieces
+    views: Agreement,
+    cluster: LongArray,  # (S,) of small pieces
+) -> SignedGraph:
+    """Clusters of pieces (S,) and the evidence about their borders.
+
+    Normals and places are averaged around each sample within its own cluster, so that a crease
+    stays sharp and noise does not make one.
+    """
+    normals, points = _smoothed(surfels, near, cluster)
+    a, b = near.first, near.second
+    apart = cluster[a] != cluster[b]
+    a, b = a[apart], b[apart]
+    first, second, cell = _pairs(cluster[a], cluster[b])
+    length = np.bincount(cell, minlength=len(first)).astype(np.float64)
+    bend, step = _shape(points, normals, a, b)
+    count = np.maximum(length, 1)
+    crease = np.bincount(cell, np.maximum(-bend, 0), len(first)) / count
+    bend = np.bincount(cell, bend, len(first)) / count
+    step = np.bincount(cell, step, len(first)) / count
+    size = np.bincount(cluster).astype(np.float64)
+    supports, on_plane = _supports(plane, cluster, near.spacing)
+    coplanar = (on_plane[first] == on_plane[second]) & (on_plane[first] > 0)
+    stand = _standing(first, second, length, crease, size, supports)
+    seen = _summed(views, piece, cluster, first, second, len(size))
+    view = 2 * (seen[0] + _PRIOR) / (seen[1] + 2 * _PRIOR) - 1
+    crease, step = np.clip(crease, 0, 1), np.clip(step, 0, 1)
+    parts = np.clip(np.maximum(crease, step) / _SHARP, 0, 1)
+    one, two = np.maximum(view, 0), np.minimum(view, 0)
+    features = [np.ones_like(bend), crease, np.clip(bend, 0, 1), step, one, two, two * parts]
+    features += [coplanar, np.clip(crease - _DEEP, 0, 1), one * parts]
+    features += [stand * np.clip(crease / _STANDS, 0, 1)]
+    return SignedGraph(size, first, second, length, np.stack(features, axis=1) @ _COARSE)
+
+
+def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]:
+    """The distinct pairs of different ids, lower first, and the pair of each entry that has one."""
+    apart = a != b
+    n = int(max(a.max(initial=0), b.max(initial=0))) + 1
+    key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
+    keys, cell = np.unique(key, return_inverse=True)
+    return keys // n, keys % n, cell.astype(np.int64)
+
+
+def _means(values: DoubleArray, cluster: LongArray) -> DoubleArray:
+    """Sums (n, 3) of values (S, 3) over clusters."""
+    return np.stack([np.bincount(cluster, column) for column in values.T], axis=1)
+
+
+def _shape(
+    points: DoubleArray, normals: DoubleArray, a: LongArray, b: LongArray
+) -> tuple[DoubleArray, DoubleArray]:
+    """Bend (P,), > 0 bulges, < 0 a crease, and step (P,) across the mean plane, 0..1."""
+    way = points[b] - points[a]
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+    bend = ((normals[b] - normals[a]) * way).sum(axis=1)
+    middle = normals[a] + normals[b]
+    length = np.maximum(np.linalg.norm(middle, axis=1), 0.5)
+    return bend, np.abs((middle * way).sum(axis=1)) / length
+
+
+def _smoothed(
+    surfels: Surfels, near: Neighbourhood, cluster: LongArray
+) -> tuple[DoubleArray, DoubleArray]:
+    """Normals and points (S, 3) averaged over neighbours of the same cluster."""
+    normals, points = surfels.normals, surfels.points
+    same = (cluster[near.around] == cluster[:, None]).astype(np.float64)
+    count = 1 + same.sum(axis=1, keepdims=True)
+    for _ in range(_SMOOTHED):
+        normals = normals + np.einsum("sk,ski->si", same, normals[near.around])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        points = (points + np.einsum("sk,ski->si", same, points[near.around])) / count
+    return normals, points
+
+
+def _supports(
+    plane: IntArray, cluster: LongArray, spacing: DoubleArray
+) -> tuple[BoolArray, LongArray]:
+    """Which clusters (n,) others may stand on, and the plane (n,) of each, 0 = none."""
+    n, n_planes = int(cluster.max()) + 1, int(plane.max(initial=0)) + 1
+    table = np.bincount(cluster * n_planes + plane, minlength=n * n_planes).reshape(n, n_planes)
+    size = table.sum(axis=1)
+    table[:, 0] = 0
+    best = table.argmax(axis=1)
+    flat = table[np.arange(n), best] > _ON_PLANE * size
+    area = np.bincount(plane, spacing**2, n_planes)
+    large = area > _SUPPORT_AREA * area.sum()
+    supports = flat & large[best] & (size > _SUPPORT_SIZE * len(cluster))
+    return supports, np.where(flat, best, 0)
+
+
+def _standing(
+    first: LongArray,
+    second: LongArray,
+    length: DoubleArray,
+    crease: DoubleArray,
+    size: DoubleArray,
+    supports: BoolArray,
+) -> DoubleArray:
+    """How far both sides of each border stand on supports, 0..1: the lesser share of outlines."""
+    foot = np.zeros(len(size))
+    for thing, below in ((first, second), (second, first)):
+        on = supports[below] & ~supports[thing] & (crease > _FOOT)
+        foot += np.bincount(thing[on], length[on], len(size))
+    share = foot / (_OUTLINE * np.sqrt(size))
+    least = np.clip(np.minimum(share[first], share[second]), 0, 1)
+    result: DoubleArray = np.where(supports[first] | supports[second], 0, least)
+    return result
+
+
+def _summed(
+    views: Agreement,
+    piece: LongArray,
+    cluster: LongArray,
+    first: LongArray,
+    second: LongArray,
+    n: int,
+) -> tuple[DoubleArray, DoubleArray]:
+    """Agreement (B,) and voice (B,) at borders of clusters: means over their length."""
+    cluster_of = np.zeros(int(piece.max()) + 1, np.int64)
+    cluster_of[piece] = cluster
+    a, b = cluster_of[views.first], cluster_of[views.second]
+    apart = a != b
+    key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
+    cell = np.searchsorted(first * n + second, key)
+    length = views.length[apart]
+    total = np.maximum(np.bincount(cell, length, len(first)), 1e-9)
+    same = np.bincount(cell, views.same[apart] * length, len(first)) / total
+    return same, np.bincount(cell, views.voice[apart] * length, len(first)) / total

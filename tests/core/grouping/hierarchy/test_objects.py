@@ -1,0 +1,172 @@
+"""Objects of regions: balls on a floor come out whole from masks that cut each of them in two."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats, quats_to_matrices
+from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.grouping.hierarchy.objects import HierarchyConfig
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from tests.scenes import Synthetic, objects_scene
+
+_BALLS = 6
+
+
+@pytest.fixture(scope="module")
+def scene() -> Synthetic:
+    return objects_scene(_BALLS, 900, n_cameras=12)
+
+
+@pytest.fixture(scope="module")
+def found(scene: Synthetic) -> Association:
+    return _found(scene.gaussians, scene.cameras, _masks(scene))
+
+
+def _masks(scene: Synthetic) -> dict[str, IntArray]:
+    """True maps in which every thing is cut at its middle column, another one in each view."""
+    cut = {}
+    for i, camera in enumerate(scene.cameras):
+        true = choose("cpu").label_splat(scene.gaussians, camera, scene.labels + 1).labels
+        columns = np.broadcast_to(np.arange(camera.width), true.shape)
+        middle = np.zeros(_BALLS + 2)
+        for k in np.unique(true):
+            middle[k] = np.quantile(columns[true == k], 0.3 + 0.4 * (i % 3) / 2)
+        right = (columns > middle[true]) & (true > 1)
+        cut[camera.name] = np.where(true > 0, 2 * true + right, 0).astype(np.int32)
+    return cut
+
+
+def _found(
+    gaussians: Gaussians,
+    cameras: tuple[Camera, ...],
+    maps: dict[str, IntArray],
+    config: HierarchyConfig | None = None,
+    *,
+    are_regions: bool = True,
+) -> Association:
+    masks = MaskSet(
+        {name: partial(maps.__getitem__, name) for name in maps}, are_regions=are_regions
+    )
+    robust = AssociateConfig.of("robust")
+    robust = replace(robust, hierarchy=config or robust.hierarchy)
+    return run_stage(associate_stage(gaussians, cameras, masks, choose("cpu"), robust))
+
+
+def _best_ious(truth: IntArray, labels: IntArray) -> list[float]:
+    """Of each ball with the group that covers it best."""
+    found = []
+    for ball in range(1, _BALLS + 1):
+        own = truth == ball
+        groups = np.unique(labels[own])
+        ious = [(own & (labels == g)).sum() / (own | (labels == g)).sum() for g in groups if g > 0]
+        found.append(float(max(ious, default=0.0)))
+    return found
+
+
+def _rotated(scene: Synthetic, rotation: DoubleArray, scale: float) -> Synthetic:
+    """The scene turned and scaled, seen by the same views."""
+    g = scene.gaussians
+    axes = rotation @ quats_to_matrices(g.quats)
+    moved = replace(
+        g,
+        means=(scale * g.means @ rotation.T).astype(np.float32),
+        quats=matrices_to_quats(axes).astype(np.float32),
+        log_scales=(g.log_scales + np.log(scale)).astype(np.float32),
+    )
+    cameras = []
+    for camera in scene.cameras:
+        pose = camera.cam_from_world.copy()
+        pose[:3, :3] = pose[:3, :3] @ rotation.T
+        pose[:3, 3] *= scale
+        cameras.append(replace(camera, cam_from_world=pose))
+    return Synthetic(moved, scene.labels, tuple(cameras))
+
+
+def _agreement(one: IntArray, other: IntArray) -> float:
+    """Share of the Gaussians in pairs of groups that are each other's best match."""
+    table = np.zeros((one.max() + 1, other.max() + 1))
+    np.add.at(table, (one, other), 1)
+    mutual = (table == table.max(axis=0)) & (table == table.max(axis=1)[:, None])
+    return float(table[mutual].sum() / len(one))
+
+
+def test_each_ball_is_one_object(scene: Synthetic, found: Association) -> None:
+    ious = _best_ious(scene.labels, found.labels)
+    assert min(ious) > 0.85
+    of_balls = np.unique(found.labels[scene.labels > 0])
+    assert len(of_balls) <= _BALLS + 1  # the floor's group takes some of their lowest splats
+
+
+def test_masks_of_a_model_are_not_touched(scene: Synthetic) -> None:
+    maps = _masks(scene)
+    with_hierarchy = _found(scene.gaussians, scene.cameras, maps, are_regions=False)
+    assert with_hierarchy.bank.levels is None
+
+
+def test_levels_are_nested_and_the_chosen_one_is_the_banks(found: Association) -> None:
+    levels = found.bank.levels
+    assert levels is not None
+    assert np.array_equal(levels.labels[levels.chosen], found.labels)
+    assert np.array_equal(np.where(found.bank.group > 0, found.bank.group, 0), found.labels)
+    for coarse, fine in zip(levels.labels[:-1], levels.labels[1:], strict=True):
+        for group in np.unique(fine):
+            assert len(np.unique(coarse[fine == group])) == 1
+    assert levels.labels[0].max() < levels.labels[-1].max()
+
+
+def test_each_mask_takes_the_group_that_it_shows(scene: Synthetic, found: Association) -> None:
+    group_of = {g: b for b, g in _groups_of_balls(scene.labels, found.labels).items()}
+    decided = [d for d in found.bank.log if d.mask >= 4]  # halves of balls
+    right = [group_of.get(d.group) == d.mask // 2 - 1 for d in decided]
+    assert np.mean(right) > 0.9
+
+
+def _groups_of_balls(truth: IntArray, labels: IntArray) -> dict[int, int]:
+    return {b: int(np.bincount(labels[truth == b]).argmax()) for b in range(1, _BALLS + 1)}
+
+
+@pytest.mark.parametrize("scale", [0.2, 30.0])
+def test_turning_and_scaling_the_world_changes_next_to_nothing(
+    scene: Synthetic, found: Association, scale: float
+) -> None:
+    rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    moved = _rotated(scene, rotation, scale)
+    again = _found(moved.gaussians, moved.cameras, _masks(scene))
+    assert min(_best_ious(scene.labels, again.labels)) > 0.85
+    assert _agreement(found.labels, again.labels) > 0.95
+
+
+def test_the_order_of_the_views_changes_nothing(scene: Synthetic, found: Association) -> None:
+    again = _found(scene.gaussians, scene.cameras[::-1], _masks(scene))
+    assert np.array_equal(again.labels, found.labels)
+
+
+def test_detail_chooses_the_level(scene: Synthetic, found: Association) -> None:
+    assert found.bank.levels is not None
+    fine = HierarchyConfig(detail=1.0)
+    again = _found(scene.gaussians, scene.cameras, _masks(scene), fine)
+    assert np.array_equal(again.labels, found.bank.levels.labels[-1])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: HierarchyConfig(finer=(1.0, 2.0)),
+        lambda: HierarchyConfig(detail=1.5),
+        lambda: HierarchyConfig(surfels=3),
+        lambda: AssociateConfig(hierarchy=HierarchyConfig()),
+    ],
+)
+def test_config_is_checked(change: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=r"finer|detail|surfels|median"):
+        change()

@@ -1,0 +1,62 @@
+"""Levels of detail: each refines the one before, and ids stay with the largest part."""
+
+import numpy as np
+import pytest
+
+from gaga_core.grouping.bank_file import bank_arrays, bank_of
+from gaga_core.grouping.levels import Levels
+from gaga_core.grouping.memory_bank import MemoryBank
+
+
+def _levels() -> Levels:
+    rng = np.random.default_rng(0)
+    fine = rng.integers(0, 24, 500)
+    nested = np.stack([fine // 12, fine // 6, fine // 2, fine]) * 7 + 3
+    return Levels.of(nested, 1, (fine >= 18).astype(np.int64))
+
+
+def test_every_level_is_a_partition_that_the_next_one_refines() -> None:
+    labels = _levels().labels
+    for coarse, fine in zip(labels[:-1], labels[1:], strict=True):
+        assert set(np.unique(coarse)) == set(range(1, coarse.max() + 1))
+        for group in np.unique(fine):
+            assert len(np.unique(coarse[fine == group])) == 1
+
+
+def test_the_largest_part_keeps_the_id() -> None:
+    labels = _levels().labels
+    for coarse, fine in zip(labels[:-1], labels[1:], strict=True):
+        for group in np.unique(coarse):
+            parts, sizes = np.unique(fine[coarse == group], return_counts=True)
+            assert group in parts[sizes == sizes.max()]
+
+
+def test_clusters_that_are_not_nested_are_refused() -> None:
+    with pytest.raises(ValueError, match="level 1 does not refine"):
+        Levels.of(np.array([[0, 0, 1, 1], [0, 1, 1, 2]]), 0, np.zeros(4, np.int64))
+
+
+def test_detail_chooses_a_level() -> None:
+    levels = _levels()
+    assert [levels.at(d) for d in (-1.0, 0.0, 0.34, 0.5, 1.0, 2.0)] == [0, 0, 1, 2, 3, 3]
+    assert all(levels.choose(k / 3).chosen == k for k in range(4))
+    assert levels.choose(levels.detail).chosen == levels.chosen
+
+
+def test_a_bank_keeps_its_levels_on_disk_and_older_banks_have_none() -> None:
+    levels = _levels()
+    bank = MemoryBank(levels.labels[1], int(levels.labels[1].max()), preset="robust", levels=levels)
+    again = bank_of(bank_arrays(bank)).levels
+    assert again is not None
+    assert np.array_equal(again.labels, levels.labels)
+    assert (again.chosen, again.background) == (levels.chosen, levels.background)
+    older = MemoryBank(levels.labels[1], bank.n_groups, preset="robust")
+    assert not any(name.startswith("levels") for name in bank_arrays(older))
+    assert bank_of(bank_arrays(older)).levels is None
+
+
+def test_levels_of_other_gaussians_are_refused() -> None:
+    levels = _levels()
+    arrays = bank_arrays(MemoryBank(levels.labels[1], 4, preset="robust", levels=levels))
+    with pytest.raises(ValueError, match="levels"):
+        bank_of(arrays | {"levels": levels.labels[:, 1:]})
