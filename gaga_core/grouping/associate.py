@@ -95,7 +95,6 @@ class AssociateConfig:
             )
         raise GagaError(f"There is no preset {preset!r}. Choose one of {', '.join(PRESETS)}.")
 
-
     def at_detail(self, detail: float | None) -> "AssociateConfig":
         """The same with another level of objects, 0 coarse .. 1 fine; None changes nothing.
 

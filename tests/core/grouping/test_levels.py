@@ -1,5 +1,7 @@
 """Levels of detail: each refines the one before, and ids stay with the largest part."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ def _levels() -> Levels:
 
 def test_every_level_is_a_partition_that_the_next_one_refines() -> None:
     labels = _levels().labels
-    for coarse, fine in zip(labels[:-1], labels[1:], strict=True):
+    for coarse, fine in pairwise(labels):
         assert set(np.unique(coarse)) == set(range(1, coarse.max() + 1))
         for group in np.unique(fine):
             assert len(np.unique(coarse[fine == group])) == 1
@@ -25,7 +27,7 @@ def test_every_level_is_a_partition_that_the_next_one_refines() -> None:
 
 def test_the_largest_part_keeps_the_id() -> None:
     labels = _levels().labels
-    for coarse, fine in zip(labels[:-1], labels[1:], strict=True):
+    for coarse, fine in pairwise(labels):
         for group in np.unique(coarse):
             parts, sizes = np.unique(fine[coarse == group], return_counts=True)
             assert group in parts[sizes == sizes.max()]

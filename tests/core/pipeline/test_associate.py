@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import load_bank, read_groups
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.masks import RECORD, read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, mask_path_of, open_scene_folder, select_views
 from gaga_core.pipeline.associate import associate_scene
@@ -84,6 +85,34 @@ def test_associate_writes_bank_labels_and_pseudo_labels(folder: SceneFolder) -> 
     report = json.loads((folder.work / "report.json").read_text())
     assert report["associate"]["groups"] == result.bank.n_groups == 5
     assert not list(folder.work.glob(".*"))
+
+
+def test_regions_become_objects_with_levels_and_masks_of_models_do_not(
+    folder: SceneFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robust = AssociateConfig.of("robust")
+    assert run_stage(associate_scene(folder, config=robust)).bank.levels is None
+    noted = run_stage(associate_scene(folder, config=robust.at_detail(0.2))).notes
+    assert any("detail has no effect" in note for note in noted)
+    record = folder.root / "masks" / "sim" / RECORD
+    record.write_text(json.dumps({"provider": "regions", "views": {}}), encoding="utf-8")
+    assert main(["associate", str(folder.root), "--detail", "0", "--json"]) == 0
+    levels = load_bank(folder.work / "bank.npz").levels
+    assert levels is not None
+    assert levels.chosen == 0
+    labels, _ = read_groups(folder, levels.labels.shape[1])
+    assert np.array_equal(labels, levels.labels[0])
+    assert json.loads(capsys.readouterr().out)["groups"] == labels.max()
+    record.write_text(json.dumps({"provider": "sam2", "views": {}}), encoding="utf-8")
+    assert run_stage(associate_scene(folder, config=robust)).bank.levels is None
+
+
+def test_a_detail_needs_levels_and_a_number_in_range() -> None:
+    with pytest.raises(GagaError, match="no levels"):
+        AssociateConfig.of("paper").at_detail(0.5)
+    with pytest.raises(GagaError, match="between 0 and 1"):
+        AssociateConfig.of("robust").at_detail(1.5)
+    assert AssociateConfig.of("paper").at_detail(None) == AssociateConfig.of("paper")
 
 
 def test_groups_of_test_views_match_the_truth(folder: SceneFolder, tmp_path: Path) -> None:
