@@ -211,7 +211,7 @@ def _edit(d: Driver, shot: Shot) -> None:
 
 def _search(d: Driver, shot: Shot) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)
-    d.engine.key_chars("blue")
+    d.engine.key_chars("largest red thing")
     document = d.session.need()
     d.until(lambda: bool(document.search.meant), "something is found")
     d.keys(KEY.down_arrow)
