@@ -46,6 +46,29 @@ class MemoryBank:
         return MemoryBank(np.full(n_gaussians, -1, np.int32), 0, preset=preset)
 
 
+def at_level(bank: MemoryBank, level: int) -> MemoryBank:
+    """The bank with the groups of another of its levels.
+
+    Masks go where most of the Gaussians of their group go: a coarser level lists those of all of
+    its parts, a finer one leaves them with the largest part. Raises ``ValueError`` without levels.
+    """
+    if bank.levels is None:
+        raise ValueError("bank: has no levels of detail")
+    labels = bank.levels.labels[level]
+    old = np.maximum(bank.group, 0)
+    counts = np.zeros((max(bank.n_groups, int(old.max(initial=0))) + 1, labels.max() + 1), np.int64)
+    np.add.at(counts, (old, labels), 1)
+    went, _ = two_best(counts)
+    log = tuple(replace(d, group=int(went[d.group]) if d.group else 0) for d in bank.log)
+    return replace(
+        bank,
+        group=np.where(labels > 0, labels, np.int32(-1)),
+        n_groups=int(labels.max(initial=0)),
+        log=log,
+        levels=replace(bank.levels, chosen=level),
+    )
+
+
 def add_view(
     bank: MemoryBank,
     view: str,

@@ -17,7 +17,8 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
-from gaga_studio.ui.panels import object_row, search
+from gaga_studio.ui.panels import detail, object_row, search
+from gaga_studio.ui.panels.detail import DetailState
 from gaga_studio.ui.panels.object_row import RowColumns, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
@@ -41,6 +42,7 @@ class ObjectListState:
 
     rows: RowState = field(default_factory=RowState)
     search: SearchBoxState = field(default_factory=SearchBoxState)
+    detail: DetailState = field(default_factory=DetailState)
     was_row_hovered: bool = False
     scroll_to: int | None = None  # group to scroll to
     last_selected: tuple[int, ...] = ()
@@ -60,6 +62,7 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
+    detail.draw(session, state.detail)
     state.rows.hovered = state.search.hovered = 0
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
