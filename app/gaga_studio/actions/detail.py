@@ -42,7 +42,9 @@ def choose(session: Session, level: int) -> None:
     labels = spread(scene, bank.levels.labels[level] if bank.levels else bank.group)
     there = set(labels.tolist())
     names = {group: name for group, name in scene.names.items() if group in there}
-    sure = None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
+    sure = (
+        None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
+    )
     document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure))
 
 
