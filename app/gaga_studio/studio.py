@@ -12,6 +12,7 @@ from imgui_bundle import imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.io.files import explain_os_error
 from gaga_studio.actions import autosave, cleanup
 from gaga_studio.actions import camera_path as camera_path_actions
 from gaga_studio.gpu.context import attach
@@ -91,7 +92,12 @@ class Studio:
     def run(self) -> None:
         """Open the window and stay until it is closed. Raises ``GagaError`` if it cannot open."""
         start_log()
-        paths.home().mkdir(parents=True, exist_ok=True)
+        home = paths.home()
+        try:
+            home.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            lost = "Settings and autosaves are not kept."
+            self.session.notify(Level.WARNING, f"{explain_os_error(error, home)} {lost}")
         self.window.run()
 
     # --- what the window calls
@@ -270,8 +276,9 @@ class Studio:
             self._guard.call("Open", lambda: self.session.open(dropped[0]))
 
     def _may_close(self) -> bool:
-        if self.session.unsaved and not self.session.should_quit:
-            self.session.quit()  # asks; the answer closes the window
+        session = self.session
+        if not session.should_quit and (session.unsaved or session.jobs.at_risk is not None):
+            session.quit()  # asks; the answer closes the window
             return False
         return True
 

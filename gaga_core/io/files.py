@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ import numpy as np
 
 from gaga_core.errors import GagaError
 
+_LOG = logging.getLogger(__name__)
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
 
 
@@ -35,6 +37,20 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise GagaError(explain_os_error(error, path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def set_aside(path: Path) -> Path | None:
+    """Rename a damaged file to ``NAME.damaged`` next to itself, so that a new one can be written.
+
+    A former one of that name is replaced. Returns the new path; None when the place refuses it.
+    """
+    aside = path.with_name(f"{path.name}.damaged")
+    try:
+        os.replace(path, aside)  # noqa: PTH105  replaces on every system
+    except OSError as error:
+        _LOG.warning("%s cannot be set aside: %s", path, error)
+        return None
+    return aside
 
 
 def fingerprint(path: Path) -> str:

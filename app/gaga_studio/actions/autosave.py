@@ -2,9 +2,9 @@
 
 Every minute with unsaved edits the project is written to a folder under `paths.home`; saving,
 discarding or closing removes it. A folder whose program does not run any more was left by a crash.
+What was recovered from it stays there until the edits are autosaved again, saved or discarded.
 """
 
-import json
 import logging
 import os
 import shutil
@@ -14,10 +14,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 from uuid import uuid4
 
+import msgspec
+
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, set_aside
+from gaga_core.io.json_file import PathText, read_json
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
@@ -26,6 +30,15 @@ from gaga_studio.system import paths
 _LOG = logging.getLogger(__name__)
 EVERY_S = 60.0  # at most this much work is lost in a crash
 _NOTE = "recovery.json"
+
+
+class RecoveryNote(msgspec.Struct, frozen=True):
+    """Content of recovery.json."""
+
+    pid: Annotated[int, msgspec.Meta(ge=1, lt=1 << 31)]  # program that wrote it, or recovered it
+    name: str  # of what was open
+    project: PathText | None  # where its project was saved; None: never
+    saved_at: Annotated[float, msgspec.Meta(ge=0, lt=1e11)]  # seconds since the epoch
 
 
 @dataclass(frozen=True)
@@ -57,6 +70,7 @@ class Autosave:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._pending: Future[None] | None = None
         self._written: tuple[object, object] | None = None  # document and content in the folder
+        self._copies: tuple[Path, ...] = ()  # recovered from, and still needed
         self._next = time.monotonic() + (EVERY_S if every_s is None else every_s)
 
     def tick(self, session: Session) -> None:
@@ -67,8 +81,11 @@ class Autosave:
         if self._pending is not None:
             return
         document = session.document
+        if document is not None and document.recovered_from is not None:
+            self._copies = (*self._copies, document.recovered_from)
+            document.recovered_from = None
         if document is None or not session.unsaved:
-            if self._written is not None:
+            if self._written is not None or self._copies:
                 self._written = None
                 self._pending = self._writer.submit(self._clear)
             self._next = time.monotonic() + every
@@ -80,17 +97,13 @@ class Autosave:
         self._next = time.monotonic() + every
         self._written = now
         project = replace(document.project, scene=replace(document.scene))
-        note = {
-            "pid": os.getpid(),
-            "name": document.name,
-            "project": str(project.path) if project.path is not None else None,
-            "saved_at": time.time(),
-        }
+        place = str(project.path) if project.path is not None else None
+        note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
             save_project(project, self._folder)
-            with atomic_write(self._folder / _NOTE) as temporary:
-                temporary.write_text(json.dumps(note), encoding="utf-8")
+            _write_note(self._folder, note)
+            self._remove_copies()
 
         self._pending = self._writer.submit(write)
 
@@ -106,6 +119,12 @@ class Autosave:
 
     def _clear(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
+        self._remove_copies()
+
+    def _remove_copies(self) -> None:
+        copies, self._copies = self._copies, ()
+        for folder in copies:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def _note_failure(self, session: Session) -> None:
         if self._pending is None or not self._pending.done():
@@ -124,29 +143,34 @@ def root() -> Path:
 
 def left_over() -> tuple[Recovery, ...]:
     """Return what programs that ended without saving left, newest first."""
-    found = []
-    for note in root().glob(f"*/{_NOTE}"):
+    return _look()[0]
+
+
+def _look() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
+    """What was left, newest first, and a sentence for every damaged note, which is set aside."""
+    found, problems = [], []
+    for file in root().glob(f"*/{_NOTE}"):
         try:
-            content = json.loads(note.read_text(encoding="utf-8"))
-            project = content["project"]
-            recovery = Recovery(
-                note.parent,
-                str(content["name"]),
-                Path(project) if project else None,
-                float(content["saved_at"]),
+            note = read_json(file, RecoveryNote, "")
+        except GagaError as error:
+            _LOG.warning("recovery: %s", error)
+            aside = set_aside(file)
+            problems.append(
+                f"The note of autosaved edits is damaged and was set aside as {aside or file}. The "
+                f"edits may be whole: open {file.parent} with Open scene folder."
             )
-            alive = _is_running(int(content["pid"]))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _LOG.warning("recovery %s: %s", note, error)
             continue
-        if not alive:
-            found.append(recovery)
-    return tuple(sorted(found, key=lambda r: -r.saved_at))
+        if not _is_running(note.pid):
+            project = Path(note.project) if note.project else None
+            found.append(Recovery(file.parent, note.name, project, note.saved_at))
+    return tuple(sorted(found, key=lambda r: -r.saved_at)), tuple(problems)
 
 
 def offer(session: Session) -> bool:
     """Ask about the newest project that a crash left; return whether there was one."""
-    waiting = left_over()
+    waiting, problems = _look()
+    for problem in problems:
+        session.notify(Level.WARNING, problem)
     if not waiting:
         return False
     newest = waiting[0]
@@ -168,15 +192,26 @@ def offer(session: Session) -> bool:
 
 
 def _recover(session: Session, found: Recovery) -> None:
-    """Open what was autosaved as unsaved edits of the project that it belongs to."""
+    """Open what was autosaved as unsaved edits of the project that it belongs to.
+
+    The autosave stays until `Autosave` has written or removed the edits; it is this program's now.
+    """
 
     def opened(project: Project) -> None:
         project.path = found.project
         session.take(project)
-        session.need().save_state.saved(None)  # nothing of it is on disk
-        _remover(found.folder)()
+        document = session.need()
+        document.save_state.saved(None)  # nothing of it is on disk
+        document.recovered_from = found.folder
+        place = str(found.project) if found.project is not None else None
+        _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 
     session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
+
+
+def _write_note(folder: Path, note: RecoveryNote) -> None:
+    with atomic_write(folder / _NOTE) as temporary:
+        temporary.write_bytes(msgspec.json.encode(note))
 
 
 def _remover(folder: Path) -> Callable[[], None]:

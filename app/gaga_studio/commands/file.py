@@ -26,14 +26,14 @@ FILE_COMMANDS: tuple[Command, ...] = (
     ),
     Command("file.demo", "Open the demo", lambda s: s.open_demo(), enabled=availability.busy),
     Command(
-        "file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=availability.not_saveable
+        "file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=availability.no_scene
     ),
     Command(
         "file.save_as",
         "Save project as…",
         ask(Request.SAVE_AS),
         "Ctrl+Shift+S",
-        enabled=availability.not_saveable,
+        enabled=availability.no_scene,
     ),
     Command(
         "file.export_scene",

@@ -1,6 +1,7 @@
 """The open scene: its history, previews, its selection, and what panels read of it."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +40,7 @@ class Document:
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()
+        self.recovered_from: Path | None = None  # an autosave that holds what is open
         self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
 
     @property

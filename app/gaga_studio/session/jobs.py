@@ -1,4 +1,4 @@
-"""Run one stage at a time in a thread, with progress, cancel and errors, and one quiet job.
+"""Run one stage at a time in a thread, with progress, cancel and errors; a save runs in parallel.
 
 The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
 which the main thread calls every frame.
@@ -7,6 +7,7 @@ which the main thread calls every frame.
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -36,8 +37,9 @@ class Job:
 
 
 class JobRunner:
-    """One worker thread at most, and one for a quiet job: preparation that the user did not start.
+    """One worker thread at most, one for saves, and one for a quiet job that no user started.
 
+    Saves work on values of their own, so they run next to any job, one after the other.
     ``notify`` gets the sentence when a job fails; a quiet one fails into the log.
     """
 
@@ -45,10 +47,18 @@ class JobRunner:
         self._notify = notify
         self._worker: _Worker | None = None
         self._quiet: _Worker | None = None
+        self._saver: _Worker | None = None
+        self._saves: deque[_Worker] = deque()  # they wait for the saver
 
     @property
     def running(self) -> Job | None:
-        """The job that runs, until ``poll`` has delivered its end."""
+        """The job, else the save that runs, until ``poll`` has delivered its end."""
+        worker = self._worker or self._saver
+        return worker.describe() if worker is not None else None
+
+    @property
+    def at_risk(self) -> Job | None:
+        """The job that is lost when the program ends now; saves are waited for."""
         return self._worker.describe() if self._worker is not None else None
 
     def start(
@@ -73,6 +83,20 @@ class JobRunner:
         self._worker.start()
         return True
 
+    def start_save(
+        self,
+        title: str,
+        stage: Stage[T],
+        on_done: Callable[[T], None],
+        on_error: Callable[[GagaError], bool],
+    ) -> None:
+        """Run ``stage`` next to the job, after the saves that were started before.
+
+        ``on_error`` gets what the user can fix; when it returns False the error is a notice.
+        """
+        self._saves.append(_Worker(title, _Delivery(stage, None, on_done, None), on_error))
+        self._next_save()
+
     @property
     def quiet(self) -> Job | None:
         """The quiet job that runs in parallel; it stops no other and the user cannot cancel it."""
@@ -88,11 +112,12 @@ class JobRunner:
         return True
 
     def poll(self) -> None:
-        """Hand over what the worker has produced since the last call. Main thread only."""
+        """Hand over what the workers have produced since the last call. Main thread only."""
         if self._quiet is not None and not self._quiet.is_alive():
             quiet, self._quiet = self._quiet, None
             if quiet.error is not None:
                 _LOG.error("%s failed", quiet.title, exc_info=quiet.error)
+        self._poll_save()
         worker = self._worker
         if worker is None:
             return
@@ -107,19 +132,23 @@ class JobRunner:
 
     def cancel(self) -> None:
         """Ask the job to stop at its next step; everything stays as it was before it."""
-        if self._worker is not None:
-            self._worker.cancel()
+        worker = self._worker or self._saver
+        if worker is not None:
+            worker.cancel()
 
     def wait(self, timeout_s: float = 60.0) -> bool:
         """Poll until nothing runs (scripts and tests); False when the time is up."""
         end = time.monotonic() + timeout_s
-        while self._worker is not None and time.monotonic() < end:
-            self._worker.join(0.005)
+        while (worker := self._worker or self._saver) is not None and time.monotonic() < end:
+            worker.join(0.005)
             self.poll()
-        return self._worker is None
+        return self._worker is None and self._saver is None
 
     def shut_down(self, timeout_s: float = 5.0) -> None:
-        """Cancel and wait, without delivering anything: the window is closing."""
+        """Cancel and wait, without delivering anything: the window is closing.
+
+        Saves are not cancelled.
+        """
         # A compiler that is cut off by the end of the process may abort it: wait for its step.
         ending = ((self._worker, timeout_s), (self._quiet, _QUIET_STEP_S))
         for worker, _ in ending:
@@ -129,12 +158,29 @@ class JobRunner:
             if worker is not None:
                 worker.join(seconds)
         self._worker = self._quiet = None
+        while self._saver is not None:
+            self._saver.join()
+            self._saver = None
+            self._next_save()
+
+    def _next_save(self) -> None:
+        if self._saver is None and self._saves:
+            self._saver = self._saves.popleft()
+            self._saver.start()
+
+    def _poll_save(self) -> None:
+        saver = self._saver
+        if saver is not None and not saver.is_alive():
+            self._saver = None
+            self._next_save()
+            self._finish(saver)
 
     def _finish(self, worker: "_Worker") -> None:
         error = worker.error
         try:
             if isinstance(error, GagaError):
-                self._notify(Level.ERROR, str(error))
+                if worker.on_error is None or not worker.on_error(error):
+                    self._notify(Level.ERROR, str(error))
             elif error is not None:
                 _LOG.error("%s failed", worker.title, exc_info=error)
                 self._notify(
@@ -201,10 +247,16 @@ class _Delivery(Generic[T]):
 class _Worker(threading.Thread):
     """Drives one stage."""
 
-    def __init__(self, title: str, delivery: "_Delivery[T]") -> None:
+    def __init__(
+        self,
+        title: str,
+        delivery: "_Delivery[T]",
+        on_error: Callable[[GagaError], bool] | None = None,
+    ) -> None:
         super().__init__(name=f"job: {title}", daemon=True)
         self.title = title
         self.delivery = delivery
+        self.on_error = on_error
         self.error: Exception | None = None
         self.has_value = False
         self._started_at = time.monotonic()

@@ -144,15 +144,27 @@ class Session:
         self._when_saved("before it is closed", self._forget)
 
     def quit(self) -> None:
-        """End the program (``should_quit``), after asking about unsaved edits."""
+        """End the program (``should_quit``), after asking about a running job and unsaved edits."""
 
         def end() -> None:
             self.should_quit = True
 
-        self._when_saved("before gaga-studio ends", end)
+        def chosen(choice: str) -> None:
+            if choice == "Quit":
+                self._when_saved("before gaga-studio ends", end)
+
+        job = self.jobs.at_risk
+        if job is None:
+            chosen("Quit")
+            return
+        text = f"{job.title} is still running; what it has not finished is lost. Quit?"
+        self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
 
     def save(self, path: Path | None = None, then: Callable[[], None] | None = None) -> None:
-        """Save the project where it was, or to ``path``; ``then`` is called after success."""
+        """Save the project where it was, or to ``path``; ``then`` is called after success.
+
+        Works while a job runs: the project is saved as it is now.
+        """
         document = self.document
         if document is None:
             return
@@ -165,7 +177,8 @@ class Session:
             if then is not None:
                 then()
 
-        self.jobs.start("Save", stages.save_stage(document.settled(), path), on_done=done)
+        stage = stages.save_stage(document.settled(), path)
+        self.jobs.start_save("Save", stage, done, lambda _: False)
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""

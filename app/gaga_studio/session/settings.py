@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
-from gaga_core.io.files import atomic_write
+from gaga_core.errors import GagaError
+from gaga_core.io.files import atomic_write, set_aside
+from gaga_core.io.json_file import read_json
 from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
@@ -87,18 +89,19 @@ def settings_file() -> Path:
 def load_settings() -> tuple[Settings, str]:
     """The saved settings, and a sentence for the user when they could not be read (else empty).
 
-    Names that are unknown and values of another kind fall back to the defaults.
+    Names that are unknown and values of another kind fall back to the defaults; a file that is no
+    JSON is set aside next to itself.
     """
     path = settings_file()
     if not path.exists():
         return Settings(), ""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        _LOG.warning("settings %s: %s", path, error)
-        return Settings(), f"The settings in {path} cannot be read; the defaults are used."
-    if not isinstance(content, dict):
-        return Settings(), f"The settings in {path} are not a list of settings; defaults are used."
+        content = read_json(path, dict[str, object], "")
+    except GagaError as error:
+        _LOG.warning("settings: %s", error)
+        aside = set_aside(path)
+        where = f" and were set aside as {aside.name}" if aside is not None else ""
+        return Settings(), f"The settings in {path} are damaged{where}; the defaults are used."
     return _checked(content), ""
 
 

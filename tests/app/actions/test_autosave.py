@@ -81,10 +81,37 @@ def test_edits_of_a_crashed_program_come_back_unsaved(
     assert fresh.unsaved
     assert fresh.need().project.path == place
     assert {p.name: p.read_bytes() for p in place.glob("*.json")} == before
-    assert left_over() == ()
+    assert left_over() == ()  # the second program has it now
+    (copy,) = autosave_actions.root().iterdir()
+    saver = Autosave(1000.0)
+    saver.tick(fresh)
+    assert copy.exists()
     fresh.save()
     finish(fresh)
     assert not fresh.unsaved
+    saver.tick(fresh)
+    saver.wait()
+    assert not copy.exists()
+
+
+def test_what_was_recovered_stays_until_it_is_written_again(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    _edit(associated)
+    _saved(associated)
+    for _ in range(2):  # the program that recovered crashes too
+        _crash()
+        fresh = new_session()
+        assert offer(fresh)
+        fresh.answer("Recover")
+        finish(fresh)
+    (copy,) = autosave_actions.root().iterdir()
+    saver = _saved(fresh)
+    (again,) = autosave_actions.root().iterdir()
+    assert again != copy
+    _crash()
+    assert len(left_over()) == 1
+    saver.finish()
 
 
 def test_later_keeps_and_discard_removes(
@@ -145,9 +172,28 @@ def test_a_disk_that_says_no_is_a_notice(
     assert "could not be kept safe" in associated.notices[-1].text
 
 
-def test_a_damaged_note_is_passed_over() -> None:
+_DAMAGED = [
+    "{",
+    '{"pid": 1, "name": "a", "project": null, "saved_at": NaN}',
+    '{"pid": 1, "name": "a", "project": null, "saved_at": 1e300}',
+    '{"pid": 1000000000000000000, "name": "a", "project": null, "saved_at": 1}',
+    '{"pid": 1, "name": "a", "project": "\\u0000", "saved_at": 1}',
+    '{"pid": ' + "[" * 1_000_000,
+]
+
+
+@pytest.mark.parametrize("content", _DAMAGED, ids=range(len(_DAMAGED)))
+def test_a_damaged_note_is_set_aside_and_told(
+    new_session: Callable[[], Session], content: str
+) -> None:
     folder = autosave_actions.root() / "1-x"
     folder.mkdir(parents=True)
-    (folder / "recovery.json").write_text("{")
-    assert left_over() == ()
-    assert folder.exists()
+    (folder / "recovery.json").write_text(content)
+    session = new_session()
+    assert not offer(session)
+    assert str(folder) in session.notices[-1].text
+    assert (folder / "recovery.json.damaged").read_text() == content
+    assert not (folder / "recovery.json").exists()
+    n = len(session.notices)
+    assert not offer(session)
+    assert len(session.notices) == n

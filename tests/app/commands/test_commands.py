@@ -94,7 +94,8 @@ def test_reasons_follow_the_selection(session: Session) -> None:
 
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
     files.associate(session)
-    assert "running" in command("file.save").enabled(session)
+    assert "running" in command("file.export_scene").enabled(session)
+    assert not command("file.save").enabled(session)
     assert not command("job.cancel").enabled(session)
     session.jobs.cancel()
     assert session.jobs.wait()

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene.project import open_path_stage
 from gaga_studio.actions import files, history, objects, selection, transform
+from gaga_studio.commands import command, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
@@ -172,6 +175,73 @@ def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path
     assert associated.notices[-1].level is Level.ERROR
     assert associated.scene is not None
     assert associated.unsaved
+
+
+# --- while a job runs
+
+
+def _endless(session: Session) -> None:
+    def stage() -> Stage[None]:
+        while True:
+            time.sleep(0.001)
+            yield Progress("Film", 1, 3)
+
+    session.jobs.start("Film out.mp4", stage())
+
+
+def test_saving_works_while_a_job_runs(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    group = objects_of(associated)[0]
+    objects.rename(associated, group, "mug")
+    _endless(associated)
+    assert not command("file.save").enabled(associated)
+    assert run("file.save", associated)
+    objects.rename(associated, group, "jug")
+    associated.save()  # waits for the first
+    end = time.monotonic() + 60
+    while associated.unsaved and time.monotonic() < end:
+        associated.tick(0.01)
+    assert not associated.unsaved
+    assert associated.jobs.at_risk is not None
+    associated.jobs.cancel()
+    finish(associated)
+    folder = associated.need().project.folder
+    assert folder is not None
+    again = new_session()
+    again.open(folder.root)
+    finish(again)
+    assert again.need().name_of(group) == "jug"
+
+
+def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
+    _endless(associated)
+    associated.quit()
+    assert associated.pending_question is not None
+    assert "Film out.mp4" in associated.pending_question.text
+    associated.answer("Cancel")
+    assert not associated.should_quit
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    associated.quit()
+    associated.answer("Quit")
+    assert associated.pending_question is not None  # about the edits
+    associated.answer("Save")
+    end = time.monotonic() + 60
+    while not associated.should_quit and time.monotonic() < end:
+        associated.tick(0.01)
+    assert associated.should_quit
+    assert not associated.unsaved
+
+
+def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
+    group = objects_of(associated)[0]
+    folder = associated.need().project.folder
+    assert folder is not None
+    for name in ("a", "b", "c"):
+        objects.rename(associated, group, name)
+        associated.save()
+    associated.shut_down()
+    assert run_stage(open_path_stage(folder.root)).scene.names[group] == "c"
 
 
 # --- association
