@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import write_labels
+from gaga_core.io.masks import view_key, write_labels
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.progress import run_stage
@@ -32,7 +32,7 @@ def main(path: Path) -> None:
     """Write SCENE/masks/mine, then find the objects."""
     folder = open_scene_folder(path)
     for name, photo in folder.image_paths.items():
-        target = path / "masks" / "mine" / f"{Path(name).stem}.png"
+        target = path / "masks" / "mine" / f"{view_key(name)}.png"
         target.parent.mkdir(parents=True, exist_ok=True)
         write_labels(target, my_masks(read_rgb(photo)))
     found = run_stage(associate_scene(open_scene_folder(path), "mine"))

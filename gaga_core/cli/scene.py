@@ -180,12 +180,11 @@ class EvaluateCommand:
         from gaga_core.evaluate.metrics import evaluate
         from gaga_core.io.scene_folder import open_scene_folder
 
-        stems = None
+        views = None
         if self.scene is not None and self.views != "all":
             folder = open_scene_folder(self.scene)
-            names = folder.test if self.views == "test" else folder.train
-            stems = [Path(name).stem for name in names]
-        report = evaluate(self.pred, self.gt, stems=stems)
+            views = folder.test if self.views == "test" else folder.train
+        report = evaluate(self.pred, self.gt, views=views)
         if report.missing:
             out.say(f"{len(report.missing)} predictions are missing and count as 0.")
         out.scores(report, as_json=self.json)

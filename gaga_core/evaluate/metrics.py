@@ -8,7 +8,7 @@ IoU > 0.5. Two countings: ``with_void`` takes label 0 as a label of both sides (
 code), ``without_void`` leaves pixels out whose true label is 0.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
-from gaga_core.io.masks import list_label_files, read_labels
+from gaga_core.io.masks import label_files, label_files_of, read_labels, view_key
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage, run_stage
 
@@ -43,8 +43,8 @@ class Report:
 
     with_void: Score
     without_void: Score
-    images: tuple[str, ...]  # stems of the true maps
-    missing: tuple[str, ...]  # stems without a prediction: scored as 0
+    images: tuple[str, ...]  # of the true maps: path without suffix
+    missing: tuple[str, ...]  # images without a prediction: scored as 0
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""
@@ -60,23 +60,28 @@ class Report:
         return rows
 
 
-def evaluate(pred: Path, gt: Path, *, stems: Iterable[str] | None = None) -> Report:
-    """Score the label maps of ``pred`` against those of ``gt`` (matched by stem).
+def evaluate(pred: Path, gt: Path, *, views: Iterable[str] | None = None) -> Report:
+    """Score the label maps of ``pred`` against those of ``gt``, matched by their path in there.
 
-    Every true map counts (or only those of ``stems``); a missing prediction is IoU 0 for all that
-    the image shows (void too), and named.
-    A prediction of another size is resized (nearest). Raises ``GagaError`` without true maps.
+    Suffixes do not matter. Every true map counts (or only those of ``views``, photos by name); next
+    to maps in ``gt`` itself, its subfolders count where ``pred`` has them too. A missing prediction
+    is IoU 0 for all that the image shows (void too), and named. A prediction of another size is
+    resized (nearest). Raises ``GagaError`` without true maps.
     """
-    true_files = {path.stem: path for path in list_label_files(gt)}
-    if stems is not None:
-        wanted = set(stems)
-        unknown = sorted(wanted - set(true_files))
+    predicted_files = label_files(pred)
+    if views is None:
+        true_files = _true_files(gt, predicted_files)
+    else:
+        names = sorted(set(views))
+        found = label_files_of(gt, names)
+        unknown = [name for name in names if name not in found]
         if unknown:
             raise GagaError(f"{gt} has no true map for {len(unknown)} views (first: {unknown[0]}).")
-        true_files = {stem: path for stem, path in true_files.items() if stem in wanted}
+        true_files = {view_key(name): path for name, path in found.items()}
+        predicted = label_files_of(pred, names)
+        predicted_files = {view_key(name): path for name, path in predicted.items()}
     if not true_files:
         raise GagaError(f"{gt} holds no label maps to compare with. Choose another folder.")
-    predicted_files = {path.stem: path for path in list_label_files(pred)}
     missing = tuple(stem for stem in true_files if stem not in predicted_files)
     pairs = (_read_pair(path, predicted_files.get(stem)) for stem, path in true_files.items())
     with_void, without_void = score_pairs(pairs)
@@ -111,6 +116,15 @@ class _Counts:
     predicted_ids: LongArray  # (P,)
     joint: LongArray  # (T, P) pixels
     true_area: LongArray  # (T,) pixels, those without an answer included
+
+
+def _true_files(gt: Path, predicted: Mapping[str, Path]) -> dict[str, Path]:
+    """The true maps that count when no views are named, by their path without suffix."""
+    files = label_files(gt)
+    if all("/" in key for key in files):
+        return files
+    folders = {key.rpartition("/")[0] for key in predicted} | {""}
+    return {key: path for key, path in files.items() if key.rpartition("/")[0] in folders}
 
 
 def _read_pair(true_file: Path, predicted_file: Path | None) -> tuple[IntArray, IntArray]:

@@ -9,6 +9,7 @@ import numpy as np
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.masks import view_key
 
 
 def read_cameras_json(path: Path) -> tuple[Camera, ...]:
@@ -28,7 +29,7 @@ def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
     entries = [
         {
             "id": i,
-            "img_name": Path(camera.name).stem,
+            "img_name": view_key(camera.name),
             "width": camera.width,
             "height": camera.height,
             "position": camera.position.tolist(),

@@ -18,7 +18,7 @@ from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
 from gaga_core.io.mask_import_base import SCORE_KEYS, ImportedMasks, MaskList, MaskSource
 from gaga_core.io.mask_import_json import recognise_json, recognise_json_folder
-from gaga_core.io.masks import list_label_files, read_labels
+from gaga_core.io.masks import label_files, list_label_files, read_labels, view_key
 
 MOST_COLORS = 4096  # a picture with more is a photo or an overlay, no label map
 _ARRAY_SUFFIXES = (".npz", ".npy")
@@ -27,9 +27,11 @@ _LABEL_KEYS = ("labels", "label", "ins_2d_label_id", "instance", "mask", "seg", 
 _MASK_KEYS = ("masks", "segmentation", "segmentations", "pred_masks", "mask", "arr_0")
 
 
-def recognise(source: Path) -> MaskSource:
+def recognise(source: Path, views: Iterable[str] = ()) -> MaskSource:
     """What the file or folder ``source`` holds; of the contents only a sample is read.
 
+    Folders of label maps in ``source`` are one import where they are called like the folders of
+    the photos ``views``; otherwise one of them must be chosen.
     Known: label maps (8- and 16-bit, palette, RGB-coded; Gaga's raw_<method>_mask and
     <method>_mask, Gaussian Grouping's object_mask, EntitySeg), lists of SAM's generator (JSON, npz,
     npy), COCO and SA-1B JSON, one folder of binary masks a picture (with SAM's metadata.csv).
@@ -57,13 +59,13 @@ def recognise(source: Path) -> MaskSource:
         return recognise_json_folder(jsons, source)
     if arrays:
         return _arrays(arrays, source)
-    return _inside(source)
+    return _inside(source, views)
 
 
 _NOT_MASKS = ("info.json", "import.json", "split.json", "transforms.json", "cameras.json")
 
 
-def _inside(source: Path) -> MaskSource:
+def _inside(source: Path, views: Iterable[str]) -> MaskSource:
     """A folder of folders: one of binary masks a picture, or a scene that holds known ones."""
     folders = [p for p in sorted(source.iterdir()) if p.is_dir() and p.name[0] != "."]
     known = [p for p in folders if _method_of(p.name) or p.name == "object_mask"]
@@ -74,6 +76,10 @@ def _inside(source: Path) -> MaskSource:
     if known:
         names = ", ".join(p.name for p in known)
         raise GagaError(f"{source} holds several folders of masks: {names}. Choose one of them.")
+    nested = label_files(source)
+    photos = {view_key(name) for name in views}
+    if any("/" in key and key in photos for key in nested):
+        return _nested_maps(nested, source)
     filled = [p for p in folders if _mask_files(p)]
     if filled and len(np.unique(read_labels(_mask_files(filled[0])[0]))) > 2:
         names = ", ".join(p.name for p in filled[:5])
@@ -115,6 +121,19 @@ def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
         origin = f" of {method or 'EntitySeg'}"
     views = {path.stem: partial(_read_checked, path) for path in files}
     return MaskSource("label maps", f"{n}{origin} ({kind}) in {folder.name}.", views, name)
+
+
+def _nested_maps(files: Mapping[str, Path], source: Path) -> MaskSource:
+    """Label maps in folders that are called like those of the photos."""
+    exact = {key: path for key, path in files.items() if path.suffix.lower() not in _LOSSY}
+    if not exact:
+        return _label_maps(list(files.values()), source)  # says why it is not possible
+    first = next(iter(exact.values()))
+    _check_labels(first)
+    n = len({path.parent for path in exact.values()})
+    said = f"{len(exact)} label maps ({_bits(first)}) in {n} folders of {source.name}."
+    views = {key: partial(_read_checked, path) for key, path in exact.items()}
+    return MaskSource("label maps", said, views)
 
 
 def _bits(path: Path) -> str:

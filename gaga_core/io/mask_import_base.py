@@ -27,5 +27,5 @@ class MaskSource:
 
     form: str  # "label maps", "SAM lists", ...
     said: str  # one sentence for people
-    views: Mapping[str, Callable[[], ImportedMasks]]  # by the stem (or number) that names the view
+    views: Mapping[str, Callable[[], ImportedMasks]]  # by `view_key` or number of the view
     name: str = "imported"  # a good name for the masks

@@ -15,6 +15,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.mask_import_base import SCORE_KEYS, ImportedMasks, MaskList, MaskSource
+from gaga_core.io.masks import view_key
 from gaga_core.io.rle import decode_rle
 
 MaskEntry = Mapping[str, object]  # one mask of a file
@@ -88,7 +89,7 @@ def _stem(path: Path, content: object) -> str:
     if isinstance(content, dict) and isinstance(content.get("image"), dict):
         name = content["image"].get("file_name")
         if isinstance(name, str) and name:
-            return Path(name).stem
+            return view_key(name)
     return path.stem
 
 
@@ -113,7 +114,7 @@ def _coco_views(
             raise GagaError(f"{path.name} has masks of an unknown image {name[:40]}.")
         by_image[name].append(entry)
     return {
-        Path(str(image["file_name"])).stem: partial(
+        view_key(str(image["file_name"])): partial(
             _mask_list, path.name, by_image[str(image["id"])], _size_of(image)
         )
         for image in images
@@ -126,7 +127,7 @@ def _result_views(
     by_image: dict[str, list[MaskEntry]] = {}
     for entry in entries:
         name = str(entry["image_id"])
-        by_image.setdefault(Path(name).stem, []).append(entry)
+        by_image.setdefault(view_key(name), []).append(entry)
     return {name: partial(_mask_list, path.name, of_it) for name, of_it in by_image.items()}
 
 

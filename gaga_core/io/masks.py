@@ -1,6 +1,7 @@
-"""Label maps on disk: one PNG a view, named by the photo's stem."""
+"""Label maps on disk: one PNG a view, named by the photo's path without its suffix."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -51,6 +52,32 @@ def write_labels(path: Path, labels: IntArray) -> None:
         Image.fromarray(labels.astype(np.uint16)).save(temporary, format="PNG")
 
 
+def view_key(name: str) -> str:
+    """Where the files of a view lie, without suffix: ``l/1`` of the photo ``l/1.jpg``.
+
+    Names come from files of other programs: parts that lead out of a folder (``..``, a drive, a
+    leading ``/``) are left out.
+    """
+    path = Path(name)
+    parts = (*path.parent.parts, path.stem)
+    return "/".join(part for part in parts if part not in (path.anchor, "..", "."))
+
+
+def view_keys(names: Iterable[str]) -> dict[str, str]:
+    """`view_key` of each view. Raises ``GagaError`` when two views would share their files."""
+    keys: dict[str, str] = {}
+    owners: dict[str, str] = {}
+    for name in names:
+        keys[name] = view_key(name)
+        owner = owners.setdefault(keys[name], name)
+        if owner != name:
+            raise GagaError(
+                f"The photos {owner} and {name} differ only in their suffix, so they would share "
+                "their masks. Rename one of them, and reconstruct the cameras again."
+            )
+    return keys
+
+
 def list_label_files(folder: Path) -> tuple[Path, ...]:
     """Pictures of ``folder`` by name; hidden files are left out."""
     if not folder.is_dir():
@@ -59,17 +86,47 @@ def list_label_files(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(p for p in files if not p.name.startswith(".")))
 
 
-def mask_folder(folder: Path, view_names: Iterable[str]) -> MaskSet:
-    """The label maps of ``folder`` for these views: a map belongs to the photo of its stem.
+def label_files(folder: Path) -> dict[str, Path]:
+    """Pictures of ``folder`` and of its subfolders by their path without suffix (``l/1``).
+
+    Hidden files and folders are left out. Raises ``GagaError`` when ``folder`` is no folder.
+    """
+    found = {path.stem: path for path in list_label_files(folder)}
+    for inner in sorted(folder.iterdir()):
+        if inner.is_dir() and not inner.name.startswith("."):
+            found |= {f"{inner.name}/{key}": path for key, path in label_files(inner).items()}
+    return found
+
+
+def label_files_of(
+    folder: Path, view_names: Iterable[str], among: Iterable[str] = ()
+) -> dict[str, Path]:
+    """The label map in ``folder`` of each of these views that has one there.
+
+    A map lies where its photo does (`view_key`). A map in ``folder`` itself also belongs to the
+    only photo of its stem in a subfolder, as other programs write it; ``among`` names all views of
+    the scene where ``view_names`` are a part of them. Raises ``GagaError`` when ``folder`` is no
+    folder.
+    """
+    names = list(view_names)
+    files = label_files(folder)
+    n_of_stem = Counter(Path(name).stem for name in {*names, *among})
+    found = {}
+    for name in names:
+        stem = Path(name).stem
+        path = files.get(view_key(name)) or (files.get(stem) if n_of_stem[stem] == 1 else None)
+        if path is not None:
+            found[name] = path
+    return found
+
+
+def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = ()) -> MaskSet:
+    """The label maps of ``folder`` for these views, as `label_files_of` finds them.
 
     Nothing is read yet. Raises ``GagaError`` when ``folder`` is no folder.
     """
-    by_stem = {path.stem: path for path in list_label_files(folder)}
-    loaders = {
-        name: partial(read_labels, by_stem[Path(name).stem])
-        for name in view_names
-        if Path(name).stem in by_stem
-    }
+    files = label_files_of(folder, view_names, among)
+    loaders = {name: partial(read_labels, path) for name, path in files.items()}
     return MaskSet(loaders, source=str(folder), are_regions=_are_regions(folder))
 
 

@@ -4,13 +4,13 @@ SCENE/images/                     photos
 SCENE/sparse/0/                   COLMAP model, .bin or .txt
 SCENE/cameras.json                cameras of a 3DGS training, where there is no COLMAP model
 SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
-SCENE/masks/<provider>/<stem>.png label map per view
+SCENE/masks/<provider>/<stem>.png label map per view; <folder>/<stem>.png for images/<folder>/
 SCENE/split.json                  optional {"train": [names], "test": [names]}
 SCENE/gaga/                       all that we write
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from gaga_core.io.cameras_json import read_cameras_json
 from gaga_core.io.colmap import ColmapReading, has_colmap
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.masks import view_key, view_keys
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.progress import Stage
 
@@ -121,7 +122,7 @@ def find_mask_folders(root: Path) -> dict[str, Path]:
     if not folder.is_dir():
         return {}
     found = {p.name: p for p in sorted(folder.iterdir()) if p.is_dir() and p.name[0] != "."}
-    return {name: path for name, path in found.items() if any(path.glob("*.png"))}
+    return {name: path for name, path in found.items() if any(path.rglob("*.png"))}
 
 
 def mask_path_of(folder: SceneFolder, masks: str | Path | None) -> Path:
@@ -147,7 +148,17 @@ def mask_path_of(folder: SceneFolder, masks: str | Path | None) -> Path:
 
 
 def select_views(folder: SceneFolder, views: str | Sequence[str]) -> tuple[Camera, ...]:
-    """Cameras of "train", "test", "all", or of names (with or without suffix, comma-separated)."""
+    """Cameras of "train", "test", "all", or of names (with or without suffix, comma-separated).
+
+    A name without its folder will do where only one view has it. Raises ``GagaError`` when a name
+    is unknown or means several views, or when two of the views would share their files.
+    """
+    cameras = _selected(folder, views)
+    view_keys(camera.name for camera in cameras)
+    return cameras
+
+
+def _selected(folder: SceneFolder, views: str | Sequence[str]) -> tuple[Camera, ...]:
     by_name = {camera.name: camera for camera in folder.cameras}
     if not by_name:
         raise GagaError(f"There are no cameras in {folder.root}. Add a COLMAP model (sparse/0).")
@@ -161,12 +172,30 @@ def select_views(folder: SceneFolder, views: str | Sequence[str]) -> tuple[Camer
             raise GagaError(f"No views are set apart as {views} in {folder.root}.")
         return tuple(by_name[name] for name in names)
     wanted = views.split(",") if isinstance(views, str) else views
-    by_stem = {Path(name).stem: camera for name, camera in by_name.items()}
-    found = {name: by_name.get(name) or by_stem.get(name) for name in wanted}
-    unknown = [name for name, camera in found.items() if camera is None]
+    found = {name: _meant(name, by_name) for name in wanted}
+    unknown = [name for name, cameras in found.items() if not cameras]
     if unknown or not found:
         raise GagaError(f"There is no view {', '.join(unknown)} among {len(by_name)} views.")
-    return tuple(camera for camera in found.values() if camera is not None)
+    for name, cameras in found.items():
+        if len(cameras) > 1:
+            several = ", ".join(camera.name for camera in cameras[:5])
+            raise GagaError(f"{len(cameras)} views are called {name}: {several}. Name its folder.")
+    return tuple(cameras[0] for cameras in found.values())
+
+
+def _meant(name: str, by_name: Mapping[str, Camera]) -> tuple[Camera, ...]:
+    """The views that a name means: by the whole name, without the suffix, or without the folder."""
+    if name in by_name:
+        return (by_name[name],)
+    forms: tuple[Callable[[str], str], ...] = (
+        view_key,
+        lambda known: Path(known).name,
+        lambda known: Path(known).stem,
+    )
+    for form in forms:
+        if found := tuple(camera for known, camera in by_name.items() if form(known) == name):
+            return found
+    return ()
 
 
 def read_model(folder: SceneFolder) -> Stage[Gaussians]:

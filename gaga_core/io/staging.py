@@ -37,10 +37,12 @@ def staging_folder(target: Path) -> Iterator[Path]:
 def publish(staging: Path, name: str, target: Path) -> None:
     """Move the file or folder ``name`` from ``staging`` to ``target``, replacing what is there.
 
-    A folder is replaced as a whole; the old one is set aside first and put back on failure.
+    ``name`` may be a path; folders on the way are made. A folder is replaced as a whole; the old
+    one is set aside first and put back on failure.
     """
     new, old = staging / name, target / name
     if not new.is_dir():
+        old.parent.mkdir(parents=True, exist_ok=True)
         new.replace(old)
         return
     aside = staging / f"{name}.old"

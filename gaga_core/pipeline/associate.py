@@ -17,7 +17,7 @@ from gaga_core.grouping.associate import AssociateConfig, Association, associate
 from gaga_core.grouping.bank_file import save_bank
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
-from gaga_core.io.masks import mask_folder, write_labels
+from gaga_core.io.masks import mask_folder, view_key, write_labels
 from gaga_core.io.scene_folder import (
     SceneFolder,
     mask_path_of,
@@ -49,7 +49,8 @@ def associate_scene(
     config = config or AssociateConfig()
     mask_path = mask_path_of(folder, masks)
     cameras = select_views(folder, "train")
-    mask_set = mask_folder(mask_path, [camera.name for camera in cameras])
+    known = [camera.name for camera in folder.cameras]
+    mask_set = mask_folder(mask_path, [camera.name for camera in cameras], known)
     if gaussians is None:
         gaussians = yield from read_model(folder)
     start = time.perf_counter()
@@ -83,5 +84,5 @@ def _write_pseudo_labels(
     for i, camera in enumerate(views):
         labels, _ = load_labels(masks, camera)
         groups = associated_labels(labels, association.mask_groups[camera.name])
-        write_labels(folder / f"{Path(camera.name).stem}.png", groups)
+        write_labels(folder / f"{view_key(camera.name)}.png", groups)
         yield Progress("Write label maps", i + 1, len(views), camera.name)

@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.mask_import import recognise
 from gaga_core.io.mask_import_base import ImportedMasks, MaskList, MaskSource
-from gaga_core.io.masks import write_labels
+from gaga_core.io.masks import view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, select_views
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import dense_labels, resize_labels
@@ -69,14 +70,14 @@ def import_masks(
 ) -> Stage[ImportReport]:
     """Write the masks of ``source`` as ``folder.root / "masks" / name``, one map a view.
 
-    ``source`` is whatever `io.mask_import.recognise` knows. Views are found by the stem of their
-    photo. Lists of masks are flattened (section 4.1) as ``config`` says; those without scores are
-    all taken as sure. Maps of another size are resized to the view's where the shape fits. The
-    folder appears whole or not at all. Raises ``GagaError`` when nothing was recognised, no mask
-    fits a view, or ``name`` is there already (unless ``replace``).
+    ``source`` is whatever `io.mask_import.recognise` knows. Views are found by the name of their
+    photo (`match_views`). Lists of masks are flattened (section 4.1) as ``config`` says; those
+    without scores are all taken as sure. Maps of another size are resized to the view's where the
+    shape fits. The folder appears whole or not at all. Raises ``GagaError`` when nothing was
+    recognised, no mask fits a view, or ``name`` is there already (unless ``replace``).
     """
     cameras = select_views(folder, "all")
-    found = recognise(source)
+    found = recognise(source, [camera.name for camera in cameras])
     name = name or found.name
     target = folder.root / "masks" / name
     _check_target(source, target, replace=replace)
@@ -140,7 +141,7 @@ def _import_view(
     dense, ids = dense_labels(labels)
     if len(ids) > 1 and int(ids[-1]) > MOST_LABELS:
         labels = dense
-    write_labels(folder / f"{Path(camera.name).stem}.png", labels)
+    write_labels(folder / f"{view_key(camera.name)}.png", labels)
     work.counts[camera.name] = len(ids) - 1
 
 
@@ -166,22 +167,29 @@ def match_views(
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """The mask of each view by its name, and the masks that belong to none.
 
-    A mask belongs to the photo of its stem; or of its name with the suffix (a.jpg.png), without a
-    tail such as _mask; to the only photo whose name starts with it up to the first dot (programs
-    that cut names there); or to the only photo of its number, where that explains most of them.
+    A mask belongs to the photo of its path without suffix, or of its stem where no other photo has
+    that; or of its name with the suffix (a.jpg.png), without a tail such as _mask; to the only
+    photo whose name starts with it up to the first dot (programs that cut names there); or to the
+    only photo of its number, where that explains most of them. Folders of a mask that photos do
+    not lie in (images/a.jpg of a COCO file) do not matter where no other mask has the rest.
     """
-    names = list(views)
-    exact = {Path(name).stem: name for name in names}
+    names, keys = list(views), list(keys)
+    exact = {view_key(name): name for name in names}
     rules = (
         exact,
-        {Path(name).name: name for name in names},
+        _unique((Path(name).stem, name) for name in names),
+        {name: name for name in names},
+        _unique((Path(name).name, name) for name in names),
         _unique((Path(name).name.split(".")[0], name) for name in names),
     )
+    ends = Counter(end for key in keys for end in _ends(key))
     matched: dict[str, str] = {}
     left = []
     # Exact names first, so that no guess takes a photo from the mask that is called like it.
     for key in sorted(keys, key=lambda key: (key not in exact, key)):
-        candidates = [rule.get(word) for rule in rules for word in (key, _TAILS.sub("", key))]
+        words = [end for end in _ends(key) if end == key or ends[end] == 1]
+        words = [form for word in words for form in (word, _TAILS.sub("", word))]
+        candidates = [rule.get(word) for rule in rules for word in words]
         free = [name for name in candidates if name is not None and name not in matched]
         if free:
             matched[free[0]] = key
@@ -190,6 +198,12 @@ def match_views(
     matched |= _by_number([name for name in names if name not in matched], left)
     used = set(matched.values())
     return matched, tuple(sorted(key for key in left if key not in used))
+
+
+def _ends(key: str) -> Iterator[str]:
+    """A path, then it without its first folder, and so on to its name."""
+    parts = key.split("/")
+    return ("/".join(parts[i:]) for i in range(len(parts)))
 
 
 def _by_number(names: Iterable[str], keys: Iterable[str]) -> dict[str, str]:

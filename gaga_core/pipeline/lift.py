@@ -213,7 +213,8 @@ def _task(
     if len(bank.group) != len(gaussians) or labels.max(initial=0) > bank.n_groups:
         raise GagaError(f"{folder.work / 'bank.npz'} does not fit the labels. {_AGAIN}")
     cameras = select_views(folder, "train")
-    masks = mask_folder(folder.work / "masks", [camera.name for camera in cameras])
+    known = [camera.name for camera in folder.cameras]
+    masks = mask_folder(folder.work / "masks", [camera.name for camera in cameras], known)
 
     def of_masks(camera: Camera) -> IntArray:
         groups = load_labels(masks, camera)[0]

@@ -28,7 +28,7 @@ from gaga_core.io.coco import (
     write_json,
 )
 from gaga_core.io.images import open_image, read_rgb, write_rgb
-from gaga_core.io.masks import write_labels
+from gaga_core.io.masks import view_key, view_keys, write_labels
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.masks import resize_labels
@@ -77,7 +77,8 @@ def export_mask_dataset(
     "coco": instances.json, COCO's instance format with compressed run lengths. "dataset": images/
     (the photos), labels/<stem>.png (uint16 group ids, 0 = none, at the photo's size),
     previews/<stem>.jpg, panoptic/<stem>.png with panoptic.json, instances.json and groups.json
-    ({version, labels, groups: [{id, name, color, pixels, views}]}). Views whose photo is gone have
+    ({version, labels, groups: [{id, name, color, pixels, views}]}). Files of photos in a subfolder
+    lie in one of its name (`view_key`). Views whose photo is gone have
     no place in a data set. Everything appears together at the end. Raises ``GagaError`` when there
     are no views, no photos or nothing visible.
     """
@@ -92,6 +93,7 @@ def export_mask_dataset(
     without = tuple(c.name for c in folder.cameras if c not in cameras)
     if not cameras:
         raise GagaError(f"There are no photos in {folder.root / 'images'}. Put them back.")
+    view_keys(camera.name for camera in cameras)
     gaussians = yield from bake_stage(project.scene, indices=shown)
     labels, engine = project.scene.labels[shown], rasterizer or choose()
     pictures = []
@@ -137,7 +139,7 @@ def _fitted(folder: SceneFolder, camera: Camera) -> Camera:
 def _write_view(
     staging: Path, folder: SceneFolder, camera: Camera, groups: IntArray, form: Form
 ) -> LabelledPicture:
-    stem = Path(camera.name).stem
+    stem = view_key(camera.name)
     if form == "dataset":
         source = folder.image_paths[camera.name]
         photo = staging / "images" / f"{stem}{source.suffix.lower()}"
@@ -145,7 +147,7 @@ def _write_view(
         write_labels(staging / "labels" / f"{stem}.png", groups)
         write_rgb(staging / "panoptic" / f"{stem}.png", panoptic_picture(groups))
         write_rgb(staging / "previews" / f"{stem}.jpg", _preview(source, groups))
-        name = photo.name
+        name = photo.relative_to(staging / "images").as_posix()
     else:
         name = camera.name
     return LabelledPicture(name, f"{stem}.png", camera.width, camera.height, segments_of(groups))
@@ -153,7 +155,7 @@ def _write_view(
 
 def _copy_photo(source: Path, target: Path) -> None:
     """The file itself; upright pixels instead where a tag says that it lies on its side."""
-    target.parent.mkdir(exist_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(source) as raw:
         is_upright = raw.getexif().get(ExifTags.Base.Orientation, 1) == 1
     if is_upright:

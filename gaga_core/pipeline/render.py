@@ -13,7 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import write_labels
+from gaga_core.io.masks import view_keys, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.progress import Progress, Stage
@@ -65,14 +65,18 @@ def render_views(
 def paint_views(
     cameras: Sequence[Camera], target: Path, what: str, paint: Callable[[Path, Camera], None]
 ) -> Stage[tuple[Path, ...]]:
-    """``paint`` a <stem>.png of every camera and move them to ``target`` when all are done."""
+    """``paint`` a <stem>.png of every camera and move them to ``target`` when all are done.
+
+    Pictures of photos in a subfolder lie in one of its name (`view_key`).
+    """
+    keys = view_keys(camera.name for camera in cameras)
     written = []
     with staging_folder(target) as staging:
         for i, camera in enumerate(cameras):
             yield Progress(f"Render {what}", i, len(cameras), camera.name)
-            path = staging / f"{Path(camera.name).stem}.png"
-            paint(path, camera)
-            written.append(path.name)
+            name = f"{keys[camera.name]}.png"
+            paint(staging / name, camera)
+            written.append(name)
         for name in written:
             publish(staging, name, target)
     yield Progress(f"Render {what}", len(cameras), len(cameras), f"{len(written)} files")
@@ -84,8 +88,9 @@ def export_masks(
 ) -> Stage[tuple[Path, ...]]:
     """Group maps of every view as the edited scene shows them: one uint16 <stem>.png a view.
 
-    Hidden and deleted splats take no part, and moved ones show where they stand. Raises
-    ``GagaError`` when the project has no views or nothing is visible.
+    Maps of photos in a subfolder lie in one of its name (`view_key`). Hidden and deleted splats
+    take no part, and moved ones show where they stand. Raises ``GagaError`` when the project has no
+    views or nothing is visible.
     """
     if project.folder is None or not project.folder.cameras:
         raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
@@ -95,12 +100,13 @@ def export_masks(
     gaussians = yield from bake_stage(project.scene, indices=shown)
     labels, engine = project.scene.labels[shown], rasterizer or choose()
     cameras = project.folder.cameras
+    names = {name: f"{key}.png" for name, key in view_keys(c.name for c in cameras).items()}
     with staging_folder(out) as staging:
         for i, camera in enumerate(cameras):
             yield Progress("Export masks", i, len(cameras), camera.name)
-            path = staging / f"{Path(camera.name).stem}.png"
+            path = staging / names[camera.name]
             write_labels(path, splat_groups(engine, gaussians, camera, labels))
-        written = sorted(path.name for path in staging.iterdir())
+        written = sorted(names.values())
         for name in written:
             publish(staging, name, out)
     return tuple(out / name for name in written)

@@ -12,7 +12,7 @@ from pathlib import Path
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.io.masks import RECORD
+from gaga_core.io.masks import RECORD, view_key
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder, read_model
 from gaga_core.pipeline import lift
 from gaga_core.pipeline.associate import associate_scene
@@ -147,8 +147,7 @@ def _lacks_views(work: Work, masks: Path) -> bool:
     """Whether masks that were made here end before the last training view: a run was stopped."""
     if not (masks / RECORD).is_file():
         return False
-    stems = (Path(name).stem for name in work.folder.train)
-    return any(not (masks / f"{stem}.png").is_file() for stem in stems)
+    return any(not (masks / f"{view_key(name)}.png").is_file() for name in work.folder.train)
 
 
 def _make_masks(work: Work) -> Stage[object]:
@@ -202,7 +201,7 @@ def _shown(folder: SceneFolder) -> tuple[str, ...]:
 
 def _is_rendered(work: Work) -> bool:
     labels, pictures = _labels(work.folder), work.folder.work / "renders" / "groups"
-    names = [f"{Path(name).stem}.png" for name in _shown(work.folder)]
+    names = [f"{view_key(name)}.png" for name in _shown(work.folder)]
     # Pictures older than the labels show groups that are gone.
     return labels.is_file() and all(_is_newer(pictures / name, labels) for name in names)
 

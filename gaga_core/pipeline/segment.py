@@ -1,5 +1,7 @@
 """2D masks of the views of a scene folder, by any provider: SCENE/masks/<provider>/<stem>.png.
 
+Masks of photos in a subfolder of images/ lie in one of its name (`io.masks.view_key`).
+
 Every finished view is written at once and recorded with a key of photo, model and settings, so a
 second run, or one after a cancel, makes only what is missing. Maps of other settings are kept in
 SCENE/gaga/cache/masks under the same keys and come back without work.
@@ -22,7 +24,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import RECORD, read_labels, write_labels
+from gaga_core.io.masks import RECORD, read_labels, view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage, part
@@ -124,26 +126,26 @@ def segment_scene(
     failed: dict[str, str] = {}
     seconds_of_views = 0.0
     for i, camera in enumerate(cameras):
-        stem = Path(camera.name).stem
+        view = view_key(camera.name)
         left = _time_left(seconds_of_views, len(made), len(cameras) - i)
         yield Progress(STAGE, i, len(cameras), f"{camera.name}{left}")
         try:
             key = _key(folder, camera, provider, config, cues)
-            if not redo and _restore(folder, target / f"{stem}.png", key, record.get(stem, "")):
+            if not redo and _restore(folder, target / f"{view}.png", key, record.get(view, "")):
                 kept.append(camera.name)
             else:
                 began = time.perf_counter()
                 stage = _label_map(folder, camera, provider, config, cues)
                 labels = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                write_labels(target / f"{stem}.png", labels)
+                write_labels(target / f"{view}.png", labels)
                 write_labels(_cached(folder, key), labels)
                 seconds_of_views += time.perf_counter() - began
                 made.append(camera.name)
         except _PhotoError as error:
             failed[camera.name] = str(error)
             continue
-        if record.get(stem) != key:
-            record[stem] = key
+        if record.get(view) != key:
+            record[view] = key
             _write_record(target, provider, record)
     if not made and not kept:
         raise GagaError(next(iter(failed.values())))
@@ -239,14 +241,14 @@ def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
 
 
 def _read_record(target: Path) -> dict[str, str]:
-    """Key of each view's map, by stem. Raises ``GagaError`` for maps that somebody else made."""
+    """Key of each view's map, by `view_key`; ``GagaError`` for maps that were not made here."""
     path = target / RECORD
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         views = content["views"]
-        return {str(stem): str(key) for stem, key in views.items()}
+        return {str(view): str(key) for view, key in views.items()}
     except OSError:
-        if any(target.glob("*.png")):
+        if any(target.rglob("*.png")):
             raise GagaError(
                 f"{target} holds label maps that were not made here. "
                 "Choose another name for the new ones, or move that folder away."
@@ -269,7 +271,7 @@ def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> No
 
 
 def _count_masks(target: Path, names: Sequence[str]) -> int:
-    maps = (read_labels(target / f"{Path(name).stem}.png") for name in names)
+    maps = (read_labels(target / f"{view_key(name)}.png") for name in names)
     return sum(len(np.unique(labels[labels > 0])) for labels in maps)
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
 from gaga_core.io.mask_import import recognise
-from gaga_core.io.masks import read_labels
+from gaga_core.io.masks import read_labels, view_key
 from gaga_core.io.scene_folder import SceneFolder, find_mask_folders
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
 from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, segment_scene
@@ -179,7 +179,7 @@ def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stag
     place = folder.root / "masks" / _PREVIEW
     try:
         report = yield from _make_stage(folder, request, (view,), _PREVIEW)
-        labels = read_labels(report.folder / f"{Path(view).stem}.png")
+        labels = read_labels(report.folder / f"{view_key(view)}.png")
     finally:
         shutil.rmtree(place, ignore_errors=True)
         if place.parent.is_dir() and not any(place.parent.iterdir()):
@@ -240,7 +240,7 @@ def import_from(session: Session, source: Path) -> None:
 
     def look() -> Stage[tuple[str, str]]:
         yield Progress("Look at masks", 0, 1, source.name)
-        found = recognise(source)
+        found = recognise(source, [camera.name for camera in folder.cameras])
         plain = source.stem.strip(". ")
         return found.said, plain if plain and found.name == _UNNAMED else found.name
 

@@ -32,7 +32,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.io.datasets.base import Dataset, DatasetScene
-from gaga_core.io.masks import list_label_files, read_labels
+from gaga_core.io.masks import label_files_of, read_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
@@ -277,12 +277,13 @@ def _question(
     views = tuple(c for c in select_views(folder, "test") if c.name in wanted)
     if not views:
         raise GagaError(f"No view of {task.scene.name} with true masks has a camera.")
-    by_stem = {path.stem: path for path in maps}
+    shown = (camera.name for camera in select_views(folder, "test"))
+    of_view = dict(zip(shown, maps, strict=True))
     return Question(
         scene=Scene.of(gaussians, labels),
         train=select_views(folder, "train"),
         views=views,
-        maps={camera.name: by_stem[Path(camera.name).stem] for camera in views},
+        maps={camera.name: of_view[camera.name] for camera in views},
         rasterizer=task.rasterizer,
     )
 
@@ -309,15 +310,15 @@ def _score_maps(task: _Task, predictions: Path) -> Stage[_Scored]:
     names = [name for name in task.scene.folder.test if name in truth]
     files: Mapping[str, Path] = {}
     if predictions.is_dir():
-        files = {path.stem: path for path in list_label_files(predictions)}
+        files = label_files_of(predictions, names, [c.name for c in task.scene.folder.cameras])
 
     def pair(name: str) -> tuple[IntArray, IntArray]:
         true = truth.loaders[name]()
-        file = files.get(Path(name).stem)
+        file = files.get(name)
         if file is None:
             return true, np.full_like(true, UNANSWERED)
         return true, resize_labels(read_labels(file), true.shape[1], true.shape[0])
 
     with_void, without_void = yield from score_stage((pair(name) for name in names), len(names))
-    missing = tuple(name for name in names if Path(name).stem not in files)
+    missing = tuple(name for name in names if name not in files)
     return _Scored(InstanceScores(with_void, without_void), missing)

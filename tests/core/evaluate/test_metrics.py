@@ -95,7 +95,7 @@ def test_a_missing_prediction_is_named_and_costs(tmp_path: Path) -> None:
     less = evaluate(pred, gt)
     assert less.missing == ("01",)
     assert less.without_void.iou < 1
-    assert evaluate(pred, gt, stems=["00", "02"]).without_void.iou == 1
+    assert evaluate(pred, gt, views=["00", "02.jpg"]).without_void.iou == 1
 
 
 def test_predictions_of_another_size_are_resized(tmp_path: Path) -> None:
