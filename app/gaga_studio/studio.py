@@ -19,6 +19,7 @@ from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
+from gaga_studio.session import saving
 from gaga_studio.session.notices import Level
 from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
@@ -82,6 +83,7 @@ class Studio:
         self._steps = first_steps.FirstSteps()
         self._guard = Guard(self._failed)
         self._backend = ""
+        self._has_focus = True
         self._document: object = None
         self._masks: object = None
         self.never_idle = False  # tests want every frame at once
@@ -217,6 +219,9 @@ class Studio:
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
+        had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
+        if self._has_focus and not had_focus:
+            saving.look_at_files(self.session)
         if self.session.render_requests is not None:
             self.session.render_requests.serve(self._paint)
         if self.session.document is not self._document:

@@ -5,27 +5,31 @@ A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.pl
     project.json      which model (with a fingerprint), names of groups, which scene file
     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
 
-The model itself is never copied. A save writes a new scene file first and then replaces
-project.json in one step, so a failure at any moment leaves the former save whole.
+The model itself is not copied, unless it changed since it was opened and the caller asks for it. A
+save writes a new scene file first and then replaces project.json in one step, so a failure at any
+moment leaves the former save whole. Only one program writes at a time, and none over a save that it
+does not know.
 """
 
 import json
-import logging
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import uuid4
 
+import msgspec
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
+from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank
+from gaga_core.grouping.bank_file import load_bank
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.files import atomic_write, explain_os_error, fingerprint
+from gaga_core.io.files import atomic_write, fingerprint
+from gaga_core.io.folder_lock import lock_folder
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.sog import META, is_sog_meta
 from gaga_core.io.splat_files import read_splats_stage
@@ -34,15 +38,23 @@ from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entr
 from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.edits.append import with_added_stage
 from gaga_core.scene.edits.groups import as_bytes
-from gaga_core.scene.index_set import IndexSet
-from gaga_core.scene.scene import RGB, Added, Placements, Scene
+from gaga_core.scene.model_copy import Copies, current_file
+from gaga_core.scene.project_file import (
+    FILE,
+    FORMAT,
+    FileEntry,
+    read_project_file,
+    saved_scene,
+)
+from gaga_core.scene.project_scene import scene_arrays, scene_of
+from gaga_core.scene.scene import RGB, Added, Scene
 
-_FORMAT = 1
-_FILE = "project.json"
-_CURE = "Move project.json away to open the scene from the start."
 _SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
+_PATIENCE_S = 10.0  # for another program that is saving
 
-_log = logging.getLogger(__name__)
+
+class SavedElsewhereError(GagaError):
+    """Another program saved to the same place since this project was opened."""
 
 
 @dataclass(eq=False)
@@ -56,6 +68,9 @@ class Project:
     model_fingerprint: str = ""  # of the model as it was opened
     bookmarks: tuple[Bookmark, ...] = ()
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
+    # Both are shared by copies of this value, which are what a save works on.
+    known_saves: set[str] = field(default_factory=set)  # scene files read or written by this one
+    copies: Copies = field(default_factory=dict)  # copies of files that changed
 
     @property
     def default_path(self) -> Path:
@@ -63,7 +78,7 @@ class Project:
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1
-        while (path / _FILE).exists():  # a single .ply opens without edits: keep a former save
+        while (path / FILE).exists():  # a single .ply opens without edits: keep a former save
             n += 1
             path = self.model_path.with_suffix(f".{n}.gaga")
         return path
@@ -89,43 +104,70 @@ def open_path_stage(path: Path) -> Stage[Project]:
         raise GagaError(
             f"{path.name} is not a saved project. Choose a project.json of gaga-studio."
         )
+    return (yield from _open_model(path))
+
+
+def _open_model(path: Path) -> Stage[Project]:
     digest = fingerprint(path)
     gaussians = yield from read_splats_stage(path)
     scene = Scene.of(gaussians, _labels_of_columns(gaussians))
     return Project(scene, path, model_fingerprint=digest)
 
 
-def save_project(project: Project, path: Path | None = None) -> Path:
+def reopen_stage(project: Project) -> Stage[Project]:
+    """Open the model of ``project`` as it is on disk now, without saved edits."""
+    if project.folder is not None:
+        yield Progress("Look at the folder", 0, 1, project.folder.root.name)
+        return (yield from _open_folder(open_scene_folder(project.folder.root)))
+    return (yield from _open_model(project.model_path))
+
+
+def save_project(
+    project: Project,
+    path: Path | None = None,
+    *,
+    copies_model: bool = False,
+    overwrites: bool = False,
+) -> Path:
     """Save all edits to ``path`` (default: where it was, else `Project.default_path`).
 
     Returns the folder and remembers it in ``project``. Raises ``GagaError`` when it cannot be
-    written; the former save stays whole.
+    written, ``InUseError`` when another program has it open, ``SavedElsewhereError`` when another
+    one saved there since (not with ``overwrites``, or to a ``path`` that is not the project's own),
+    and ``ModelChangedError`` when a file of splats is not the one that was opened; with
+    ``copies_model`` the splats as they were opened are written next to the project then. The former
+    save stays whole in every case.
     """
-    target = Path(path or project.path or project.default_path)
-    target = target.parent if target.name == _FILE else target
+    own = project.path or project.default_path
+    target = Path(path or own)
+    target = target.parent if target.name == FILE else target
+    entries = None if copies_model else _entries(project, target, False)  # before a folder is made
+    with lock_folder(target, patience_s=_PATIENCE_S):
+        if not overwrites and target == own:
+            _check_known(project, target)
+        _write_project(project, target, entries or _entries(project, target, True))
+    project.path = target
+    return target
+
+
+def _check_known(project: Project, target: Path) -> None:
+    found = saved_scene(target)
+    if found and found not in project.known_saves:
+        raise SavedElsewhereError(
+            f"Another program saved a project in {target} since this one was opened. Save "
+            "elsewhere to keep both."
+        )
+
+
+def _write_project(project: Project, target: Path, entries: Sequence[FileEntry]) -> None:
+    """Write the scene file, then project.json. ``entries``: the model's, then of added files."""
     scene = project.scene
-    arrays: dict[str, AnyArray] = {
-        "labels": scene.labels,
-        "state": scene.state,
-        "placement": scene.placement,
-        "source": scene.source,
-        "matrix": scene.placements.matrix,
-        "color": scene.placements.color,
-        "opacity": scene.placements.opacity,
-    }
-    if scene.bank is not None:
-        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
-    if scene.confidence is not None:
-        arrays["confidence"] = scene.confidence
-    for i, kept in enumerate(scene.named_selections.values()):
-        arrays[f"set_{i}"] = np.packbits(kept.mask())
-        arrays[f"length_{i}"] = np.array(kept.n)
     name = f"scene-{uuid4().hex[:12]}.npz"
     document = {
-        "format": _FORMAT,
+        "format": FORMAT,
         "gaga_studio": __version__,
-        "model": _model_entry(project, target),
-        "added": [_added_entry(item, target) for item in scene.added],
+        "model": msgspec.to_builtins(entries[0]),
+        "added": msgspec.to_builtins(entries[1:]),
         "folder": _shown(project.folder.root, target) if project.folder else None,
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
@@ -135,26 +177,25 @@ def save_project(project: Project, path: Path | None = None) -> Path:
         "path": path_entry(project.film),
     }
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, **scene_arrays(scene))  # type: ignore[arg-type]
     try:
-        with atomic_write(target / _FILE) as temporary:
+        with atomic_write(target / FILE) as temporary:
             temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
     except GagaError:
         (target / name).unlink(missing_ok=True)
         raise
+    project.known_saves.add(name)
     for stale in target.glob("scene-*.npz"):
         if _SCENE_FILE.fullmatch(stale.name) and stale.name != name:
             with suppress(OSError):  # in use elsewhere: the next save removes it
                 stale.unlink()
-    project.path = target
-    return target
 
 
 def _saved_project(path: Path) -> Path | None:
     """The project.json that ``path`` means, if any."""
-    candidates = (path, path / _FILE, path / "gaga" / _FILE)
+    candidates = (path, path / FILE, path / "gaga" / FILE)
     for file in candidates:
-        if file.name == _FILE and file.is_file():
+        if file.name == FILE and file.is_file():
             return file
     return None
 
@@ -177,43 +218,43 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
 
 
 def _open_saved(file: Path) -> Stage[Project]:
-    document = _read_document(file)
-    entry = document["model"]
-    model_path = _resolve(file.parent, str(entry["path"]))
+    document, arrays = read_project_file(file)
+    entry = document.model
+    model_path = _resolve(file.parent, entry.path)
     if not model_path.is_file():
         raise GagaError(
             f"The splats of this project are gone: {model_path}. Put the file back, or open "
             "another one."
         )
-    if fingerprint(model_path) != entry["fingerprint"]:
+    if fingerprint(model_path) != entry.fingerprint:
         raise GagaError(
             f"{model_path} changed since this project was saved, so its edits do not fit. "
             f"Put the former file back, or move {file} away to open the model without edits."
         )
-    shown = document.get("folder", "..")
-    root = _resolve(file.parent, str(shown)) if shown else None
+    root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None
     if root is not None and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
     gaussians = yield from read_splats_stage(model_path)
-    added = _added_of(document.get("added"), file.parent, len(gaussians))
+    added = _added_of(document.added, file.parent, len(gaussians))
     n_opened = len(gaussians)
     gaussians = yield from with_added_stage(gaussians, added)
-    scene = _read_scene(file.parent / str(document["scene"]), gaussians, n_opened)
+    scene = scene_of(file.parent / document.scene, arrays, gaussians, n_opened)
     scene.added = added
-    scene.names = {int(group): str(text) for group, text in document["names"].items()}
-    scene.colors = _colors_of(document.get("colors"))
+    scene.names = {int(group): text for group, text in document.names.items()}
+    scene.colors = _colors_of(document.colors)
     kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
-    scene.named_selections = dict(zip(map(str, document.get("sets", [])), kept, strict=False))
+    scene.named_selections = dict(zip(document.sets, kept, strict=False))
     return Project(
         scene,
         model_path,
         folder,
         file.parent,
-        str(entry["fingerprint"]),
-        bookmarks_of(document.get("bookmarks")),
-        _film_of(document.get("path")),
+        entry.fingerprint,
+        bookmarks_of(document.bookmarks),
+        _film_of(document.path),
+        {document.scene},
     )
 
 
@@ -229,80 +270,10 @@ def _colors_of(content: object) -> dict[int, RGB]:
     """List colors of groups; what is no color is left out, it is only a color."""
     colors: dict[int, RGB] = {}
     for group, rgb in content.items() if isinstance(content, dict) else ():
-        if str(group).isdigit() and isinstance(rgb, list) and len(rgb) == 3:
+        if str(group).isdecimal() and len(group) <= 10 and isinstance(rgb, list) and len(rgb) == 3:
             with suppress(TypeError, ValueError):
                 colors[int(group)] = (float(rgb[0]), float(rgb[1]), float(rgb[2]))
     return colors
-
-
-def _read_document(file: Path) -> dict[str, dict[str, object]]:
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-        complete = {"format", "model", "scene", "names"} <= set(document)
-        complete = complete and {"path", "fingerprint"} <= set(document["model"])
-        names = document["names"] if complete else None
-        complete = isinstance(names, dict) and all(group.isdigit() for group in names)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, file)) from error
-    except (ValueError, TypeError) as error:
-        raise GagaError(
-            f"{file} is damaged. Move it away to open the scene from the start."
-        ) from error
-    if not complete:
-        raise GagaError(f"{file} is not a project of gaga-studio.")
-    if document["format"] != _FORMAT:
-        raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
-    result: dict[str, dict[str, object]] = document
-    return result
-
-
-def _read_scene(file: Path, gaussians: Gaussians, n_opened: int) -> Scene:
-    arrays = read_arrays(file, _CURE)
-    try:
-        source = arrays["source"].astype(np.int64)
-        n = len(source)
-        for name in ("labels", "state", "placement"):
-            check_shape(name, arrays[name], (n,))
-        rows = len(arrays["opacity"])
-        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
-        check_shape("color", arrays["color"], (rows, 3, 4))
-        if source.min() < 0 or source.max() >= len(gaussians):
-            raise ValueError("source row outside the model")
-        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
-            raise ValueError("placement row outside the table")
-        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
-        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
-        return Scene(
-            gaussians=gaussians if untouched else gaussians.take(source),
-            labels=arrays["labels"].astype(np.int32),
-            state=arrays["state"].astype(np.uint8),
-            placement=arrays["placement"].astype(np.int32),
-            source=source,
-            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
-            bank=bank_of(bank) if bank else None,
-            confidence=_read_confidence(arrays, n_opened),
-            named_selections=_read_named_selections(arrays),
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{file} is damaged. {_CURE}") from error
-
-
-def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Array | None:
-    column = arrays.get("confidence")
-    if column is not None:
-        check_shape("confidence", column, (n_gaussians,), np.uint8)
-    return column
-
-
-def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
-    """Named selections, by number."""
-    sets: dict[str, IndexSet] = {}
-    while f"set_{len(sets)}" in arrays:
-        i = len(sets)
-        n = int(arrays[f"length_{i}"])
-        rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
-        sets[str(i)] = IndexSet.of(rows, n)
-    return sets
 
 
 def _read_labels_npz(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | None]:
@@ -333,43 +304,29 @@ def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
     return np.maximum(column.astype(np.int64), 0).astype(np.int32)
 
 
-def _model_entry(project: Project, target: Path) -> dict[str, object]:
+def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEntry]:
+    """The model's entry, then those of added files."""
     if not project.model_fingerprint:
         project.model_fingerprint = fingerprint(project.model_path)
-    elif not project.model_path.is_file() or (
-        fingerprint(project.model_path) != project.model_fingerprint
-    ):
-        _log.warning(
-            "%s went or changed since it was opened: keep a copy of the former file, the saved "
-            "project needs it",
-            project.model_path,
-        )
-    return {
-        "path": _shown(project.model_path, target),
-        "fingerprint": project.model_fingerprint,
-        "gaussians": project.scene.n_opened,
-    }
+    scene = project.scene
+    opened = Added(str(project.model_path), project.model_fingerprint, 0, scene.n_opened)
+    entries = []
+    for item in (opened, *scene.added):
+        rows = (item.first, item.first + item.n) if copies_model else None
+        wanted = Path(item.path), item.fingerprint
+        path, digest = current_file(wanted, target, scene, rows, project.copies)
+        entries.append(FileEntry(_shown(path, target), digest, item.n))
+    return entries
 
 
-def _added_entry(item: Added, target: Path) -> dict[str, object]:
-    return {
-        "path": _shown(Path(item.path), target),
-        "fingerprint": item.fingerprint,
-        "gaussians": item.n,
-    }
-
-
-def _added_of(content: object, base: Path, n_opened: int) -> tuple[Added, ...]:
+def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[Added, ...]:
     """Files whose splats were added; none in older projects."""
     added: list[Added] = []
     first = n_opened
-    try:
-        for item in content if isinstance(content, list) else ():
-            path, n = _resolve(base, str(item["path"])), int(item["gaussians"])
-            added.append(Added(str(path), str(item["fingerprint"]), first, n))
-            first += n
-    except (KeyError, TypeError, ValueError) as error:
-        raise GagaError(f"{base / _FILE} is damaged. {_CURE}") from error
+    for item in entries:
+        path = _resolve(base, item.path)
+        added.append(Added(str(path), item.fingerprint, first, item.gaussians))
+        first += item.gaussians
     return tuple(added)
 
 

@@ -23,6 +23,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.project_file import FILE, saved_scene
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
@@ -101,7 +102,7 @@ class Autosave:
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
-            save_project(project, self._folder)
+            save_project(project, self._folder, copies_model=True)
             _write_note(self._folder, note)
             self._remove_copies()
 
@@ -199,6 +200,8 @@ def _recover(session: Session, found: Recovery) -> None:
 
     def opened(project: Project) -> None:
         project.path = found.project
+        if found.project is not None and _is_older(found.project, found.saved_at):
+            project.known_saves.add(saved_scene(found.project))
         session.take(project)
         document = session.need()
         document.save_state.saved(None)  # nothing of it is on disk
@@ -207,6 +210,12 @@ def _recover(session: Session, found: Recovery) -> None:
         _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 
     session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
+
+
+def _is_older(place: Path, saved_at: float) -> bool:
+    """Whether the project saved in ``place`` is what the autosave was made from."""
+    file = place / FILE
+    return file.is_file() and file.stat().st_mtime <= saved_at
 
 
 def _write_note(folder: Path, note: RecoveryNote) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.io.folder_lock import FolderLock
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup import edits as cleanup_edits
 from gaga_core.scene.edits import Edit, How
@@ -41,6 +42,10 @@ class Document:
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()
         self.recovered_from: Path | None = None  # an autosave that holds what is open
+        self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
+        self.in_use_by = ""  # the other program that has the project open
+        self.copies_model = False  # saves copy files of splats that changed
+        self.stamps: tuple[tuple[int, int, int] | None, ...] = ()  # see `saving.look_at_files`
         self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
 
     @property
@@ -52,7 +57,8 @@ class Document:
     @property
     def title(self) -> str:
         """The name, starred when there is something to save."""
-        return f"{self.name}*" if self.unsaved else self.name
+        name = f"{self.name}*" if self.unsaved else self.name
+        return f"{name} (read-only)" if self.in_use_by else name
 
     @property
     def unsaved(self) -> bool:

@@ -19,7 +19,7 @@ from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_core.scene.selection.picking import Pick, pick
-from gaga_studio.session import next_stage, stages
+from gaga_studio.session import next_stage, saving, stages
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.hover import Hovering
@@ -165,26 +165,15 @@ class Session:
 
         Works while a job runs: the project is saved as it is now.
         """
-        document = self.document
-        if document is None:
-            return
-        content = document.save_state.content(document.history.state_id)
-
-        def done(where: Path) -> None:
-            document.project.path = where
-            document.save_state.saved(content)
-            self.notify(Level.INFO, f"Saved to {where}.")
-            if then is not None:
-                then()
-
-        stage = stages.save_stage(document.settled(), path)
-        self.jobs.start_save("Save", stage, done, lambda _: False)
+        saving.save(self, path, then)
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
         if self.render_requests is not None:
             self.render_requests.close()
         self.jobs.shut_down()
+        if self.document is not None:
+            saving.release(self.document.lock)
         self.hovering.shut_down()
 
     def _when_saved(self, when: str, action: Callable[[], None]) -> None:
@@ -222,11 +211,15 @@ class Session:
         self._forget()
         self.document, (self.provider, self.masks) = Document(project), found
         self.document.history.set_budget(self.settings.undo_bytes)
+        self.document.stamps = saving.stamps(project)
+        saving.claim(self)
         self.rig.frame_scene(*splat_box(project.scene), self.cameras)
         self.rig.follow(self.document.world)
         self.active_view = 0 if self.cameras else None
 
     def _forget(self) -> None:
+        if self.document is not None:
+            saving.release(self.document.lock)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self.view.ground = ()

@@ -59,13 +59,15 @@ def kernels_stage() -> Stage[None]:
         yield from warm_up_stage()
 
 
-def save_stage(project: Project, path: Path | None) -> Stage[Path]:
-    """Save the project as it is at the call; returns where it is now."""
+def save_stage(
+    project: Project, path: Path | None, copies_model: bool = False, overwrites: bool = False
+) -> Stage[Path]:
+    """Save the project as it is at the call, see `save_project`; returns where it is now."""
     frozen = replace(project, scene=replace(project.scene))
 
     def stage() -> Stage[Path]:
         yield Progress("Save", 0, 1)
-        return save_project(frozen, path)
+        return save_project(frozen, path, copies_model=copies_model, overwrites=overwrites)
 
     return stage()
 

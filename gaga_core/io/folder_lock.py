@@ -1,0 +1,128 @@
+"""One writer a folder: a lock that ends with its program, and the name of who holds it."""
+
+import getpass
+import os
+import socket
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from filelock import FileLock, Timeout
+
+from gaga_core.errors import GagaError
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.json_file import read_json
+
+LOCK, OWNER = ".gaga.lock", ".gaga.owner.json"
+_POLL_S = 0.02
+
+
+class Owner(msgspec.Struct, frozen=True):
+    """Who writes to a folder."""
+
+    program: str
+    user: str
+    host: str
+    pid: int
+
+    def __str__(self) -> str:
+        return f"{self.program} of {self.user} on {self.host} (process {self.pid})"
+
+
+class InUseError(GagaError):
+    """Another program writes to the folder."""
+
+    def __init__(self, folder: Path, owner: Owner | None) -> None:
+        super().__init__(
+            f"{folder} is open in {owner or 'another program'}. Close it there, or save elsewhere."
+        )
+        self.owner = owner
+
+
+@dataclass
+class _Held:
+    lock: FileLock
+    users: int
+
+
+_held: dict[Path, _Held] = {}
+_guard = threading.Lock()
+
+
+class FolderLock:
+    """Writing to ``folder`` is this program's until `release`; several in one program share it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._is_held = True
+
+    def release(self) -> None:
+        """Let other programs write. The lock file stays: removing it would let two in."""
+        with _guard:
+            if not self._is_held:
+                return
+            self._is_held = False
+            held = _held[self.folder]
+            held.users -= 1
+            if held.users == 0:
+                del _held[self.folder]
+                (self.folder / OWNER).unlink(missing_ok=True)
+                held.lock.release()
+
+    def __enter__(self) -> "FolderLock":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
+    """Make this program the only one that writes to ``folder``, which is made if it is not there.
+
+    A program that ended, in whatever way, holds nothing. Raises ``InUseError`` when another one
+    still holds the folder after ``patience_s`` seconds, ``GagaError`` when the place cannot be
+    written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        key = folder.resolve()
+        with _guard:
+            if key in _held:
+                _held[key].users += 1
+                return FolderLock(key)
+            lock = FileLock(key / LOCK, thread_local=False)
+            lock.acquire(timeout=patience_s, poll_interval=_POLL_S)
+            _held[key] = _Held(lock, 1)
+    except Timeout as error:
+        raise InUseError(folder, owner_of(folder)) from error
+    except OSError as error:
+        raise GagaError(explain_os_error(error, folder)) from error
+    mine = FolderLock(key)
+    try:
+        with atomic_write(key / OWNER) as temporary:
+            temporary.write_bytes(msgspec.json.encode(_me()))
+    except GagaError:  # the disk is full: the lock alone keeps others out
+        mine.release()
+        raise
+    return mine
+
+
+def owner_of(folder: Path) -> Owner | None:
+    """Who said last that the folder is theirs; None when it is not known."""
+    file = folder / OWNER
+    if not file.is_file():
+        return None
+    try:
+        return read_json(file, Owner, "")
+    except GagaError:  # just released, or damaged: the lock counts, this is only its name
+        return None
+
+
+def _me() -> Owner:
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # no name for this number of a user
+        user = str(os.getuid()) if hasattr(os, "getuid") else "someone"
+    return Owner(Path(sys.argv[0]).name or "python", user, socket.gethostname(), os.getpid())

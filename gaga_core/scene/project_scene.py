@@ -1,0 +1,87 @@
+"""Columns and tables of a scene as named arrays: the file scene-<id>.npz of a project."""
+
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, UInt8Array, check_shape
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import bank_arrays, bank_of
+from gaga_core.scene.index_set import IndexSet
+from gaga_core.scene.project_file import CURE
+from gaga_core.scene.scene import Placements, Scene
+
+
+def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
+    """All that a project keeps of a scene in arrays. No pickles."""
+    arrays: dict[str, AnyArray] = {
+        "labels": scene.labels,
+        "state": scene.state,
+        "placement": scene.placement,
+        "source": scene.source,
+        "matrix": scene.placements.matrix,
+        "color": scene.placements.color,
+        "opacity": scene.placements.opacity,
+    }
+    if scene.bank is not None:
+        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
+    if scene.confidence is not None:
+        arrays["confidence"] = scene.confidence
+    for i, kept in enumerate(scene.named_selections.values()):
+        arrays[f"set_{i}"] = np.packbits(kept.mask())
+        arrays[f"length_{i}"] = np.array(kept.n)
+    return arrays
+
+
+def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:
+    """The scene of `scene_arrays`, on the splats (M,) of all its files.
+
+    ``n_opened`` splats are of the opened file. Raises ``GagaError`` that names ``file`` when the
+    arrays do not fit each other or the splats.
+    """
+    try:
+        source = arrays["source"].astype(np.int64)
+        n = len(source)
+        for name in ("labels", "state", "placement"):
+            check_shape(name, arrays[name], (n,))
+        rows = len(arrays["opacity"])
+        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
+        check_shape("color", arrays["color"], (rows, 3, 4))
+        if source.min() < 0 or source.max() >= len(gaussians):
+            raise ValueError("source row outside the model")
+        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
+            raise ValueError("placement row outside the table")
+        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
+        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
+        return Scene(
+            gaussians=gaussians if untouched else gaussians.take(source),
+            labels=arrays["labels"].astype(np.int32),
+            state=arrays["state"].astype(np.uint8),
+            placement=arrays["placement"].astype(np.int32),
+            source=source,
+            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
+            bank=bank_of(bank) if bank else None,
+            confidence=_read_confidence(arrays, n_opened),
+            named_selections=_read_named_selections(arrays),
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+
+
+def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Array | None:
+    column = arrays.get("confidence")
+    if column is not None:
+        check_shape("confidence", column, (n_gaussians,), np.uint8)
+    return column
+
+
+def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
+    """Named selections, by number."""
+    sets: dict[str, IndexSet] = {}
+    while f"set_{len(sets)}" in arrays:
+        i = len(sets)
+        n = int(arrays[f"length_{i}"])
+        rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
+        sets[str(i)] = IndexSet.of(rows, n)
+    return sets

@@ -1,0 +1,172 @@
+"""Saving when files are no longer as they were, and two windows on one project."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.progress import run_stage
+from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.selection import algebra
+from gaga_studio.actions import objects
+from gaga_studio.session import saving
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+from tests.app.looks import finish, objects_of, scene_of, snapshot
+
+
+def _root(session: Session) -> Path:
+    folder = session.need().project.folder
+    assert folder is not None
+    return folder.root
+
+
+def _change_model(session: Session) -> None:
+    """Another program leaves out every second splat."""
+    path = session.need().project.model_path
+    splats = read_ply(path)
+    write_ply(path, splats.take(algebra.everything(scene_of(session))[::2]))
+
+
+def _asked(session: Session) -> str:
+    assert session.jobs.wait()
+    assert session.pending_question is not None
+    return session.pending_question.text
+
+
+def test_a_changed_model_is_noticed_and_saved_as_a_copy(associated: Session) -> None:
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    _change_model(associated)
+    associated.save()
+    assert "changed by another program" in _asked(associated)
+    assert associated.unsaved
+    associated.answer("Cancel")
+    assert associated.unsaved
+    associated.save()
+    _asked(associated)
+    associated.answer(saving.COPY)
+    finish(associated)
+    assert not associated.unsaved
+    again = run_stage(open_path_stage(_root(associated))).scene
+    assert snapshot(again) == snapshot(scene_of(associated))
+    objects.rename(associated, objects_of(associated)[0], "jug")
+    associated.save()  # asks no more
+    finish(associated)
+    assert not associated.unsaved
+
+
+def test_a_changed_model_saved_elsewhere_takes_its_copy_along(
+    associated: Session, tmp_path: Path
+) -> None:
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    _change_model(associated)
+    associated.save()
+    _asked(associated)
+    associated.answer(saving.ELSEWHERE)
+    assert associated.take_request() is Request.SAVE_AS
+    associated.save(tmp_path / "else.gaga")
+    finish(associated)
+    again = run_stage(open_path_stage(tmp_path / "else.gaga")).scene
+    assert snapshot(again) == snapshot(scene_of(associated))
+
+
+def test_the_focus_notices_a_change_once_and_reload_opens_it(associated: Session) -> None:
+    n = len(scene_of(associated))
+    assert not saving.look_at_files(associated)
+    path = associated.need().project.model_path
+    path.touch()  # another time, the same content
+    assert not saving.look_at_files(associated)
+    _change_model(associated)
+    (_root(associated) / "gaga" / "labels.npz").unlink(missing_ok=True)
+    assert saving.look_at_files(associated)
+    associated.answer("Cancel")
+    assert not saving.look_at_files(associated)
+    path.unlink()
+    assert saving.look_at_files(associated)
+    associated.answer(saving.RELOAD)
+    assert associated.jobs.wait()
+    assert len(scene_of(associated)) == n  # it is gone: what is open stays
+
+
+def test_reload_shows_the_changed_model_and_keeps_the_former_save(associated: Session) -> None:
+    n, where = len(scene_of(associated)), _root(associated) / "gaga" / "project.json"
+    before = where.read_bytes()
+    _change_model(associated)
+    assert saving.look_at_files(associated)
+    associated.answer(saving.RELOAD)
+    finish(associated)
+    assert len(scene_of(associated)) == (n + 1) // 2
+    associated.save()
+    assert "Another program saved" in _asked(associated)
+    associated.answer("Cancel")
+    assert where.read_bytes() == before
+    associated.save()
+    _asked(associated)
+    associated.answer("Overwrite")
+    finish(associated)
+    assert len(run_stage(open_path_stage(where)).scene) == (n + 1) // 2
+
+
+@pytest.fixture
+def other_window(grouped_scene: Path, scene_folder: Path) -> Iterator[tuple[Path, int]]:
+    """Another program that has a scene open: its folder, and the number of its process."""
+    shutil.rmtree(scene_folder)
+    shutil.copytree(grouped_scene, scene_folder)
+    command = [sys.executable, "-m", "tests.core.scene.two_writers", "hold"]
+    holder = subprocess.Popen(
+        [*command, str(scene_folder / "gaga"), "0"], stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    yield scene_folder, holder.pid
+    holder.kill()
+    holder.communicate()
+
+
+def test_the_second_window_is_read_only_and_says_who_has_it(
+    other_window: tuple[Path, int], new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    folder, pid = other_window
+    before = (folder / "gaga" / "project.json").read_bytes()
+    session = new_session()
+    session.open(folder)
+    finish(session)
+    assert f"process {pid}" in session.notices[-1].text
+    assert session.title.endswith("(read-only)")
+    objects.rename(session, objects_of(session)[0], "mug")
+    session.save(tmp_path / "else.gaga")
+    finish(session)
+    assert not session.unsaved
+    assert not session.title.endswith("(read-only)")
+    assert (folder / "gaga" / "project.json").read_bytes() == before
+
+
+def test_the_project_is_free_when_the_other_program_is_killed(
+    other_window: tuple[Path, int],
+    new_session: Callable[[], Session],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder, pid = other_window
+    monkeypatch.setattr("gaga_core.scene.project._PATIENCE_S", 0.2)
+    session = new_session()
+    session.open(folder)
+    finish(session)
+    objects.rename(session, objects_of(session)[0], "mug")
+    session.save()
+    assert f"process {pid}" in _asked(session)
+    assert session.unsaved
+    os.kill(pid, signal.SIGKILL)
+    session.answer("Try again")
+    for _ in range(100):  # the kernel takes a moment to end it
+        assert session.jobs.wait()
+        if not session.unsaved:
+            break
+        session.answer("Try again")
+    assert not session.unsaved
+    assert session.title == folder.name

@@ -1,0 +1,128 @@
+"""Two programs on one project: one writes at a time, readers find a whole project, the dead hold
+nothing; a model that changed is noticed and copied."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io.files import fingerprint
+from gaga_core.io.folder_lock import InUseError, lock_folder
+from gaga_core.io.ply import write_ply
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.model_copy import ModelChangedError
+from gaga_core.scene.project import SavedElsewhereError, open_path_stage, save_project
+from tests.core.scene.test_project import assert_same, edited, model_in, opened
+from tests.scenes import objects_scene
+
+Process = subprocess.Popen[str]
+
+
+def _start(what: str, place: Path, n: int) -> Process:
+    command = [sys.executable, "-m", "tests.core.scene.two_writers", what, str(place), str(n)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def _end(process: Process) -> str:
+    text, _ = process.communicate(timeout=300)
+    assert process.returncode == 0, text
+    return text
+
+
+def test_two_programs_save_and_two_read_at_once(tmp_path: Path) -> None:
+    project = edited(opened(model_in(tmp_path)))
+    where = save_project(project)
+    readers = [_start("read", where, 12) for _ in range(2)]
+    writers = [_start("save", where, 100) for _ in range(2)]
+    for writer in writers:
+        _end(writer)
+    assert all(int(_end(reader)) > 10 for reader in readers)
+    assert len(list(where.glob("scene-*.npz"))) == 1
+    assert_same(project.scene, opened(where).scene)
+    assert not list(where.glob("*.part"))
+
+
+def test_who_has_a_folder_is_named_and_a_dead_program_has_none(tmp_path: Path) -> None:
+    holder = _start("hold", tmp_path / "it", 0)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(InUseError, match=f"process {holder.pid}") as caught:
+        lock_folder(tmp_path / "it")
+    assert caught.value.owner is not None
+    assert caught.value.owner.pid == holder.pid
+    os.kill(holder.pid, signal.SIGKILL)
+    holder.wait()
+    holder.stdout.close()
+    with lock_folder(tmp_path / "it"), lock_folder(tmp_path / "it"):
+        pass
+    second = _start("hold", tmp_path / "it", 0)
+    assert second.stdout is not None
+    assert second.stdout.readline() == "held\n"
+    second.kill()
+    second.communicate()
+
+
+def test_a_save_that_is_not_known_is_not_overwritten(tmp_path: Path) -> None:
+    path = model_in(tmp_path)
+    where = save_project(opened(path))
+    ours, theirs = opened(where), opened(where)
+    save_project(theirs)
+    before = (where / "project.json").read_bytes()
+    with pytest.raises(SavedElsewhereError):
+        save_project(ours)
+    assert (where / "project.json").read_bytes() == before
+    save_project(ours, overwrites=True)
+    save_project(ours)
+    with pytest.raises(SavedElsewhereError):
+        save_project(theirs)
+
+
+@pytest.mark.parametrize("change", ["other", "gone", "folder gone"])
+def test_a_model_that_changed_is_noticed_and_copied(tmp_path: Path, change: str) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    path, more = model_in(home), home / "more.ply"
+    write_ply(more, objects_scene(seed=5).gaussians)
+    project = edited(opened(path))
+    scene, history = project.scene, History(project.scene)
+    splats = objects_scene(seed=5).gaussians
+    digest = fingerprint(more)
+    history.do(edits.append(scene, splats, more, digest))
+    history.do(edits.duplicate(scene, np.arange(len(scene) - 5, len(scene))))
+    where = save_project(project)
+    if change == "other":
+        write_ply(path, objects_scene(seed=9).gaussians)
+        write_ply(more, objects_scene(seed=9).gaussians)
+    elif change == "gone":
+        path.unlink()
+        more.unlink()
+    else:
+        home.rename(tmp_path / "moved")
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*.json")}
+    with pytest.raises(ModelChangedError, match=path.name):
+        save_project(project)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*.json")} == before
+    if change == "folder gone":
+        assert not home.exists()
+    save_project(project, copies_model=True)
+    assert_same(project.scene, opened(where).scene)
+    n = len(list(where.iterdir()))
+    save_project(project)  # the copies are known now
+    assert len(list(where.iterdir())) == n
+    again = opened(where)
+    save_project(again, tmp_path / "elsewhere")
+    assert_same(project.scene, opened(tmp_path / "elsewhere").scene)
+
+
+def test_a_scene_file_that_is_gone_is_a_sentence(tmp_path: Path) -> None:
+    where = save_project(opened(model_in(tmp_path)))
+    next(where.glob("scene-*.npz")).unlink()
+    with pytest.raises(GagaError, match=r"scene-.* is gone"):
+        run_stage(open_path_stage(where))
