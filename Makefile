@@ -2,12 +2,13 @@
 # make test    sets everything up and runs every check and test (starts its own Xvfb)
 # make screenshots  takes the pictures of README and guide again (docs/images)
 # make docs    sets everything up and builds the documentation into docs/_build
+# make captures  places every kind of capture that people make, half an hour
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test check docs setup bench screenshots clean
+.PHONY: studio test captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -17,6 +18,9 @@ studio:
 
 test: check
 	@$(BIN)/python -m pytest -q
+
+captures: setup
+	@GAGA_CAPTURES=all $(BIN)/python -m pytest -q tests/captures
 
 check: setup
 	@$(BIN)/ruff check .

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
 
@@ -27,7 +27,11 @@ class ReconstructCommand:
     focal: float | None = None
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
     video_fps: float | None = None
-    """Frames to take of each second of a video; default: 2, fewer if it is long."""
+    """Frames to take of each second of a video; default: as it moves, the sharpest ones."""
+    place_minutes: float | None = None
+    """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
+    scene_number: Annotated[int, arg(name="scene")] = 1
+    """Which scene to make, by size, when the photos show several."""
     seed: int = 0
     """Equal seeds give equal scenes."""
     threads: int = 0
@@ -54,6 +58,8 @@ class ReconstructCommand:
             max_side=self.max_side,
             focal=self.focal,
             video_fps=self.video_fps,
+            place_minutes=self.place_minutes,
+            scene=self.scene_number,
             seed=self.seed,
             threads=self.threads,
             only=self.only,

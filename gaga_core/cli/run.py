@@ -3,9 +3,9 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
@@ -40,6 +40,10 @@ class RunCommand:
     """Longest side of the training pictures in pixels; default: as the quality says."""
     focal: float | None = None
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
+    place_minutes: float | None = None
+    """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
+    scene_number: Annotated[int, arg(name="scene")] = 1
+    """Which scene to make, by size, when the photos show several."""
     accept_wrong: bool = False
     """Keep a placement of the photos that the checks refuse."""
     executor: Literal["none", "local", "dask", "ray"] = "none"
@@ -87,6 +91,8 @@ class RunCommand:
             iterations=self.iterations,
             max_side=self.max_side,
             focal=self.focal,
+            place_minutes=self.place_minutes,
+            scene=self.scene_number,
             accept_wrong=self.accept_wrong,
         )
         return RunConfig(
@@ -114,7 +120,9 @@ def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]
     sfm = after.get("sfm")
     if sfm == before.get("sfm") or not isinstance(sfm, dict):
         return []
-    return [*sfm.get("notes", []), *(check["text"] for check in sfm.get("checks", []))]
+    from gaga_core.pipeline.place import notes_of
+
+    return list(notes_of(sfm))
 
 
 def _n_groups(scene: Path) -> int | None:

@@ -20,6 +20,8 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
 from gaga_core.progress import Progress, Stage
+from gaga_core.reconstruct.photo_copies import LooksIndex
+from gaga_core.reconstruct.sharpness import LOOK_SIDE, sharpness, shrunk
 
 STAGE = "Look at photos"
 FEWEST = 3  # photos: two to train on and one held out
@@ -41,6 +43,7 @@ class Photo:
     width: int  # pixels, prepared
     height: int
     focal: float | None = None  # pixels, prepared; from EXIF or the user; None = unknown
+    sharpness: float = 0.0  # `sharpness.sharpness` of the picture; 0 = not measured
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,9 @@ def prepare_photos(
     names, seen = set[str](), dict[str, Path]()
     unread: list[str] = []
     twins: list[str] = []
-    for i, path in enumerate(sources):
+    copies: list[str] = []
+    looks_of = LooksIndex()
+    for i, path in enumerate(_largest_first(sources)):
         yield Progress(STAGE, i, len(sources), path.name)
         try:
             picture = read_rgb(path)
@@ -129,19 +134,38 @@ def prepare_photos(
             twins.append(path.name)
             continue
         seen[looks] = path
+        if not ordered and looks_of.has_like(picture):
+            copies.append(path.name)
+            continue
         name = _name_of(path, root, names)
         photo = _prepared(path, picture, target / name, longest_side)
         known = focal if focal is not None else exif_focal(path, width, height)
         scale = photo.width / width
-        photos.append(replace(photo, focal=None if known is None else known * scale))
+        sharp = sharpness(shrunk(picture, LOOK_SIDE))
+        known = None if known is None else known * scale
+        photos.append(replace(photo, focal=known, sharpness=sharp))
     notes = (
         *_note("could not be read and {is} left out", unread),
         *_note("{is} the same as another and left out", twins),
+        *_note("{is} a smaller or recompressed copy of another and left out", copies),
     )
     if len(photos) < FEWEST:
         raise GagaError(_too_few(len(photos), len(sources), notes))
     yield Progress(STAGE, len(sources), len(sources))
     return PhotoSet(tuple(sorted(photos, key=lambda p: p.name)), ordered, notes)
+
+
+def _largest_first(sources: Sequence[Path]) -> list[Path]:
+    """By the number of pixels, else as they come, so that of two copies the better one is kept."""
+
+    def pixels(path: Path) -> int:
+        try:
+            with Image.open(path) as image:
+                return image.width * image.height
+        except (OSError, ValueError, SyntaxError):
+            return 0
+
+    return sorted(sources, key=pixels, reverse=True)
 
 
 def unread_kinds(folder: Path) -> tuple[str, ...]:
@@ -150,7 +174,14 @@ def unread_kinds(folder: Path) -> tuple[str, ...]:
     return _note("{is} of a kind that is not read; save as JPEG to use", names)
 
 
-def _note(what: str, names: Sequence[str]) -> tuple[str, ...]:
+def ignored_files(folder: Path) -> tuple[str, ...]:
+    """A note about files among the photos that are no pictures."""
+    known = (*IMAGE_SUFFIXES, *_UNREAD_SUFFIXES)
+    names = [p.name for p in _files(folder) if p.suffix.lower() not in known]
+    return _note("{is} no picture and ignored", names, "file")
+
+
+def _note(what: str, names: Sequence[str], kind: str = "photo") -> tuple[str, ...]:
     if not names:
         return ()
     listed = ", ".join(names[:_LARGEST_NAMED])
@@ -158,7 +189,7 @@ def _note(what: str, names: Sequence[str]) -> tuple[str, ...]:
     listed += f" and {more} more" if more > 0 else ""
     many = len(names) > 1
     verb = what.replace("{is}", "are" if many else "is")
-    return (f"{len(names)} {'photos' if many else 'photo'} {verb}: {listed}.",)
+    return (f"{len(names)} {kind}{'s' if many else ''} {verb}: {listed}.",)
 
 
 def _too_few(n: int, n_files: int, notes: Sequence[str]) -> str:

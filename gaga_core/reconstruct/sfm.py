@@ -21,9 +21,14 @@ _TITLES = {
     "features": "Find features",
     "match": "Match photos",
     "map": "Place photos",
+    "map_relaxed": "Place photos",
+    "map_strict": "Place photos",
+    "map_global": "Place photos",
+    "export": "Match photos",
     "undistort": "Undistort photos",
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
+NO_MODEL = "no model"  # the worker's word for a mapping that found no pair to start from
 _FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away
 
 
@@ -34,6 +39,10 @@ class SfmConfig:
     feature_side: int = 1600  # pixels: photos are shrunk to this to look for features
     n_features: int = 4096  # at most, in a photo
     doubled: bool = True  # look at twice that size too: more and finer features, 4 x the time
+    affine: bool = False  # affine shape and domain-size pooling: wider baselines, 5 x the time
+    least_contrast: float = 0.02 / 3  # of a feature, brightness 0..1: lower finds fainter ones
+    guided: bool = False  # match again along the epipolar lines that the first matches give
+    moving_only: bool = False  # drop matches that stand still in the picture: a turntable
     camera_model: Literal["auto", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "PINHOLE"] = "auto"
     pairs: Literal["auto", "exhaustive", "sequential", "similar"] = "auto"
     exhaustive_up_to: int = 120  # photos: beyond, those that look alike are matched
@@ -47,6 +56,8 @@ class SfmConfig:
             raise ValueError("feature_side and n_features: at least 64")
         if min(self.exhaustive_up_to, self.neighbours, self.overlap) < 1:
             raise ValueError("exhaustive_up_to, neighbours, overlap: at least 1")
+        if not 0 < self.least_contrast < 1:
+            raise ValueError("least_contrast: must be between 0 and 1")
 
     @staticmethod
     def of(quality: str, *, threads: int = 0, seed: int = 0) -> "SfmConfig":
@@ -68,11 +79,16 @@ def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFa
     A step that was finished before is not run again: the workspace belongs to these photos and
     settings. Raises ``GagaError`` when the photos do not overlap.
     """
-    yield from run_step("features", photos, workspace, config)
-    yield from run_step("match", photos, workspace, config)
-    _require_overlap(workspace, len(photos.photos))
+    yield from run_matching(photos, workspace, config)
+    require_overlap(workspace, len(photos.photos))
     yield from run_step("map", photos, workspace, config)
     return SfmFacts.load(workspace / "facts.npz")
+
+
+def run_matching(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[None]:
+    """Find features and match them: writes workspace/database.db and matches.npz."""
+    yield from run_step("features", photos, workspace, config)
+    yield from run_step("match", photos, workspace, config)
 
 
 def run_step(
@@ -84,7 +100,11 @@ def run_step(
         return
     threads = config.threads or n_threads()
     settings = _settings(photos, workspace, config, threads)
-    settings |= {"step": step, "picture_side": picture_side}
+    settings |= {
+        "step": step,
+        "picture_side": picture_side,
+        "pictures": str(pictures_of(workspace)),
+    }
     file = workspace / f"{step}.json"
     file.write_text(json.dumps(settings), encoding="utf-8")
     command = [sys.executable, "-m", "gaga_core.reconstruct.sfm_worker", str(file)]
@@ -100,8 +120,15 @@ def run_step(
     finally:
         lines.close()
     if listener.failed or status != 0:
-        raise GagaError(_explain(step, listener.failed or listener.problem or f"status {status}"))
+        why = listener.failed or listener.problem or f"status {status}"
+        raise GagaError(_explain(step, why))
     finished.touch()
+
+
+def pictures_of(workspace: Path) -> Path:
+    """The prepared photos: in the workspace, or in that of which this is one attempt."""
+    own = workspace / "photos"
+    return own if own.is_dir() else workspace.parent / "photos"
 
 
 class _Listener:
@@ -182,7 +209,7 @@ def _camera_model(config: SfmConfig, n_photos: int) -> str:
 
 
 def _explain(step: str, why: str) -> str:
-    if step == "map" and why == "no model":
+    if step.startswith("map") and why == NO_MODEL:
         return (
             "The photos overlap, but no two of them show enough from two places to start from. "
             "Take photos from more places, a step apart, of things with texture; or try --quality "
@@ -194,7 +221,8 @@ def _explain(step: str, why: str) -> str:
     )
 
 
-def _require_overlap(workspace: Path, n_photos: int) -> None:
+def require_overlap(workspace: Path, n_photos: int) -> None:
+    """``GagaError`` when no pair of photos has verified matches."""
     pairs = verified_pairs(workspace / "database.db")
     if not pairs:
         raise GagaError(

@@ -70,7 +70,7 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
         others = [int(n) for n in facts.model_sizes[1:]]
         if share < c.registered[0] and others:
             text += f" {others[0]} of them make a scene of their own."
-        level = _below(share, c.registered)
+        level = "error" if share <= c.registered[1] else level_below(share, c.registered)
         if level is None and share < 1:
             level = "warning"
         cure = " Add photos between these and the others, with more than half in common."
@@ -100,7 +100,7 @@ def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
     )
     behind = f"{s.behind:.1%} of the points lie behind the camera that sees them. {cure}"
     return [
-        *_verdict("pairs", _below(s.agreeing, c.agreeing), agree),
+        *_verdict("pairs", level_below(s.agreeing, c.agreeing), agree),
         *_verdict("doubled", _above(s.doubled, c.doubled), twice),
         *_verdict("behind", _above(s.behind, c.behind), behind),
     ]
@@ -117,19 +117,19 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         ),
         *_verdict(
             "track",
-            _below(s.track, c.track),
+            level_below(s.track, c.track),
             f"A point is seen in {s.track:.1f} photos on average. Take more photos, in smaller "
             "steps, so that each detail is in at least three.",
         ),
         *_verdict(
             "points",
-            _below(per_view, c.points_per_view),
+            level_below(per_view, c.points_per_view),
             f"A photo holds {per_view:.0f} points on average. Sharper photos or --quality full "
             "give more; bare walls and glass give none.",
         ),
         *_verdict(
             "collapse",
-            _below(s.parallax, c.parallax),
+            level_below(s.parallax, c.parallax),
             f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras stand "
             "almost at one place for what they see. Walk around the scene; turning on the spot is "
             "not enough.",
@@ -144,7 +144,7 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
     mean = facts.focal.mean(axis=1)
     ratio = mean / facts.sizes.max(axis=1)
     worst = float(ratio[np.abs(np.log(ratio)).argmax()])
-    level = _below(worst, c.focal_range) or _above(worst, c.focal_long)
+    level = level_below(worst, c.focal_range) or _above(worst, c.focal_long)
     found += _verdict(
         "focal",
         level,
@@ -176,11 +176,12 @@ def _verdict(check: str, level: Literal["warning", "error"] | None, text: str) -
     return [] if level is None else [Verdict(check, level, text)]
 
 
-def _below(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
+def level_below(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
+    """How bad ``value`` is under the bounds of a warning and of an error; None = fine."""
     if value < bounds[1]:
         return "error"
     return "warning" if value < bounds[0] else None
 
 
 def _above(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
-    return _below(-value, (-bounds[0], -bounds[1]))
+    return level_below(-value, (-bounds[0], -bounds[1]))

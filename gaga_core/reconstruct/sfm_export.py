@@ -8,6 +8,8 @@ import pycolmap
 
 from gaga_core.arrays import AnyArray, DoubleArray, LongArray
 
+_STILL = 0.004  # x width: a match that moved less stands still in the picture
+_CELLS = 12  # across and down, to see where a picture has features
 _MATCHES = 100  # verified matches of a pair that are kept, evenly spread
 
 
@@ -104,6 +106,77 @@ def _matches(
         "match_points": np.concatenate(rows)[:, 2:] if rows else np.zeros((0, 2), np.int64),
         "match_rays": np.concatenate(ray_pairs) if rows else np.zeros((0, 2, 3)),
     }
+
+
+def write_match_facts(path: Path, database: Path) -> None:
+    """Write the arrays of `sfm_diagnosis.MatchFacts`: what the matching says before any model."""
+    opened = pycolmap.Database.open(database)
+    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+    place = {int(image.image_id): i for i, image in enumerate(images)}
+    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
+    points = [np.asarray(opened.read_keypoints(i.image_id))[:, :2] for i in images]
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    sides = np.array([max(cameras[int(i.camera_id)].width, 1) for i in images], np.float64)
+    pairs = [[place[i] for i in _pair_of(int(key))] for key in keys]
+    matches = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
+    still = []
+    for (a, b), m in zip(pairs, matches, strict=True):
+        moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
+        still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
+    np.savez(
+        path,
+        names=np.array([str(image.name) for image in images], np.str_),
+        n_features=np.array([len(p) for p in points], np.int64),
+        coverage=np.array(
+            [_coverage(p, cameras[int(i.camera_id)]) for p, i in zip(points, images, strict=True)]
+        ),
+        pairs=np.array(pairs, np.int64).reshape(-1, 2),
+        pair_matches=np.array([len(m) for m in matches], np.int64),
+        still=np.array(still, np.float64),
+    )
+
+
+def write_pair_matches(path: Path, database: Path) -> None:
+    """Write what `pose_check` compares with given poses: matched places as shares of the pictures.
+
+    Arrays: names (A,), pairs (Q, 2), pair_matches (Q,), match_names (M, 2) indices into names,
+    match_places (M, 2, 2) xy over width and height.
+    """
+    opened = pycolmap.Database.open(database)
+    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+    place = {int(image.image_id): i for i, image in enumerate(images)}
+    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
+    sizes = [(cameras[int(i.camera_id)].width, cameras[int(i.camera_id)].height) for i in images]
+    points = [
+        np.asarray(opened.read_keypoints(image.image_id))[:, :2] / size
+        for image, size in zip(images, sizes, strict=True)
+    ]
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    pairs = np.array([[place[i] for i in _pair_of(int(key))] for key in keys], np.int64)
+    inliers = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
+    views, places = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2, 2))]
+    for (a, b), matches in zip(pairs.reshape(-1, 2), inliers, strict=True):
+        step = np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)
+        chosen = matches[step]
+        views.append(np.tile([a, b], (len(chosen), 1)))
+        places.append(np.stack([points[a][chosen[:, 0]], points[b][chosen[:, 1]]], axis=1))
+    np.savez(
+        path,
+        names=np.array([str(image.name) for image in images], np.str_),
+        pairs=pairs.reshape(-1, 2),
+        pair_matches=np.array([len(matches) for matches in inliers], np.int64),
+        match_names=np.concatenate(views),
+        match_places=np.concatenate(places),
+    )
+
+
+def _coverage(points: AnyArray, camera: pycolmap.Camera) -> float:
+    """Share of the cells of a picture that hold a feature."""
+    size = np.array([camera.width, camera.height], np.float64)
+    cells = np.clip((points / size * _CELLS).astype(np.int64), 0, _CELLS - 1)
+    return len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
 
 
 def _pair_of(key: int) -> tuple[int, int]:

@@ -86,7 +86,7 @@ def summarize(facts: SfmFacts, config: MeasureConfig | None = None) -> SfmSummar
         track=_mean(facts.track_lengths),
         focal=float(np.median(facts.focal)) if len(facts.focal) else 0.0,
         parallax=_parallax(facts),
-        agreeing=_agreeing(facts, config),
+        agreeing=pair_agreement(facts, config)[0],
         doubled=_doubled(facts, config),
         behind=_mean(_seen_depths(facts) <= 0),
         parts=_parts(facts, config.shared),
@@ -142,15 +142,17 @@ def _tolerance(facts: SfmFacts, pixels: float) -> DoubleArray:
     return result
 
 
-def _agreeing(facts: SfmFacts, config: MeasureConfig) -> float:
-    """Share of strong pairs of which at least half of the matches lie on their epipolar lines.
+def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
+    """Share of strong pairs that agree with the poses, and how many strong pairs there are.
+
+    A pair agrees when at least half of its matches lie on their epipolar lines.
 
     Weak pairs are left out: tiles and windows repeat, and some false pairs pass the verification
     even where the model is right. Rays that coincide agree whatever the baseline.
     """
     strong = _strong_matches(facts, config)
     if not strong.any():
-        return 1.0
+        return 1.0, 0
     first, second = facts.match_views[strong].T
     rays, other = facts.match_rays[strong, 0], facts.match_rays[strong, 1]
     turn, offset = _relative(facts, first, second)
@@ -166,7 +168,8 @@ def _agreeing(facts: SfmFacts, config: MeasureConfig) -> float:
     _, pair, n = np.unique(
         first * len(facts.names) + second, return_inverse=True, return_counts=True
     )
-    return float((np.bincount(pair, good) >= 0.5 * n).mean())
+    agree = np.bincount(pair, good) >= 0.5 * n
+    return float(agree.mean()), len(agree)
 
 
 def _strong_matches(facts: SfmFacts, config: MeasureConfig) -> BoolArray:

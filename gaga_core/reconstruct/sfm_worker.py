@@ -18,10 +18,12 @@ from typing import TypedDict
 import numpy as np
 import pycolmap
 
-from gaga_core.reconstruct.sfm_export import write_facts
+from gaga_core.reconstruct.sfm_export import write_facts, write_match_facts, write_pair_matches
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
 
+MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = no features there
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
+_MOST_MODELS = 4  # of one mapping that are looked at
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
 
 
@@ -38,12 +40,17 @@ class CameraGroup(TypedDict):
 class WorkerSettings(TypedDict):
     """What the parent writes for the worker."""
 
-    step: str  # features, match, map, undistort
+    step: str  # one of `STEPS`
     workspace: str
+    pictures: str  # folder of the prepared photos
     groups: list[CameraGroup]
     feature_side: int  # pixels: photos are shrunk to this to look for features
     n_features: int
     doubled: bool  # features are looked for at twice the size too
+    affine: bool  # features with affine shape and domain-size pooling
+    least_contrast: float  # of a feature, brightness 0..1
+    guided: bool  # match again along epipolar lines
+    moving_only: bool  # drop matches that stand still in the picture
     pairs: str  # exhaustive, sequential or similar
     neighbours: int  # of a photo among those that look alike
     overlap: int  # of a frame in sequential matching
@@ -58,9 +65,8 @@ def main() -> int:
     settings: WorkerSettings = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     workspace = Path(settings["workspace"])
     pycolmap.set_random_seed(settings["seed"])
-    steps = {"features": _features, "match": _match, "map": _map, "undistort": _undistort}
     try:
-        steps[settings["step"]](settings, workspace)
+        STEPS[settings["step"]](settings, workspace)
     except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OSError) as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
         _say({"failed": said[:200]})
@@ -87,24 +93,30 @@ def _features(settings: WorkerSettings, workspace: Path) -> None:
     options.max_image_size = settings["feature_side"]
     options.sift.max_num_features = settings["n_features"]
     options.sift.first_octave = -1 if settings["doubled"] else 0
+    options.sift.estimate_affine_shape = settings["affine"]
+    options.sift.domain_size_pooling = settings["affine"]
+    options.sift.peak_threshold = settings["least_contrast"]
     database = workspace / "database.db"
     for suffix in ("", "-wal", "-shm"):  # what an ended process left may be half-written
         database.with_name(database.name + suffix).unlink(missing_ok=True)
     pycolmap.Database.open(database).close()  # makes it
-    readers = []
+    readers, pictures = [], Path(settings["pictures"])
+    masks = pictures.with_name(MASKS)
     for group in settings["groups"]:
         reader = pycolmap.ImageReaderOptions()
+        if masks.is_dir():
+            reader.mask_path = str(masks)
         reader.camera_model = group["model"]
         if group["focal"] is not None:
             reader.camera_params = _camera_params(group)
         readers.append((group["names"], reader))
     single = pycolmap.CameraMode.SINGLE
     for names, reader in readers:  # first, so that numbers do not depend on who is ready first
-        pycolmap.import_images(database, workspace / "photos", single, names, reader)
+        pycolmap.import_images(database, pictures, single, names, reader)
     for names, reader in readers:
         pycolmap.extract_features(
             database,
-            workspace / "photos",
+            pictures,
             image_names=names,
             camera_mode=single,
             reader_options=reader,
@@ -129,10 +141,12 @@ def _match(settings: WorkerSettings, workspace: Path) -> None:
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     matching.num_threads = settings["threads"]
+    matching.guided_matching = settings["guided"]
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = settings["seed"]
+    verification.filter_stationary_matches = settings["moving_only"]
     device = pycolmap.Device.cpu
-    n = sum(len(group["names"]) for group in settings["groups"])
+    n = _n_photos(settings)
     database = workspace / "database.db"
     if settings["pairs"] == "sequential":
         sequential = pycolmap.SequentialPairingOptions()
@@ -148,6 +162,7 @@ def _match(settings: WorkerSettings, workspace: Path) -> None:
         exhaustive = pycolmap.ExhaustivePairingOptions()
         exhaustive.block_size = max(4, min(50, n // 5))  # one block is one step of progress
         pycolmap.match_exhaustive(database, matching, exhaustive, verification, device)
+    write_match_facts(workspace / "matches.npz", database)
 
 
 def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
@@ -162,9 +177,44 @@ def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
 
 
 def _map(settings: WorkerSettings, workspace: Path) -> None:
-    """The largest model of an incremental mapping into model/, and facts.npz for the checks."""
-    n_photos = sum(len(group["names"]) for group in settings["groups"])
-    out = workspace / "mapping"
+    """An incremental mapping; with weaker demands when it finds no pair to start from."""
+    models = _incremental(settings, workspace, "default")
+    _write_models(workspace, workspace, models or _incremental(settings, workspace, "relaxed"))
+
+
+def _map_relaxed(settings: WorkerSettings, workspace: Path) -> None:
+    _write_models(workspace, workspace / "relaxed", _incremental(settings, workspace, "relaxed"))
+
+
+def _map_strict(settings: WorkerSettings, workspace: Path) -> None:
+    _write_models(workspace, workspace / "strict", _incremental(settings, workspace, "strict"))
+
+
+def _map_global(settings: WorkerSettings, workspace: Path) -> None:
+    """All photos at once (GLOMAP, Pan 2024). It can place every photo and still be wrong."""
+    out = _empty(workspace / "mapping")
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads = settings["threads"]
+    options.random_seed = settings["seed"]
+    options.mapper.random_seed = settings["seed"]
+    options.mapper.rotation_averaging.random_seed = settings["seed"]
+    options.mapper.global_positioning.random_seed = settings["seed"]
+    options.mapper.global_positioning.use_gpu = False
+    options.mapper.bundle_adjustment.ceres.use_gpu = False
+    options.min_model_size = _least_model(settings)
+    _say({"done": 0, "total": 0, "message": "all photos at once"})
+    found = pycolmap.global_mapping(
+        workspace / "database.db", Path(settings["pictures"]), out, options
+    )
+    _write_models(workspace, workspace / "global", found)
+
+
+def _incremental(
+    settings: WorkerSettings, workspace: Path, demands: str
+) -> dict[int, pycolmap.Reconstruction]:
+    """Models of an incremental mapping with `_mapping_options` of ``demands``."""
+    n_photos = _n_photos(settings)
+    out = _empty(workspace / "mapping")
     placed = 2
 
     def next_photo() -> None:
@@ -172,32 +222,57 @@ def _map(settings: WorkerSettings, workspace: Path) -> None:
         placed += 1
         _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
 
-    models: dict[int, pycolmap.Reconstruction] = {}
-    for relaxed in (False, True):
-        placed = 2
-        shutil.rmtree(out, ignore_errors=True)
-        out.mkdir()
-        _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
-        models = pycolmap.incremental_mapping(
-            workspace / "database.db",
-            workspace / "photos",
-            out,
-            _mapping_options(settings, n_photos, relaxed=relaxed),
-            next_image_callback=next_photo,
-        )
-        if models:
-            break
+    _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
+    models: dict[int, pycolmap.Reconstruction] = pycolmap.incremental_mapping(
+        workspace / "database.db",
+        Path(settings["pictures"]),
+        out,
+        _mapping_options(settings, demands),
+        next_image_callback=next_photo,
+    )
+    return models
+
+
+def _empty(folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _n_photos(settings: WorkerSettings) -> int:
+    return sum(len(group["names"]) for group in settings["groups"])
+
+
+def _least_model(settings: WorkerSettings) -> int:
+    """Photos of the smallest model that is kept."""
+    return max(2, min(10, _n_photos(settings) // 3))
+
+
+def _write_models(
+    workspace: Path, target: Path, models: dict[int, pycolmap.Reconstruction]
+) -> None:
+    """The largest models as target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks.
+
+    Those that hold photos of a larger one mostly are left out.
+    """
     if not models:
         raise ValueError("no model")
-    best = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()))
-    sizes = sorted((model.num_reg_images() for model in models.values()), reverse=True)
-    model = workspace / "model"
-    shutil.rmtree(model, ignore_errors=True)
-    model.mkdir()
-    _round(best)
-    best.write_binary(model)
-    write_facts(workspace / "facts.npz", best, workspace / "database.db", sizes)
-    shutil.rmtree(out, ignore_errors=True)
+    target.mkdir(exist_ok=True)
+    order = sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
+    sizes = [model.num_reg_images() for model in order]
+    taken: set[str] = set()
+    kept = 0
+    for model in order:
+        names = {str(image.name) for image in model.images.values() if image.has_pose}
+        if kept == _MOST_MODELS or len(names & taken) > len(names) // 2:
+            continue
+        taken |= names
+        kept += 1
+        number = "" if kept == 1 else f"_{kept}"
+        _round(model)
+        model.write_binary(_empty(target / f"model{number}"))
+        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
+    shutil.rmtree(workspace / "mapping", ignore_errors=True)
 
 
 def _round(model: pycolmap.Reconstruction) -> None:
@@ -216,20 +291,24 @@ def _round(model: pycolmap.Reconstruction) -> None:
         camera.params = np.round(camera.params, _DECIMALS)
 
 
-def _mapping_options(
-    settings: WorkerSettings, n_photos: int, *, relaxed: bool
-) -> pycolmap.IncrementalPipelineOptions:
-    """COLMAP's defaults, with a seed; ``relaxed`` starts from a pair with fewer matches."""
+def _mapping_options(settings: WorkerSettings, demands: str) -> pycolmap.IncrementalPipelineOptions:
+    """COLMAP's defaults, with a seed.
+
+    "relaxed" starts from a pair with fewer matches and places photos by fewer points; "strict"
+    believes only pairs with many matches, as things that look alike seldom share so many.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = settings["threads"]
     options.random_seed = settings["seed"]
     options.mapper.random_seed = settings["seed"]
     options.triangulation.random_seed = settings["seed"]
-    options.min_model_size = max(2, min(10, n_photos // 3))
-    if relaxed:
+    options.min_model_size = _least_model(settings)
+    if demands == "relaxed":
         options.mapper.init_min_num_inliers = 30
         options.mapper.init_min_tri_angle = 4.0
         options.mapper.abs_pose_min_num_inliers = 15
+    if demands == "strict":
+        options.min_num_matches = 45
     return options
 
 
@@ -243,7 +322,7 @@ def _undistort(settings: WorkerSettings, workspace: Path) -> None:
     pycolmap.undistort_images(
         out,
         workspace / "model",
-        workspace / "photos",
+        Path(settings["pictures"]),
         undistort_options=options,
         jpeg_quality=97,
         num_threads=settings["threads"],
@@ -255,6 +334,22 @@ def _undistort(settings: WorkerSettings, workspace: Path) -> None:
     for file in (out / "sparse").iterdir():
         if file.is_file():
             file.rename(out / "sparse" / "0" / file.name)
+
+
+def _export(settings: WorkerSettings, workspace: Path) -> None:
+    write_pair_matches(workspace / "pair_matches.npz", workspace / "database.db")
+
+
+STEPS = {
+    "features": _features,
+    "match": _match,
+    "map": _map,
+    "map_relaxed": _map_relaxed,
+    "map_strict": _map_strict,
+    "map_global": _map_global,
+    "export": _export,
+    "undistort": _undistort,
+}
 
 
 if __name__ == "__main__":

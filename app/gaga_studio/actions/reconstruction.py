@@ -143,7 +143,10 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
     folder = open_scene_folder(plan.scene)
     seen = TrainingUpdate(folder.cameras, notes)
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
-    return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
+    try:
+        return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
+    except WrongModelError as error:  # of poses that lay there: the photos contradict them
+        return _Refused(error.finding)
 
 
 def _nothing() -> Stage[None]:

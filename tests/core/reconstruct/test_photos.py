@@ -20,7 +20,8 @@ from gaga_core.reconstruct.photos import (
     read_photo_set,
     unread_kinds,
 )
-from gaga_core.reconstruct.video import extract_frames, sharpness
+from gaga_core.reconstruct.sharpness import sharpness
+from gaga_core.reconstruct.video import extract_frames, extract_moving_frames
 from tests.core.reconstruct.photo_scenes import photograph, walk_cameras
 
 
@@ -176,5 +177,5 @@ def test_no_video_is_told(tmp_path: Path) -> None:
     video = tmp_path / "words.mp4"
     video.write_text("no video")
     with pytest.raises(GagaError, match="cannot be read as a video"):
-        run_stage(extract_frames(video, tmp_path / "out", longest_side=160))
+        run_stage(extract_moving_frames(video, tmp_path / "out", longest_side=160))
     assert not (tmp_path / "out").exists()

@@ -1,0 +1,164 @@
+"""Why photos were not placed: what the photos and their matches say, in sentences.
+
+Looked at after each attempt, so that the next one does what may help and a person reads a reason.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.reconstruct.controls import option
+from gaga_core.reconstruct.photos import PhotoSet
+
+_NAMED = 3  # photos named in a sentence
+
+
+@dataclass(frozen=True, eq=False)
+class MatchFacts:
+    """What the matching says before there is any model. A photos, Q pairs."""
+
+    names: tuple[str, ...]  # (A,) by name
+    n_features: LongArray  # (A,)
+    coverage: DoubleArray  # (A,) share of the picture's cells that hold a feature
+    pairs: LongArray  # (Q, 2) indices into names
+    pair_matches: LongArray  # (Q,) verified
+    still: DoubleArray  # (Q,) share of the matches that do not move in the picture
+
+    @staticmethod
+    def load(path: Path) -> "MatchFacts":
+        """Read what `sfm_export.write_match_facts` wrote. Raises ``OSError``, ``ValueError``."""
+        with np.load(path, allow_pickle=False) as stored:
+            arrays: dict[str, AnyArray] = dict(stored)
+        names = tuple(str(name) for name in arrays.pop("names"))
+        return MatchFacts(names=names, **arrays)
+
+
+@dataclass(frozen=True)
+class DiagnosisConfig:
+    """What counts as blurred, empty, apart or still."""
+
+    blurred: float = 0.05  # sharpness under which a photo may be blurred ...
+    blurred_share: float = 0.25  # ... if it is under this share of the sharp ones' sharpness
+    few_features: int = 300  # median of the photos
+    covered: float = 0.45  # share of a picture that holds features, median
+    linked: int = 15  # verified matches that link two photos
+    still: float = 0.5  # share of a pair's matches that stand still
+    still_pairs: float = 0.3  # share of the pairs of which that is true
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What may keep photos from being placed."""
+
+    blurred: tuple[str, ...]  # names
+    groups: tuple[tuple[str, ...], ...]  # photos that are linked by matches, largest group first
+    few_features: bool
+    featureless: bool  # features in a small part of the pictures only
+    still: bool  # most matches are of a background that does not move with the camera
+
+    def reasons(self, placed: Collection[str] = ()) -> tuple[str, ...]:
+        """One sentence for each cause, with what to do about it; ``placed`` photos are no fault."""
+        n = sum(len(group) for group in self.groups)
+        found = []
+        if self.still:
+            found.append(
+                "The background stands still while the object turns. Give "
+                f"{option('--turntable')}, or masks of the object with {option('--foreground')}."
+            )
+        if self.blurred:
+            found.append(
+                f"{len(self.blurred)} of {n} photos {_are(self.blurred)} blurred: "
+                f"{_named(self.blurred)}. Take them again with a steady hand and more light."
+            )
+        apart = [name for group in self.groups[1:] for name in group if name not in placed]
+        if apart and not self.still:
+            found.append(
+                f"{len(apart)} of {n} photos {'shows' if len(apart) == 1 else 'show'} too little "
+                f"of what the others show: {_named(apart)}. Add photos in between, with more than "
+                "half in common."
+            )
+        if self.featureless:
+            found.append(
+                "Most of the picture is plain, as of an object on white. Put newspaper or a "
+                "patterned cloth under the object, and turn neither."
+            )
+        elif self.few_features:
+            found.append(
+                "The photos show few details. Take sharper or larger photos; bare walls, glass "
+                "and shine give none."
+            )
+        return tuple(found)
+
+
+def diagnose(
+    photos: PhotoSet, matches: MatchFacts, config: DiagnosisConfig | None = None
+) -> Diagnosis:
+    """Look for the known causes."""
+    config = config or DiagnosisConfig()
+    features = float(np.median(matches.n_features)) if len(matches.n_features) else 0.0
+    covered = float(np.median(matches.coverage)) if len(matches.coverage) else 0.0
+    return Diagnosis(
+        blurred=blurred_photos(photos, config),
+        groups=linked_groups(matches, config.linked),
+        few_features=features < config.few_features,
+        featureless=covered < config.covered,
+        still=is_still(matches, config),
+    )
+
+
+def blurred_photos(photos: PhotoSet, config: DiagnosisConfig | None = None) -> tuple[str, ...]:
+    """Names of the photos that are far less sharp than the sharpest quarter of them."""
+    config = config or DiagnosisConfig()
+    measured = [photo for photo in photos.photos if photo.sharpness > 0]
+    if not measured:
+        return ()
+    sharp = float(np.quantile([photo.sharpness for photo in measured], 0.75))
+    bound = min(config.blurred, config.blurred_share * sharp)
+    return tuple(photo.name for photo in measured if photo.sharpness < bound)
+
+
+def linked_groups(matches: MatchFacts, linked: int) -> tuple[tuple[str, ...], ...]:
+    """The photos in groups that verified matches link, largest first."""
+    n = len(matches.names)
+    strong = matches.pairs[matches.pair_matches >= linked]
+    graph = coo_matrix((np.ones(len(strong), np.int8), (strong[:, 0], strong[:, 1])), shape=(n, n))
+    _, group = connected_components(graph, directed=False)
+    found = [[matches.names[i] for i in np.flatnonzero(group == g)] for g in np.unique(group)]
+    return tuple(tuple(names) for names in sorted(found, key=len, reverse=True))
+
+
+def chain_breaks(
+    matches: MatchFacts, config: DiagnosisConfig | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Neighbours by name, as frames of a film are, that matches do not link."""
+    config = config or DiagnosisConfig()
+    strong = matches.pairs[matches.pair_matches >= config.linked]
+    linked = {(min(i, j), max(i, j)) for i, j in strong.tolist()}
+    names = matches.names
+    return tuple(
+        (names[i], names[i + 1]) for i in range(len(names) - 1) if (i, i + 1) not in linked
+    )
+
+
+def is_still(matches: MatchFacts, config: DiagnosisConfig | None = None) -> bool:
+    """Whether the camera stood still in front of most of what the photos show."""
+    config = config or DiagnosisConfig()
+    strong = matches.pair_matches >= config.linked
+    if strong.sum() < len(matches.names):
+        return False
+    # A film that rests has still pairs too, but of neighbours only.
+    far = strong & (np.abs(np.diff(matches.pairs, axis=1)[:, 0]) > max(2, len(matches.names) // 8))
+    return bool(far.any() and (matches.still[far] > config.still).mean() > config.still_pairs)
+
+
+def _named(names: Sequence[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
+
+
+def _are(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"

@@ -1,0 +1,292 @@
+"""Placement that tries again: attempts from cheap to thorough, until the photos are placed.
+
+Each attempt has a reason, learned from what the one before left out, and the time that all may
+take is bounded. The best of them counts: first one that the checks accept, then the most photos.
+"""
+
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.reconstruct.photos import PhotoSet
+from gaga_core.reconstruct.sfm import SfmConfig, require_overlap, run_matching, run_step
+from gaga_core.reconstruct.sfm_checks import Verdict, check_model
+from gaga_core.reconstruct.sfm_diagnosis import Diagnosis, MatchFacts, diagnose
+from gaga_core.reconstruct.sfm_metrics import SfmFacts, SfmSummary, summarize
+from gaga_core.reconstruct.sfm_scenes import scenes_of
+
+STAGE = "Try again"
+_SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
+_EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do
+_FAINT = 0.002  # least contrast of the last attempt
+_MAPPERS = {"": "map", "relaxed": "map_relaxed", "strict": "map_strict", "global": "map_global"}
+
+
+@dataclass(frozen=True)
+class LadderConfig:
+    """When the attempts end."""
+
+    enough: float = 0.9  # share of the photos that must be placed
+    minutes: float = 20.0  # for all attempts together
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One attempt to come: what it does, and with what settings."""
+
+    title: str
+    config: SfmConfig
+    reuses: bool = False  # the features of the attempt before, and its matches
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What an attempt made of the photos."""
+
+    title: str
+    reason: str  # why it was made; "" for the first
+    model: Path  # folder of COLMAP's model of the chosen scene
+    facts: SfmFacts  # of the chosen scene
+    summary: SfmSummary
+    verdicts: tuple[Verdict, ...]
+    scenes: tuple[tuple[str, ...], ...]  # placed photos of each scene, largest first
+    n_photos: int
+
+    @property
+    def is_right(self) -> bool:
+        """Whether no check refuses it."""
+        return all(verdict.level != "error" for verdict in self.verdicts)
+
+    @property
+    def placed(self) -> frozenset[str]:
+        """Every photo that is placed, in whatever scene."""
+        return frozenset(name for names in self.scenes for name in names)
+
+    @property
+    def share(self) -> float:
+        """Share of all photos that are placed, in whatever scene."""
+        return sum(len(names) for names in self.scenes) / max(self.n_photos, 1)
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """The best placement, and how it was found."""
+
+    best: Placement
+    diagnosis: Diagnosis  # of the last attempt
+    attempts: tuple[dict[str, object], ...]  # for the report
+    out_of_time: bool
+
+    def reasons(self) -> tuple[str, ...]:
+        """What keeps photos out, as far as it is known."""
+        return self.diagnosis.reasons(self.best.placed) if self.best.share < 1 else ()
+
+
+def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
+    """The attempts for ``photos``, from cheap to thorough; the first is ``config`` itself."""
+    n = len(photos.photos)
+    few = n <= config.exhaustive_up_to and not photos.ordered
+    is_all = config.pairs == "exhaustive" or (config.pairs == "auto" and few)
+    more = replace(config, pairs="exhaustive", neighbours=3 * config.neighbours)
+    if n > _EXHAUSTIVE:
+        more = replace(more, pairs="similar")
+    fine = replace(
+        more,
+        doubled=True,
+        affine=True,
+        feature_side=min(2 * config.feature_side, _SIDES),
+        n_features=min(2 * config.n_features, _FEATURES),
+    )
+    faint = replace(fine, least_contrast=_FAINT, guided=True)
+    wider = () if is_all else (Rung("more pairs of photos", more, reuses=True),)
+    return (
+        Rung("first attempt", config),
+        *wider,
+        Rung("twice the pixels and features, seen from wider apart", fine),
+        Rung("fainter details, matched along epipolar lines", faint),
+    )
+
+
+def place_stage(
+    photos: PhotoSet,
+    workspace: Path,
+    config: SfmConfig,
+    *,
+    priors: Mapping[str, float] | None = None,  # focal lengths in pixels, where known
+    ladder: LadderConfig | None = None,
+    scene: int = 1,  # which of several scenes is wanted, by size
+) -> Stage[Ladder]:
+    """Place ``photos``, which lie in workspace/photos, in as many attempts as it takes.
+
+    An attempt that was finished before is not made again. Raises ``GagaError`` when no attempt
+    finds a model; its text says what keeps the photos from being placed.
+    """
+    ladder = ladder or LadderConfig()
+    steps = rungs(photos, config)
+    state = _State(photos, ladder, scene, priors or {})
+    for i, rung in enumerate(steps):
+        folder = workspace if i == 0 else workspace / f"attempt-{i + 1}"
+        if i > 0:
+            reason = state.reason()
+            yield Progress(STAGE, i, len(steps), f"{reason} Next: {rung.title}.")
+            _begin(folder, workspace if i == 1 else workspace / f"attempt-{i}", rung)
+        else:
+            reason = ""
+        label = "" if i == 0 else f"attempt {i + 1} of {len(steps)}, {state.clock()}; "
+        attempt = mapped(_attempt(state, folder, rung, reason), _labelled(label))
+        yield from attempt
+        if state.is_enough or state.out_of_time:
+            break
+    if state.best is None:
+        raise GagaError(state.explain())
+    return Ladder(state.best, state.diagnosis, tuple(state.attempts), state.out_of_time)
+
+
+class _State:
+    """What the attempts have brought so far."""
+
+    def __init__(
+        self, photos: PhotoSet, ladder: LadderConfig, scene: int, priors: Mapping[str, float]
+    ) -> None:
+        self.photos, self.ladder, self.scene, self.priors = photos, ladder, scene, priors
+        self.best: Placement | None = None
+        self.diagnosis = Diagnosis((), (), few_features=False, featureless=False, still=False)
+        self.attempts: list[dict[str, object]] = []
+        self.failure = ""
+        self._start = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._start
+
+    @property
+    def out_of_time(self) -> bool:
+        return self.seconds > 60 * self.ladder.minutes
+
+    @property
+    def is_enough(self) -> bool:
+        best = self.best
+        return best is not None and best.is_right and best.share >= self.ladder.enough
+
+    def take(self, placement: Placement) -> None:
+        """Keep it when it is better than the best."""
+        if self.best is None or _rank(placement) > _rank(self.best):
+            self.best = placement
+
+    def clock(self) -> str:
+        """How much of the time limit is used up."""
+        return f"{self.seconds / 60:.0f} of at most {self.ladder.minutes:.0f} min"
+
+    def reason(self) -> str:
+        """Why another attempt is made."""
+        best, n = self.best, len(self.photos.photos)
+        placed = 0 if best is None else sum(len(names) for names in best.scenes)
+        text = f"{placed} of {n} photos are placed."
+        if best is not None and not best.is_right and best.share >= self.ladder.enough:
+            wrong = next(verdict for verdict in best.verdicts if verdict.level == "error")
+            return f"{text} {wrong.text}"
+        causes = self.diagnosis.reasons(() if best is None else best.placed)
+        return f"{text} {causes[0]}" if causes else text
+
+    def explain(self) -> str:
+        """Why there is no model at all."""
+        return " ".join([self.failure, *self.diagnosis.reasons()])
+
+
+def _rank(placement: Placement) -> tuple[bool, int, int]:
+    return (
+        placement.is_right,
+        round(placement.share * placement.n_photos),
+        len(placement.facts.points),
+    )
+
+
+def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None]:
+    """Match as the rung says, then map in one way after another until that is enough."""
+    began, n = time.monotonic(), len(state.photos.photos)
+    before = state.best
+    yield from _until(state, run_matching(state.photos, folder, rung.config))
+    if not (folder / "match.finished").is_file():
+        return
+    state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
+    placed: list[Placement] = []
+    try:
+        require_overlap(folder, n)
+        for mapper, step in _MAPPERS.items():
+            if placed and not _is_worth(mapper, placed, state.ladder):
+                continue
+            yield from _until(state, run_step(step, state.photos, folder, rung.config))
+            if not (folder / f"{step}.finished").is_file():
+                break
+            title = f"{rung.title}, {mapper} mapping" if mapper else rung.title
+            placed.append(_placement(state, folder / mapper, title, reason))
+            state.take(placed[-1])
+            if state.is_enough:
+                break
+    except GagaError as error:
+        state.failure = str(error)
+    best = max(placed, key=_rank, default=None)
+    state.attempts.append(
+        {
+            "title": rung.title if best is None else best.title,
+            "reason": reason,
+            "placed": 0 if best is None else round(best.share * n),
+            "passes": best is not None and best.is_right,
+            "chosen": state.best is not before and state.best in placed,
+            "seconds": round(time.monotonic() - began, 1),
+        }
+    )
+
+
+def _is_worth(mapper: str, placed: Sequence[Placement], ladder: LadderConfig) -> bool:
+    """Whether another mapping of the same matches can help: wrong models need a stricter one."""
+    contradicts = any(not p.is_right and p.share >= ladder.enough for p in placed)
+    return contradicts == (mapper == "strict") or mapper == "global"
+
+
+def _until(state: _State, stage: Stage[None]) -> Stage[None]:
+    """Run ``stage`` until the time is used up, if there is a result to fall back on."""
+    try:
+        for step in stage:
+            yield step
+            if state.out_of_time and state.best is not None:
+                return
+    finally:
+        stage.close()
+
+
+def _placement(state: _State, folder: Path, title: str, reason: str) -> Placement:
+    """Read and judge what a mapping wrote to ``folder``."""
+    numbers = ["", *(f"_{i}" for i in range(2, 9))]
+    files = [(number, folder / f"facts{number}.npz") for number in numbers]
+    models = [(number, SfmFacts.load(file)) for number, file in files if file.is_file()]
+    scenes = scenes_of([facts for _, facts in models])
+    by_names = {facts.names: number for number, facts in models}
+    chosen = scenes[min(state.scene, len(scenes)) - 1]
+    summary = summarize(chosen)
+    return Placement(
+        title=title,
+        reason=reason,
+        model=folder / f"model{by_names[chosen.names]}",
+        facts=chosen,
+        summary=summary,
+        verdicts=check_model(chosen, summary, state.priors),
+        scenes=tuple(facts.names for facts in scenes),
+        n_photos=len(state.photos.photos),
+    )
+
+
+def _begin(folder: Path, former: Path, rung: Rung) -> None:
+    """Make the folder of an attempt, with the features and matches that it goes on from."""
+    folder.mkdir(exist_ok=True)
+    if rung.reuses and not (folder / "features.finished").is_file():
+        shutil.copyfile(former / "database.db", folder / "database.db")
+        (folder / "features.finished").touch()
+
+
+def _labelled(label: str) -> Callable[[Progress], Progress]:
+    return lambda step: replace(step, message=label + step.message)
