@@ -30,6 +30,10 @@ class ReconstructCommand:
     """Frames to take of each second of a video; default: as it moves, the sharpest ones."""
     place_minutes: float | None = None
     """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
+    foreground: Path | None = None
+    """Folder of masks of the object, NAME.png, black = background: the background is left out."""
+    turntable: bool = False
+    """The object turned in front of a camera that stood still: leave the background out."""
     scene_number: Annotated[int, arg(name="scene")] = 1
     """Which scene to make, by size, when the photos show several."""
     seed: int = 0
@@ -59,6 +63,8 @@ class ReconstructCommand:
             focal=self.focal,
             video_fps=self.video_fps,
             place_minutes=self.place_minutes,
+            foreground=None if self.foreground is None else str(self.foreground.absolute()),
+            turntable=self.turntable,
             scene=self.scene_number,
             seed=self.seed,
             threads=self.threads,

@@ -42,6 +42,10 @@ class RunCommand:
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
     place_minutes: float | None = None
     """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
+    foreground: Path | None = None
+    """Folder of masks of the object, NAME.png, black = background: the background is left out."""
+    turntable: bool = False
+    """The object turned in front of a camera that stood still: leave the background out."""
     scene_number: Annotated[int, arg(name="scene")] = 1
     """Which scene to make, by size, when the photos show several."""
     accept_wrong: bool = False
@@ -92,6 +96,8 @@ class RunCommand:
             max_side=self.max_side,
             focal=self.focal,
             place_minutes=self.place_minutes,
+            foreground=None if self.foreground is None else str(self.foreground.absolute()),
+            turntable=self.turntable,
             scene=self.scene_number,
             accept_wrong=self.accept_wrong,
         )

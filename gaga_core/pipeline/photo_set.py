@@ -9,6 +9,7 @@ from pathlib import Path
 from gaga_core.io.files import atomic_write
 from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
 from gaga_core.progress import Stage
+from gaga_core.reconstruct.foreground import MASKS, masks_from_folder, masks_of_what_moves
 from gaga_core.reconstruct.photos import (
     PhotoSet,
     ignored_files,
@@ -46,6 +47,10 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
         notes = (*found.notes, *unread_kinds(source), *ignored_files(source))
         found = replace(found, notes=notes)
     shutil.rmtree(workspace / "frames", ignore_errors=True)
+    if config.foreground is not None:
+        yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
+    elif config.turntable:
+        yield from masks_of_what_moves(found, workspace / "photos", workspace / MASKS)
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
     return found
@@ -85,7 +90,7 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
         return (yield from _prepared(paths, workspace, root, config, ordered=True))
     frames = yield from extract_moving_frames(video, root, longest_side=side)
     found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
-    for _ in range(_ROUNDS):
+    for _ in range(0 if config.object_only else _ROUNDS):
         yield from run_matching(found, workspace, config.sfm())
         gaps = _gaps(frames, MatchFacts.load(workspace / "matches.npz"))
         more = yield from extract_more_frames(video, root, frames, gaps, longest_side=side)

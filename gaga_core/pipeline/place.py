@@ -20,6 +20,7 @@ from gaga_core.pipeline.photo_set import photo_set_stage
 from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
 from gaga_core.progress import Stage
 from gaga_core.reconstruct.controls import option
+from gaga_core.reconstruct.foreground import MASKS, paint_background
 from gaga_core.reconstruct.photos import PhotoSet, is_video, list_photos
 from gaga_core.reconstruct.sfm_checks import Verdict
 from gaga_core.reconstruct.sfm_ladder import Ladder, place_stage
@@ -69,6 +70,9 @@ def place_photos(
         )
         _require(made, config)
         _take(made.best.model, workspace / "model")
+        if config.object_only:
+            masks = workspace / MASKS
+            yield from paint_background(found.photos, workspace / "photos", masks)
         side = max(_PICTURE_SIDE, config.max_side or 0)
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
@@ -118,7 +122,7 @@ def _fingerprint(source: Path, config: ReconstructConfig) -> str:
     files: Sequence[Path] = (source,) if source.is_file() else list_photos(source)
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     settings = asdict(replace(config.sfm(), threads=0))
-    task = [stats, settings, config.focal, config.video_fps]
+    task = [stats, settings, config.focal, config.video_fps, config.foreground]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
 
 

@@ -22,6 +22,8 @@ class ReconstructConfig:
     focal: float | None = None  # pixels of the photos as they are; None = EXIF, else estimated
     video_fps: float | None = None  # frames taken of each second; None = as the film moves
     place_minutes: float | None = None  # for all attempts to place the photos; None = by quality
+    foreground: str | None = None  # folder of masks of the object; the background is left out
+    turntable: bool = False  # the object turned in front of a camera that stood still
     scene: int = 1  # which one, by size, when the photos show several
     seed: int = 0
     threads: int = 0  # 0 = all
@@ -45,9 +47,15 @@ class ReconstructConfig:
         if self.max_side is not None and self.max_side < 64:
             raise GagaError("--max-side must be at least 64 pixels.")
 
+    @property
+    def object_only(self) -> bool:
+        """Whether the background is left out."""
+        return self.turntable or self.foreground is not None
+
     def sfm(self) -> SfmConfig:
         """Settings of structure from motion."""
-        return SfmConfig.of(self.quality, threads=self.threads, seed=self.seed)
+        config = SfmConfig.of(self.quality, threads=self.threads, seed=self.seed)
+        return replace(config, moving_only=self.turntable)
 
     def ladder(self) -> LadderConfig:
         """How long the photos may be tried to be placed."""

@@ -18,10 +18,10 @@ from typing import TypedDict
 import numpy as np
 import pycolmap
 
+from gaga_core.reconstruct.foreground import MASKS
 from gaga_core.reconstruct.sfm_export import write_facts, write_match_facts, write_pair_matches
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
 
-MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = no features there
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _MOST_MODELS = 4  # of one mapping that are looked at
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features

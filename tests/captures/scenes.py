@@ -171,7 +171,7 @@ def on_white(folder: Path, n: int = 24, *, fov: float = 46.0) -> None:
         save(folder / camera.name, eight_bit(picture + (1 - alpha[..., None])))
 
 
-def turntable(folder: Path, masks: Path | None = None, n: int = 24) -> None:
+def turntable(folder: Path, masks: Path | None = None, n: int = 36) -> None:
     """Objects turned in front of a room that stands still, with a camera that stands still.
 
     To ``masks`` go pictures of where the objects are, white on black.
@@ -180,9 +180,9 @@ def turntable(folder: Path, masks: Path | None = None, n: int = 24) -> None:
     objects = _objects()
     wanted = [k for k, name in enumerate(names, start=1) if name in _ON_TABLE]
     room = gaussians.take(~np.isin(labels, wanted))
-    still = posed((0.75, -1.75, 1.55), (0.05, 0.1, 0.95), 62.0, SIZE)
+    still = posed((0.75, -1.75, 1.55), (0.05, 0.1, 0.95), 60.0, SIZE)
     background = photograph(still, room)[0]
-    for camera in _ring(n, 1.35, 0.62, 46.0):
+    for camera in _ring(n, 1.1, 0.65, 42.0):
         picture, alpha = photograph(camera, objects)
         save(folder / camera.name, eight_bit(picture + (1 - alpha[..., None]) * background))
         if masks is not None:
