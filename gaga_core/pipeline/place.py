@@ -1,6 +1,6 @@
 """From photos to a checked placement of them in a scene folder.
 
-Photos are looked at, placed by structure from motion in as many attempts as it takes, checked, and
+Photos are examined, placed by structure from motion in as many attempts as it takes, checked, and
 undistorted. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and is taken
 up the next time.
 """

@@ -22,6 +22,7 @@ from gaga_core.reconstruct.sfm_scenes import scenes_of
 STAGE = "Try again"
 _SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
 _EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do
+_HALF = 0.5  # share of the photos: what is placed in front of a still background is no chance
 _FAINT = 0.002  # least contrast of the last attempt
 _MAPPERS = {"": "map", "relaxed": "map_relaxed", "strict": "map_strict", "global": "map_global"}
 
@@ -139,7 +140,7 @@ def place_stage(
         label = "" if i == 0 else f"attempt {i + 1} of {len(steps)}, {state.clock()}; "
         attempt = mapped(_attempt(state, folder, rung, reason), _labelled(label))
         yield from attempt
-        if state.is_enough or state.out_of_time:
+        if state.is_enough or state.out_of_time or state.is_hopeless(rung.config):
             break
     if state.best is None:
         raise GagaError(state.explain())
@@ -171,6 +172,11 @@ class _State:
     def is_enough(self) -> bool:
         best = self.best
         return best is not None and best.is_right and best.share >= self.ladder.enough
+
+    def is_hopeless(self, config: SfmConfig) -> bool:
+        """Whether more attempts of this kind cannot help: they would match the background again."""
+        placed = self.best is not None and self.best.is_right and self.best.share > _HALF
+        return self.diagnosis.still and not config.moving_only and not placed
 
     def take(self, placement: Placement) -> None:
         """Keep it when it is better than the best."""
