@@ -20,7 +20,7 @@ test: check
 	@$(BIN)/python -m pytest -q
 
 captures: setup
-	@GAGA_CAPTURES=all $(BIN)/python -m pytest -q tests/captures
+	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures
 
 check: setup
 	@$(BIN)/ruff check .

@@ -126,7 +126,7 @@ def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]
     sfm = after.get("sfm")
     if sfm == before.get("sfm") or not isinstance(sfm, dict):
         return []
-    from gaga_core.pipeline.place import notes_of
+    from gaga_core.pipeline.placement_report import notes_of
 
     return list(notes_of(sfm))
 

@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.scene_folder import with_entry
 from gaga_core.pipeline.photo_set import photo_set_stage
+from gaga_core.pipeline.placement_report import notes_of, sfm_entry
 from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
 from gaga_core.progress import Stage
 from gaga_core.reconstruct.controls import option
@@ -84,7 +85,7 @@ def place_photos(
             shutil.rmtree(workspace, ignore_errors=True)
             if not existed and scene.is_dir() and not any(scene.iterdir()):
                 scene.rmdir()
-    entry = _sfm_entry(source, found, made)
+    entry = sfm_entry(source, found, made)
     write_entry(scene, {"sfm": entry | {"seconds": round(time.perf_counter() - start, 1)}})
     shutil.rmtree(workspace, ignore_errors=True)
     return notes_of(entry)
@@ -164,38 +165,3 @@ def refuse(
 
 def _scenes(n: int) -> str:
     return "one scene" if n == 1 else f"{n} scenes"
-
-
-def _sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]:
-    best = made.best
-    placed = set(best.facts.names)
-    return best.summary.to_json() | {
-        "source": str(source),
-        "left_out": [photo.name for photo in photos.photos if photo.name not in placed],
-        "notes": [*photos.notes, *_scene_notes(made, placed), *made.reasons()],
-        "checks": [asdict(verdict) for verdict in best.verdicts],
-        "attempts": list(made.attempts),
-        "scenes": [list(names) for names in best.scenes],
-        "blurred": list(made.diagnosis.blurred),
-    }
-
-
-def notes_of(entry: Mapping[str, object]) -> tuple[str, ...]:
-    """What a person should know of the entry "sfm" of a report: left out photos, warnings."""
-    notes, checks = entry.get("notes", []), entry.get("checks", [])
-    said = [str(note) for note in notes] if isinstance(notes, list) else []
-    found = [str(check["text"]) for check in checks] if isinstance(checks, list) else []
-    return (*said, *found)
-
-
-def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
-    """Which photos show other scenes, and how to get those."""
-    found = []
-    for i, names in enumerate(made.best.scenes, start=1):
-        if not placed & set(names):
-            listed = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
-            found.append(
-                f"{len(names)} photos show another scene, which is not in this one: {listed}. "
-                f"{option('--scene', str(i))} with another scene folder makes it."
-            )
-    return found

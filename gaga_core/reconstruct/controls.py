@@ -3,9 +3,9 @@
 The window's names are those of its sheet "Make splats" (Settings beside the offer).
 """
 
-_IN_WINDOW = {
+IN_WINDOW = {
     "--quality": "Quality",
-    "--focal": "Focal length",
+    "--focal": "Focal length, pixels",
     "--video-fps": "Frames of each second",
     "--foreground": "Masks of the object",
     "--turntable": "Object on a turntable",
@@ -17,4 +17,4 @@ _IN_WINDOW = {
 def option(name: str, value: str = "") -> str:
     """``name`` with its control: "--quality standard (Quality in the window's settings)"."""
     shown = f"{name} {value}".strip()
-    return f"{shown} ({_IN_WINDOW[name]} in the window's settings)"
+    return f"{shown} ({IN_WINDOW[name]} in the window's settings)"

@@ -94,6 +94,16 @@ class Diagnosis:
             )
         return tuple(found)
 
+    def why_out(self, name: str, placed: Collection[str] = ()) -> str:
+        """Why the photo ``name`` has no place, in a few words."""
+        if name in placed:
+            return "shows another scene"
+        if name in self.blurred:
+            return "blurred"
+        if self.groups and name not in self.groups[0]:
+            return "shows too little of what the others show"
+        return "too few details in common with the others"
+
 
 def diagnose(
     photos: PhotoSet, matches: MatchFacts, config: DiagnosisConfig | None = None

@@ -18,7 +18,7 @@ from gaga_core.reconstruct.sharpness import sharpness
 
 _WIDTH = 320  # pixels: frames are looked at in this size
 _BLOCK = 64  # pixels of a block, at half that size
-_CLEAR = 0.06  # height of the peak of a phase correlation that is no chance
+_CLEAR = 0.08  # height of the peak of a phase correlation that is no chance
 
 
 @dataclass(frozen=True)

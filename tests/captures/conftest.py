@@ -1,4 +1,4 @@
-"""The long captures run when they are asked for: make captures, or GAGA_CAPTURES=all."""
+"""The long captures run when they are asked for: make captures, or GAGA_LONG_CAPTURES=1."""
 
 import os
 
@@ -7,7 +7,7 @@ import pytest
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the captures that take minutes, unless they are asked for."""
-    if os.environ.get("GAGA_CAPTURES") == "all":
+    if os.environ.get("GAGA_LONG_CAPTURES") == "1":
         return
     skip = pytest.mark.skip(reason="minutes each: make captures")
     for item in items:

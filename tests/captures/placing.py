@@ -35,9 +35,9 @@ class Placed:
         return off_after_alignment(mine, theirs)
 
 
-def placed(photos: Path, scene: Path, *, number: int = 1) -> Placed:
-    """Place ``photos`` with default options; ``number`` is the scene's, if there are several."""
-    config = ReconstructConfig(only="sfm", scene=number)
+def placed(photos: Path, scene: Path, config: ReconstructConfig | None = None) -> Placed:
+    """Place ``photos``, with default options if nothing else is said."""
+    config = config or ReconstructConfig(only="sfm")
     made = run_stage(reconstruct_scene(photos, scene, config))
     sfm = made.report["sfm"]
     assert isinstance(sfm, dict)

@@ -3,11 +3,16 @@
 The figures of version 0.1.0 on the same pictures stand next to each.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.io.colmap import write_colmap
+from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.progress import run_stage
 from tests.captures import scenes
 from tests.captures.placing import placed
 from tests.conftest import real_scene
@@ -72,12 +77,12 @@ def test_two_scenes_in_one_folder(tmp_path: Path) -> None:
     assert first.sfm["registered"] == first.sfm["photos"] == 12
     assert "photos show another scene" in first.notes
     assert "--scene 2" in first.notes
-    second = placed(tmp_path / "in", tmp_path / "other", number=2)
+    second = placed(tmp_path / "in", tmp_path / "other", ReconstructConfig(only="sfm", scene=2))
     assert {camera.name[0] for camera in first.cameras} == {"b"}
     assert {camera.name[0] for camera in second.cameras} == {"a"}
     assert second.sfm["registered"] >= 10
     with pytest.raises(GagaError, match=r"--scene 3.*2 scenes only"):
-        placed(tmp_path / "in", tmp_path / "none", number=3)
+        placed(tmp_path / "in", tmp_path / "none", ReconstructConfig(only="sfm", scene=3))
 
 
 @pytest.mark.capture
@@ -99,3 +104,45 @@ def test_a_film_of_the_garden(tmp_path: Path, shaky: bool) -> None:
     )
     made = placed(film, tmp_path / "scene")
     assert made.share >= 0.9
+
+
+@pytest.mark.capture
+@pytest.mark.parametrize("given", ["nothing", "turntable", "masks"])
+def test_an_object_on_a_turntable(tmp_path: Path, given: str) -> None:
+    """0.1.0: no model, and no word about the background."""
+    photos, masks = tmp_path / "in", tmp_path / "masks"
+    scenes.turntable(photos, masks)
+    if given == "nothing":
+        with pytest.raises(GagaError, match=r"background stands still.*--turntable"):
+            placed(photos, tmp_path / "scene")
+        return
+    config = ReconstructConfig(only="sfm", turntable=True)
+    if given == "masks":
+        config = ReconstructConfig(only="sfm", foreground=str(masks))
+    made = placed(photos, tmp_path / "scene", config)
+    assert made.share >= 0.9
+
+
+@pytest.mark.capture
+def test_copies_of_photos_are_left_out(tmp_path: Path) -> None:
+    """0.1.0: the copies counted as photos; 6 of 18 placed, refused."""
+    names = scenes.with_copies(tmp_path / "in")
+    made = placed(tmp_path / "in", tmp_path / "scene")
+    assert "6 photos are a smaller or recompressed copy of another and left out" in made.notes
+    assert not {Path(camera.name).stem for camera in made.cameras} & {Path(n).stem for n in names}
+    assert made.share >= 0.9
+
+
+def test_poses_of_another_scene(tmp_path: Path) -> None:
+    """0.1.0: trained without a word."""
+    scene = tmp_path / "scene"
+    scenes.walk(scene / "images")
+    cameras = scenes.demo_cameras(16)
+    turned = [
+        replace(c, cam_from_world=o.cam_from_world)
+        for c, o in zip(cameras, cameras[5:] + cameras[:5], strict=True)
+    ]
+    write_colmap(scene / "sparse" / "0", turned, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    with pytest.raises(GagaError, match="contradict the given poses"):
+        run_stage(reconstruct_scene(None, scene, ReconstructConfig(iterations=1, max_side=64)))
+    assert not (scene / "point_cloud.ply").exists()

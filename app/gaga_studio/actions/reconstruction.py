@@ -127,7 +127,8 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
     from gaga_core.io.scene_folder import find_sparse, open_scene_folder
     from gaga_core.pipeline.compile_kernels import after_warm_up
-    from gaga_core.pipeline.reconstruct import WrongModelError, reconstruct_scene
+    from gaga_core.pipeline.placement_report import placement_of
+    from gaga_core.pipeline.reconstruct import WrongModelError, read_entry, reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
     yield from after_warm_up(_nothing())
@@ -141,7 +142,7 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
-    seen = TrainingUpdate(folder.cameras, notes)
+    seen = TrainingUpdate(folder.cameras, notes, placement=placement_of(read_entry(plan.scene)))
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
     try:
         return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
@@ -210,12 +211,16 @@ def plan_with(
     iterations: int | None = None,
     max_side: int | None = None,
     focal: float | None = None,
+    video_fps: float | None = None,
+    place_minutes: float | None = None,
 ) -> ReconstructionPlan:
     """Return ``plan`` with other settings; ``GagaError`` for invalid ones. 0 = by the quality."""
     changes: dict[str, object] = {}
     if quality is not None and quality != plan.config.quality:
         changes |= {"quality": quality, "iterations": None, "max_side": None}
-    for name, value in (("iterations", iterations), ("max_side", max_side), ("focal", focal)):
+    given = {"iterations": iterations, "max_side": max_side, "focal": focal}
+    given |= {"video_fps": video_fps, "place_minutes": place_minutes}
+    for name, value in given.items():
         if value is not None:
             changes[name] = value or None
     try:

@@ -11,6 +11,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from gaga_core.pipeline.placement_report import PlacementReport
     from gaga_core.reconstruct.train import TrainUpdate
 
 _POINTS = 240  # of a curve: more than its picture has pixels to show
@@ -24,6 +25,7 @@ class TrainingUpdate:
     notes: tuple[str, ...] = ()  # sentences of the checks
     update: "TrainUpdate | None" = None
     gaussians: Gaussians | None = None  # the newest copy of the splats
+    placement: "PlacementReport | None" = None  # of photos that were placed here
 
 
 @dataclass(eq=False)
@@ -35,12 +37,14 @@ class TrainingPreview:
     cameras: tuple[Camera, ...] = ()
     scene: Scene | None = None  # nothing in it can be edited
     update: "TrainUpdate | None" = None
+    placement: "PlacementReport | None" = None
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:
         """Show what is new; return whether the photos have just been placed."""
         is_first = not self.cameras and bool(live.cameras)
         self.cameras, self.update = live.cameras, live.update
+        self.placement = live.placement
         if live.gaussians is not None and live.gaussians is not self._shown:
             self._show(live.gaussians)
         return is_first

@@ -23,6 +23,7 @@ from gaga_studio.ui.kit.modal import begin_modal
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.viewport import placement
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.photo_source import PhotoFind
@@ -114,6 +115,9 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
         widgets.line(f"Training {training.name}")
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
+    if training.placement is not None and not small:
+        placement.draw_placement(training.placement)
+    if update is None:
         return
     text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
     widgets.dim(text, wrap=True)
@@ -215,11 +219,7 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     if changed:
         plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
     if not found.is_placed:
-        focal = plan.config.focal or 0.0
-        changed, focal = imgui.input_float("Focal length, pixels", focal, 0, 0, "%.0f")
-        widgets.tooltip("Of the photos as they are; 0: from EXIF, else estimated")
-        if changed:
-            plan = reconstruction.plan_with(plan, focal=max(focal, 0.0))
+        plan = placement.draw_fields(plan, found)
     changed, hold = widgets.checkbox(
         "Hold every 8th photo out, to measure on", plan.config.hold_out
     )
