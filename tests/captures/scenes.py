@@ -163,18 +163,20 @@ def _ring(n: int, radius: float, height: float, fov: float) -> tuple[Camera, ...
     return tuple(found)
 
 
-def on_white(folder: Path, n: int = 24, *, fov: float = 46.0) -> None:
-    """Objects on featureless white, all around."""
-    objects = _objects()
-    for camera in _ring(n, 1.1, 0.65, fov):
+def on_white(folder: Path, n: int = 24, *, fov: float = 46.0) -> tuple[Camera, ...]:
+    """Objects on featureless white, all around; returns the true cameras."""
+    objects, cameras = _objects(), _ring(n, 1.1, 0.65, fov)
+    for camera in cameras:
         picture, alpha = photograph(camera, objects)
         save(folder / camera.name, eight_bit(picture + (1 - alpha[..., None])))
+    return cameras
 
 
-def turntable(folder: Path, masks: Path | None = None, n: int = 36) -> None:
+def turntable(folder: Path, masks: Path | None = None, n: int = 36) -> tuple[Camera, ...]:
     """Objects turned in front of a room that stands still, with a camera that stands still.
 
-    To ``masks`` go pictures of where the objects are, white on black.
+    To ``masks`` go pictures of where the objects are, white on black. Returns the true cameras as
+    seen from the objects.
     """
     gaussians, labels, names = demo_model()
     objects = _objects()
@@ -182,12 +184,14 @@ def turntable(folder: Path, masks: Path | None = None, n: int = 36) -> None:
     room = gaussians.take(~np.isin(labels, wanted))
     still = posed((0.75, -1.75, 1.55), (0.05, 0.1, 0.95), 60.0, SIZE)
     background = photograph(still, room)[0]
-    for camera in _ring(n, 1.1, 0.65, 42.0):
+    cameras = _ring(n, 1.1, 0.65, 42.0)
+    for camera in cameras:
         picture, alpha = photograph(camera, objects)
         save(folder / camera.name, eight_bit(picture + (1 - alpha[..., None]) * background))
         if masks is not None:
             masks.mkdir(parents=True, exist_ok=True)
             Image.fromarray(eight_bit(alpha > 0.5)).save(masks / f"{Path(camera.name).stem}.png")
+    return cameras
 
 
 # --- films

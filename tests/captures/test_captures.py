@@ -64,9 +64,10 @@ def test_another_exposure_in_each_photo(tmp_path: Path) -> None:
 @pytest.mark.capture
 def test_an_object_on_featureless_white(tmp_path: Path) -> None:
     """0.1.0: 2 of 24 placed, refused."""
-    scenes.on_white(tmp_path / "in")
+    true = scenes.on_white(tmp_path / "in")
     made = placed(tmp_path / "in", tmp_path / "scene")
     assert made.share >= 0.9
+    assert made.off(true) < _OFF
 
 
 @pytest.mark.capture
@@ -111,7 +112,7 @@ def test_a_film_of_the_garden(tmp_path: Path, shaky: bool) -> None:
 def test_an_object_on_a_turntable(tmp_path: Path, given: str) -> None:
     """0.1.0: no model, and no word about the background."""
     photos, masks = tmp_path / "in", tmp_path / "masks"
-    scenes.turntable(photos, masks)
+    true = scenes.turntable(photos, masks)
     if given == "nothing":
         with pytest.raises(GagaError, match=r"background stands still.*--turntable"):
             placed(photos, tmp_path / "scene")
@@ -121,6 +122,7 @@ def test_an_object_on_a_turntable(tmp_path: Path, given: str) -> None:
         config = ReconstructConfig(only="sfm", foreground=str(masks))
     made = placed(photos, tmp_path / "scene", config)
     assert made.share >= 0.9
+    assert made.off(true) < _OFF
 
 
 @pytest.mark.capture
