@@ -174,8 +174,15 @@ class _State:
         return best is not None and best.is_right and best.share >= self.ladder.enough
 
     def is_hopeless(self, config: SfmConfig) -> bool:
-        """Whether more attempts of this kind cannot help: they would match the background again."""
-        placed = self.best is not None and self.best.is_right and self.best.share > _HALF
+        """Whether more attempts of this kind cannot help.
+
+        They would match a still background again, or be held to a wrong focal length again.
+        """
+        best = self.best
+        if best is not None and best.share >= self.ladder.enough and self.priors:
+            wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
+            return bool(wrong) and wrong <= {"focal", "prior"}
+        placed = best is not None and best.is_right and best.share > _HALF
         return self.diagnosis.still and not config.moving_only and not placed
 
     def take(self, placement: Placement) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.pipeline import reconstruct as core
 from gaga_core.pipeline.photo_source import look_at_photos
-from gaga_core.pipeline.reconstruct import WORKSPACE, ReconstructConfig
+from gaga_core.pipeline.reconstruct import WORKSPACE, ReconstructConfig, reconstruct_scene
 from gaga_core.progress import run_stage
+from gaga_core.reconstruct import sfm_ladder
 from gaga_core.reconstruct.sfm_checks import Verdict
 from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
@@ -32,7 +32,7 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene folder of six photos of a room with their places, and no splats."""
     scene = tmp_path_factory.mktemp("placed") / "room"
     write_photos(scene / "images", 6)
-    run_stage(core.reconstruct_scene(None, scene, replace(TINY, only="sfm")))
+    run_stage(reconstruct_scene(None, scene, replace(TINY, only="sfm")))
     return scene
 
 
@@ -146,7 +146,7 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
 ) -> None:
     write_photos(tmp_path / "room" / "images", 6)
     wrong = (Verdict("focal", "error", "The focal length ran away. Give it with --focal."),)
-    monkeypatch.setattr(core, "check_model", lambda *_: wrong)
+    monkeypatch.setattr(sfm_ladder, "check_model", lambda *_: wrong)
     session = new_session()
     opened(session, tmp_path / "room")
     found = session.photos
