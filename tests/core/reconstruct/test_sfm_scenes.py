@@ -22,8 +22,8 @@ def two(placed_room: PlacedRoom) -> tuple[SfmFacts, SfmFacts]:
     names = (*first.names, *others, "lost0.jpg", "lost1.jpg")
     pairs = np.concatenate([first.pairs, first.pairs + n, [[n, 2 * n]]])
     counts = np.concatenate([first.pair_matches, first.pair_matches, [20]])
-    common = {"all_names": names, "pairs": pairs, "pair_matches": counts}
-    return replace(first, **common), replace(first, names=others, **common)
+    known = replace(first, all_names=names, pairs=pairs, pair_matches=counts)
+    return known, replace(known, names=others)
 
 
 def test_models_without_common_matches_are_scenes(two: tuple[SfmFacts, SfmFacts]) -> None:

@@ -88,8 +88,8 @@ def _ring(placement: "PlacementReport") -> None:
     dots = [ImVec2(float(x), float(y)) for x, y in zip(xs, ys, strict=True)]
     for i, j, matches in reversed(placement.links):  # the strongest on top
         share = min(matches / _MANY, 1.0)
-        color = theme.u32(theme.ACCENT, _FAINT + (_STRONG - _FAINT) * share)
-        drawing.add_line(dots[i], dots[j], color, theme.scaled(1.0))
+        opacity = _FAINT + (_STRONG - _FAINT) * share
+        drawing.add_line(dots[i], dots[j], theme.u32(theme.ACCENT, opacity), theme.scaled(1.0))
     for dot, name in zip(dots, placement.names, strict=True):
         color = theme.BAD if name in placement.left_out else theme.TEXT
         drawing.add_circle_filled(dot, theme.scaled(2.2), theme.u32(color))
