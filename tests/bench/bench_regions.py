@@ -135,7 +135,8 @@ def _groups(folder: SceneFolder, gaussians: Gaussians, *, with_depth: bool) -> S
     for camera in train:
         photo = _photo(folder, gaussians, camera.name)
         maps[camera.name] = regions(photo.image, photo.depth if with_depth else None)
-    masks = MaskSet({name: partial(maps.__getitem__, name) for name in maps}, "regions")
+    loaders = {name: partial(maps.__getitem__, name) for name in maps}
+    masks = MaskSet(loaders, "regions", are_regions=True)
     config = AssociateConfig.of("robust")
     found = run_stage(associate_stage(gaussians, train, masks, engine, config))
     pairs = []

@@ -1,0 +1,166 @@
+"""Objects without a model: regions of the photos, the preset robust, and what comes out.
+
+IoU, precision and recall are of held-out views at the level of whole objects, void left out; best
+level: of each true object with the group that covers it best at any level. The evidence about
+borders was fitted to ycb_table, the demo scene and one generated room; the others took no part.
+Scenes that are not on this machine are left out (GAGA_TEST_DATA).
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.demo import make_demo_stage
+from gaga_core.evaluate.metrics import HIT, score_pairs
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import quats_to_matrices
+from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.images import read_rgb
+from gaga_core.io.masks import read_labels
+from gaga_core.io.ply import read_ply_stage
+from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.segmentation.regions import regions
+from tests.bench.figures import Figure
+from tests.bench.rooms import bench_scene
+
+_BARS = {
+    "ycb_table": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),
+    "ycb_crowd": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),
+    "demo": (">= 0.65", ">= 0.50", "", ""),
+}
+_ROOM_SEED = 0
+_ROOM_PARTS = 3  # labels of floor and walls, after those of the objects
+
+
+@dataclass(frozen=True, eq=False)
+class _Set:
+    """A scene with photos and truth."""
+
+    gaussians: Gaussians
+    photos: Mapping[str, UInt8Array]  # of the train views
+    train: tuple[Camera, ...]
+    test: tuple[Camera, ...]
+    truth: Mapping[str, IntArray]  # of the test views, 0 = void
+
+
+def figures() -> list[Figure]:
+    """Scores of each scene that is there."""
+    found: list[Figure] = []
+    for name, scene in _sets():
+        association = _associated(scene)
+        pairs = [(scene.truth[c.name], _shown(scene, c, association.labels)) for c in scene.test]
+        score = score_pairs(pairs)[1]
+        values = (score.iou, score.precision, score.recall, _best_recall(scene, association))
+        kinds = ("IoU", "precision", "recall", "recall at the best level")
+        for kind, value, bar in zip(kinds, values, _BARS.get(name, ("",) * 4), strict=True):
+            found.append(Figure(f"objects: {name}, {kind}", value, "", bar))
+    return found
+
+
+def _sets() -> Iterator[tuple[str, _Set]]:
+    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
+    for name in ("ycb_table", "ycb_crowd"):
+        folder = Path(os.environ.get("GAGA_TEST_DATA", shared)) / name
+        if folder.is_dir():
+            yield name, _of_folder(open_scene_folder(folder))
+    with tempfile.TemporaryDirectory() as scratch:
+        demo = run_stage(make_demo_stage(Path(scratch) / "demo"))
+        yield "demo", _of_folder(open_scene_folder(demo))
+    yield "room", _generated("room")
+    yield "table", _generated("table")
+
+
+def _of_folder(folder: SceneFolder) -> _Set:
+    assert folder.model_path is not None
+    train, test = select_views(folder, "train"), select_views(folder, "test")
+    instances = folder.root / "gt" / "instance"
+    return _Set(
+        run_stage(read_ply_stage(folder.model_path)),
+        {camera.name: read_rgb(folder.require_image(camera.name)) for camera in train},
+        train,
+        test,
+        {c.name: read_labels(instances / f"{Path(c.name).stem}.png") for c in test},
+    )
+
+
+def _generated(kind: str) -> _Set:
+    """A generated scene whose objects are painted with stripes, lit from one side."""
+    made = bench_scene(
+        "room" if kind == "room" else "table", _ROOM_SEED, n_train=40, size=(480, 360)
+    )
+    n_things = int(made.labels.max()) - _ROOM_PARTS
+    colors = _painted(made.gaussians, np.where(made.labels > n_things, 0, made.labels))
+    photos = {}
+    for camera in made.train:
+        image = choose("cpu").render(made.gaussians, camera, channels=colors).image
+        photos[camera.name] = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    truth = {c.name: made.truth[c.name] for c in made.test}
+    objects = {name: np.where(t > n_things, 0, t).astype(np.int32) for name, t in truth.items()}
+    return _Set(made.gaussians, photos, made.train, made.test, objects)
+
+
+def _painted(gaussians: Gaussians, labels: IntArray) -> FloatArray:
+    """Colors (N, 3) by label, with stripes and light."""
+    rng = np.random.default_rng(_ROOM_SEED)
+    n = int(labels.max()) + 1
+    one = rng.uniform(0.1, 0.9, (n, 3))
+    two = np.clip(one + rng.normal(0, 0.2, (n, 3)), 0, 1)
+    wave: DoubleArray = (gaussians.means * rng.uniform(10, 60, (n, 3))[labels]).sum(axis=1)
+    thinnest = gaussians.log_scales.argmin(axis=1)
+    normals = quats_to_matrices(gaussians.quats)[np.arange(len(labels)), :, thinnest]
+    light = 0.45 + 0.55 * np.abs(normals @ np.array([0.3, -0.5, 0.8]))
+    color = np.where(np.sin(wave)[:, None] > 0, one[labels], two[labels]) * light[:, None]
+    return np.ascontiguousarray(color, dtype=np.float32)
+
+
+def _associated(scene: _Set) -> Association:
+    """The groups of the regions of the train views."""
+    engine = choose("cpu")
+    nothing = np.zeros((len(scene.gaussians), 1), np.float32)
+    maps = {}
+    for camera in scene.train:
+        depth = engine.render(scene.gaussians, camera, channels=nothing).median_depth
+        maps[camera.name] = regions(scene.photos[camera.name], depth)
+    loaders = {name: partial(maps.__getitem__, name) for name in maps}
+    masks = MaskSet(loaders, "regions", are_regions=True)
+    stage = associate_stage(
+        scene.gaussians, scene.train, masks, engine, AssociateConfig.of("robust")
+    )
+    return run_stage(stage)
+
+
+def _shown(scene: _Set, camera: Camera, labels: IntArray) -> IntArray:
+    return splat_groups(choose("cpu"), scene.gaussians, camera, labels)
+
+
+def _best_recall(scene: _Set, association: Association) -> float:
+    """Share of the true objects that a group of some level covers with an IoU above `HIT`, as a
+    mean over the views that show the object."""
+    assert association.bank.levels is not None
+    best: dict[int, float] = {}
+    for labels in association.bank.levels.labels:
+        sums: dict[int, DoubleArray] = {}
+        n_views: dict[int, int] = {}
+        for camera in scene.test:
+            true, shown = scene.truth[camera.name], _shown(scene, camera, labels)
+            area = np.bincount(shown[true > 0], minlength=int(labels.max()) + 1)
+            for k in np.unique(true[true > 0]).tolist():
+                own = np.bincount(shown[true == k], minlength=len(area))
+                iou = own / np.maximum(int((true == k).sum()) + area - own, 1)
+                iou[0] = 0
+                sums[k] = sums.get(k, np.zeros(len(area))) + iou
+                n_views[k] = n_views.get(k, 0) + 1
+        for k, total in sums.items():
+            best[k] = max(best.get(k, 0.0), float(total.max()) / n_views[k])
+    return float(np.mean([value > HIT for value in best.values()]))
