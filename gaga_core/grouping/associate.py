@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks
 from gaga_core.grouping.gated_views import DepthKind, GatedViews
-from gaga_core.grouping.hierarchy.objects import FoundObjects, HierarchyConfig, objects_stage
+from gaga_core.grouping.hierarchy.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.memory_bank import (
     MemoryBank,
     Preset,
@@ -262,7 +262,9 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
     found = yield from part(stage, n_parts - 1, n_parts, STAGE)
     levels = found.levels
     labels = levels.labels[levels.chosen]
-    decided = _decided_by_samples(task, first_bank, found)
+    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
+    tables = point_tables(found.regions, found.groups, [len(ids[name]) for name in task.names])
+    decided = decide_masks(first_bank, dict(zip(task.names, tables, strict=True)), ids)
     bank = replace(
         decided,
         group=np.where(labels > 0, labels, np.int32(-1)),
@@ -270,13 +272,6 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
         levels=levels,
     )
     return _association(task, bank, labels, found.confidence)
-
-
-def _decided_by_samples(task: _Task, bank: MemoryBank, found: FoundObjects) -> MemoryBank:
-    """The bank with each mask in the group of most of the samples that it shows."""
-    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
-    tables = point_tables(found.regions, found.groups, [len(ids[name]) for name in task.names])
-    return decide_masks(bank, dict(zip(task.names, tables, strict=True)), ids)
 
 
 def _association(

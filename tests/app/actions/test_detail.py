@@ -10,7 +10,7 @@ import pytest
 
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import detail, files, history, objects
+from gaga_studio.actions import association_repair, detail, files, history, objects
 from gaga_studio.session.session import Session
 
 
@@ -85,6 +85,18 @@ def test_masks_follow_their_groups_to_a_coarser_level(session: Session) -> None:
         if before.group > 0:
             own = bank.levels.labels[0][bank.group == before.group]
             assert after.group == np.bincount(own).argmax()
+
+
+def test_a_moved_mask_leaves_other_objects_as_they_are(session: Session) -> None:
+    before = _scene(session).labels.copy()
+    groups = [d.group for d in _bank(session).log if d.group > 0]
+    one, other = np.argsort(-np.bincount(groups))[1:3].tolist()
+    moved = session.decisions(one)[-1]
+    assert association_repair.move_mask(session, moved, other)
+    assert session.jobs.wait()
+    assert any(d.by_hand for d in session.decisions(other))
+    rest = (before != one) & (before != other) & (before > 0)
+    assert (_scene(session).labels[rest] == before[rest]).mean() > 0.9
 
 
 def test_scenes_without_levels_have_no_detail(associated: Session) -> None:
