@@ -16,6 +16,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
 from gaga_core.progress import Progress, Stage
+from gaga_core.reconstruct.controls import option
 from gaga_core.reconstruct.photos import Photo, PhotoSet
 from gaga_core.reconstruct.sharpness import shrunk
 
@@ -64,7 +65,7 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     if len({(photo.width, photo.height) for photo in photos.photos}) > 1:
         raise GagaError(
             "The photos differ in size: the camera did not stand still. Give masks of the object "
-            "with --foreground."
+            f"with {option('--foreground')}."
         )
     stack = []
     for i, photo in enumerate(chosen):
@@ -73,8 +74,8 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVES)
     if not _LEAST < moving.mean() < 1 - _LEAST:
         raise GagaError(
-            "No background stands still in these photos. Leave --turntable out, or give masks of "
-            "the object with --foreground."
+            f"No background stands still in these photos. Leave {option('--turntable')} out, or "
+            f"give masks of the object with {option('--foreground')}."
         )
     target.mkdir(parents=True, exist_ok=True)
     for photo in photos.photos:

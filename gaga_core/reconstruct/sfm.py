@@ -13,6 +13,7 @@ from typing import Literal
 from gaga_core.errors import GagaError
 from gaga_core.kernels import n_threads
 from gaga_core.progress import Progress, Stage
+from gaga_core.reconstruct.controls import option
 from gaga_core.reconstruct.photos import PhotoSet
 from gaga_core.reconstruct.sfm_metrics import SfmFacts
 from gaga_core.reconstruct.subprocess_lines import follow
@@ -212,8 +213,8 @@ def _explain(step: str, why: str) -> str:
     if step.startswith("map") and why == NO_MODEL:
         return (
             "The photos overlap, but no two of them show enough from two places to start from. "
-            "Take photos from more places, a step apart, of things with texture; or try --quality "
-            "full."
+            "Take photos from more places, a step apart, of things with texture; or try "
+            f"{option('--quality', 'full')}."
         )
     return (
         f"{_TITLES[step]} failed ({why}). Try again with fewer or smaller photos; what was "

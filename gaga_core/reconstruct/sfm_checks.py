@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from gaga_core.reconstruct.controls import option
 from gaga_core.reconstruct.sfm_metrics import SfmFacts, SfmSummary
 
 _NAMED = 4  # photos named in a sentence
@@ -87,7 +88,8 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
 
 def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
     cure = (
-        "Try --quality full, leave out photos that look alike but show another place, or add "
+        f"Try {option('--quality', 'full')}, leave out photos that look alike but show another "
+        "place, or add "
         "photos in between."
     )
     agree = (
@@ -113,7 +115,8 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
             "reprojection",
             _above(s.reprojection, c.reprojection),
             f"Points are {s.reprojection:.1f} pixels off in the photos on average. Are there "
-            "photos of another lens or zoom, or moving things? Leave them out, or give --focal.",
+            "photos of another lens or zoom, or moving things? Leave them out, or give "
+            f"{option('--focal')}.",
         ),
         *_verdict(
             "track",
@@ -124,8 +127,8 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         *_verdict(
             "points",
             level_below(per_view, c.points_per_view),
-            f"A photo holds {per_view:.0f} points on average. Sharper photos or --quality full "
-            "give more; bare walls and glass give none.",
+            f"A photo holds {per_view:.0f} points on average. Sharper photos or "
+            f"{option('--quality', 'full')} give more; bare walls and glass give none.",
         ),
         *_verdict(
             "collapse",
@@ -149,7 +152,8 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
         "focal",
         level,
         f"The focal length was estimated as {worst:.2f} x the photo's longer side, which few "
-        "lenses have. Give the true one in pixels with --focal, or take photos with EXIF data.",
+        f"lenses have. Give the true one in pixels with {option('--focal')}, or take photos with "
+        "EXIF data.",
     )
     apart = float(np.abs(np.log(facts.focal[:, 0] / facts.focal[:, 1])).max())
     if apart > c.axes_apart:
@@ -157,7 +161,7 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
             "axes",
             "warning",
             f"The focal lengths across and down differ by {apart:.0%}, which no camera does. "
-            "Check the result; --focal or photos from more heights help.",
+            f"Check the result; {option('--focal')} or photos from more heights help.",
         )
     known = [(mean[i], priors[n]) for i, n in enumerate(facts.names) if n in priors]
     if known:
@@ -167,7 +171,7 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
             "prior",
             _above(off, c.focal_apart),
             f"The focal length was estimated {off:.0%} away from what EXIF or --focal says. Check "
-            "--focal, or leave out photos that were cropped or zoomed.",
+            f"{option('--focal')}, or leave out photos that were cropped or zoomed.",
         )
     return found
 

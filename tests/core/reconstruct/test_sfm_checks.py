@@ -21,6 +21,7 @@ def verdicts(facts: SfmFacts, priors: dict[str, float] | None = None) -> dict[st
     found = {v.check: v for v in check_model(facts, summarize(facts), priors)}
     for verdict in found.values():
         assert verdict.text.endswith(".")
+        assert "{" not in verdict.text
         assert len(verdict.text) < 300
     return found
 
