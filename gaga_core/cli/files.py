@@ -1,6 +1,5 @@
 """Commands over single files: edit, export, info, doctor, demo."""
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,10 @@ from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import read_json
 from gaga_core.scene.project import Project
+
+_MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,9 @@ class EditCommand:
         from gaga_core.scene.script.run import parse_script, run_script
 
         form_of(self.output)  # a mistake is told before a large model is read
-        script = _read_json(self.script)
+        script = read_json(
+            self.script, list[object], "Fix the script and run again.", most_bytes=_MOST_SCRIPT
+        )
         parse_script(script)
         scene = out.follow(open_path_stage(self.input)).scene
         titles = run_script(scene, script)
@@ -197,13 +201,3 @@ def _add_identity(project: Project) -> None:
     rows = np.minimum(project.scene.source, len(encodings))
     encodings = np.concatenate([encodings, none])[rows]
     project.scene.gaussians = with_encodings(project.scene.gaussians, encodings)
-
-
-def _read_json(path: Path) -> object:
-    try:
-        content: object = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GagaError(f"{path} cannot be read: {error.strerror}. Check the path.") from error
-    except ValueError as error:
-        raise GagaError(f"{path} is not JSON ({error}). Fix it and run again.") from error
-    return content

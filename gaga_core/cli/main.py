@@ -5,8 +5,10 @@ Exit status 0 only on success; Ctrl-C leaves nothing half-written.
 """
 
 import logging
+import os
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -28,6 +30,7 @@ from gaga_core.cli.scene import (
     RenderCommand,
 )
 from gaga_core.errors import GagaError
+from gaga_core.io.files import explain_os_error
 
 AnyCommand = (
     Annotated[ReconstructCommand, subcommand("reconstruct")]
@@ -72,6 +75,11 @@ def main(arguments: list[str] | None = None) -> int:
         return parsed.command.run()
     except GagaError as error:
         out.fail(str(error))
+        return 1
+    except OSError as error:
+        if error.filename is None:  # not about a file: a fault of the program
+            raise
+        out.fail(explain_os_error(error, Path(os.fsdecode(error.filename))))
         return 1
     except KeyboardInterrupt:
         out.fail("Stopped. Nothing was left half-written.")

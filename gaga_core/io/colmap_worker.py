@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from gaga_core.io.child_process import end_with_parent
+
 # Address space beyond what the interpreter has: a damaged count asks for far more, and filling
 # even 8 GiB before the refusal takes half a minute.
 _MEMORY = 1 << 30  # bytes
@@ -19,6 +21,7 @@ _MEMORY_PER_BYTE = 20  # of the model's files
 
 def main() -> int:
     """Read the model in argv[1], write arrays to argv[2]."""
+    end_with_parent()
     _limit_memory(Path(sys.argv[1]))
     try:
         model = pycolmap.Reconstruction(sys.argv[1])

@@ -4,6 +4,9 @@ import errno
 import hashlib
 import logging
 import os
+import re
+import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +17,12 @@ import numpy as np
 from gaga_core.errors import GagaError
 
 _LOG = logging.getLogger(__name__)
+_LONGEST = 200  # bytes of a name in that of its temporary file: file systems take 255
+_LEFT = re.compile(
+    r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}"
+)  # `atomic_write`, `staging_folder`
+_OLD_S = 3600.0
+_looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
 
 
@@ -25,9 +34,11 @@ def atomic_write(path: Path) -> Iterator[Path]:
     disk or missing permission is raised as ``GagaError``.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}.part")
+    stem = path.name.encode()[:_LONGEST].decode(errors="ignore")
+    temporary = path.with_name(f".{stem}.{uuid4().hex[:8]}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers_once(path.parent)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     try:
@@ -37,6 +48,39 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise GagaError(explain_os_error(error, path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> int:
+    """Remove files and folders that killed programs left in ``folder``; return how many.
+
+    They are ours by their names, and old: nothing wrote to them for an hour. A subfolder is not
+    looked into.
+    """
+    n, limit = 0, time.time() - _OLD_S
+    try:
+        names = [entry.name for entry in os.scandir(folder) if _LEFT.fullmatch(entry.name)]
+        for name in names:
+            left = folder / name
+            if _newest(left) < limit:
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+                n += 1
+    except OSError as error:  # no permission, or another program was quicker: they do no harm
+        _LOG.info("leftovers in %s: %s", folder, error)
+    return n
+
+
+def _remove_leftovers_once(folder: Path) -> None:
+    """Look for leftovers at this program's first write to a folder."""
+    if folder not in _looked_at:
+        _looked_at.add(folder)
+        remove_leftovers(folder)
+
+
+def _newest(path: Path) -> float:
+    """Time of the last change of a file, or of anything in a folder."""
+    inside = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
+    times: list[float] = [item.lstat().st_mtime for item in (path, *inside)]
+    return max(times)
 
 
 def set_aside(path: Path) -> Path | None:
@@ -76,6 +120,9 @@ def explain_os_error(error: OSError, path: Path) -> str:
         return f"The disk is full: {path} was not written. Free some space, or choose another disk."
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return f"There is no permission to use {path}. Choose another place."
+    if error.errno == errno.ENAMETOOLONG:
+        longest = max(Path(os.fsdecode(error.filename or path)).parts, key=len)
+        return f"The name {longest[:40]}… is too long. Choose a shorter one."
     if error.errno == errno.EISDIR:
         return f"{path} is a folder. Choose a file name."
     if error.errno in (errno.ENOENT, errno.ENOTDIR):

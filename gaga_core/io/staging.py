@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import explain_os_error, remove_leftovers
 
 
 @contextmanager
@@ -18,9 +18,11 @@ def staging_folder(target: Path) -> Iterator[Path]:
     ``target`` if that was made here and stayed empty. A disk that is full or read-only becomes a
     ``GagaError``.
     """
-    made = [folder for folder in (target, *target.parents) if not folder.exists()]
+    made: list[Path] = []
     try:
+        made += [folder for folder in (target, *target.parents) if not folder.exists()]
         target.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(target)
         staging = Path(tempfile.mkdtemp(prefix=".gaga-", dir=target))
     except OSError as error:
         _remove_empty(made)

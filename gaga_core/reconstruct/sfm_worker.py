@@ -7,17 +7,15 @@ state is in the workspace folder, so a step that was ended is simply run again.
 """
 
 import json
-import os
 import shutil
 import sys
-import threading
-import time
 from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
 import pycolmap
 
+from gaga_core.io.child_process import end_with_parent
 from gaga_core.reconstruct.foreground import MASKS
 from gaga_core.reconstruct.sfm_export import write_facts, write_match_facts, write_pair_matches
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
@@ -61,7 +59,7 @@ class WorkerSettings(TypedDict):
 
 def main() -> int:
     """Run the step that the settings name."""
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    end_with_parent()
     settings: WorkerSettings = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     workspace = Path(settings["workspace"])
     pycolmap.set_random_seed(settings["seed"])
@@ -72,13 +70,6 @@ def main() -> int:
         _say({"failed": said[:200]})
         return 1
     return 0
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended without ending it."""
-    while os.getppid() == parent:
-        time.sleep(1)
-    os._exit(1)
 
 
 def _say(values: dict[str, object]) -> None:

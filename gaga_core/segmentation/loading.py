@@ -2,7 +2,9 @@
 
 import logging
 import os
+import pickle
 import warnings
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +20,22 @@ from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.settings import Device
 
-_UNREADABLE = (OSError, ValueError, RuntimeError, KeyError, TypeError, ImportError)
+# What transformers and torch raise on damaged files; weights that are pickles are read as tensors
+# alone, and one that names a function is an UnpicklingError.
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    RuntimeError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ImportError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    pickle.UnpicklingError,
+    zipfile.BadZipFile,
+)
 _OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
 
 

@@ -5,14 +5,17 @@ which the main thread calls every frame.
 """
 
 import logging
+import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
+from gaga_core.io.files import explain_os_error
 from gaga_core.progress import Progress, Stage
 from gaga_studio.session.notices import Level
 
@@ -177,6 +180,9 @@ class JobRunner:
 
     def _finish(self, worker: "_Worker") -> None:
         error = worker.error
+        if isinstance(error, OSError) and error.filename is not None:  # a name too long, a disk
+            _LOG.warning("%s: %s", worker.title, error)
+            error = GagaError(explain_os_error(error, Path(os.fsdecode(error.filename))))
         try:
             if isinstance(error, GagaError):
                 if worker.on_error is None or not worker.on_error(error):

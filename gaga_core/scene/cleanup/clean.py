@@ -132,6 +132,8 @@ def clean_object(
     for _ in range(config.rounds):
         if not _vote(pool, asked, labels, config):
             break
+    if not (labels == OURS).any():  # scattered splats: the vote says nothing about an object
+        labels = np.where(member, OURS, pool.labels)
     if config.hull != "none":
         inside = _take_inside(pool, labels, config)
     stray = _drop_strays(pool, asked, labels, inside, config)

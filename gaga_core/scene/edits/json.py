@@ -35,6 +35,19 @@ from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
 from gaga_core.scene.scene import RGB, Added, Placements, State
 
 EditJson = Mapping[str, object]
+MOST_ROWS = (1 << 31) - 1  # rows are int32
+_MOST_BITS = 255  # of a state
+_DAMAGED = (
+    KeyError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+    zlib.error,
+    binascii.Error,
+)
 _DTYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64")
 
 
@@ -81,28 +94,32 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
     return {**head, "splats": _set(edit.splats), **ints, "state": int(edit.state)}
 
 
-def decode_edit(content: object) -> Edit:
-    """The edit that `encode_edit` wrote; ``GagaError`` when the content is damaged."""
+def decode_edit(content: object, most_rows: int = MOST_ROWS) -> Edit:
+    """The edit that `encode_edit` wrote, of a scene of at most ``most_rows`` splats.
+
+    Raises ``GagaError`` when the content is damaged or asks for more rows: before memory is taken.
+    """
     try:
-        return _decoded(cast(EditJson, content))
-    except (KeyError, TypeError, ValueError, AttributeError, zlib.error, binascii.Error) as error:
+        return _decoded(cast(EditJson, content), most_rows)
+    except _DAMAGED as error:
         raise GagaError(
             f"A recorded edit of the script is damaged ({error}). Record it again."
         ) from error
 
 
-def _decoded(content: EditJson) -> Edit:
+def _decoded(content: EditJson, most: int) -> Edit:
     kind, title = content["kind"], str(content["title"])
     if kind == "together":
         return Edits(
-            title, tuple(_decoded(part) for part in cast(Sequence[EditJson], content["edits"]))
+            title,
+            tuple(_decoded(part, most) for part in cast(Sequence[EditJson], content["edits"])),
         )
     if kind == "flip":
         flips = cast(Sequence[Sequence[object]], content["flips"])
         return FlipState(
             title,
-            _count(content["n"]),
-            tuple((_count(bits), _set_of(splats)) for bits, splats in flips),
+            _count(content["n"], most),
+            tuple((_count(bits, _MOST_BITS), _set_of(splats, most)) for bits, splats in flips),
         )
     if kind == "names":
         return SetNames(title, _names(content["before"]), _names(content["after"]))
@@ -112,17 +129,17 @@ def _decoded(content: EditJson) -> Edit:
     if kind == "labels":
         return SetLabels(
             title,
-            _set_of(content["splats"]),
-            _ints_of(content["before"]),
-            _ints_of(content["after"]),
+            _set_of(content["splats"], most),
+            _ints_of(content["before"], most),
+            _ints_of(content["after"], most),
         )
     if kind == "copies":
         return AppendCopies(
             title,
-            _set_of(content["splats"]),
-            _ints_of(content["labels"]),
-            _ints_of(content["rows"]),
-            State(_count(content["state"])),
+            _set_of(content["splats"], most),
+            _ints_of(content["labels"], most),
+            _ints_of(content["rows"], most),
+            State(_count(content["state"], _MOST_BITS)),
         )
     if kind == "append":
         return _append_of(title, content)
@@ -133,7 +150,7 @@ def _decoded(content: EditJson) -> Edit:
             rows=_rows(content["rows"]),
             before=_table_of(content["before"]),
             after=_table_of(content["after"]),
-            moved=_set_of(content["moved"]),
+            moved=_set_of(content["moved"], most),
             rows_from=_rows(content["rows_from"]),
             rows_to=_rows(content["rows_to"]),
         )
@@ -176,7 +193,7 @@ def _appended(edit: AppendSplats) -> dict[str, object]:
 def _append_of(title: str, content: EditJson) -> AppendSplats:
     path, digest = Path(str(content["path"])), str(content["fingerprint"])
     splats, _ = run_stage(read_added_stage(path, digest))
-    labels = _ints_of(content["labels"])
+    labels = _ints_of(content["labels"], MOST_ROWS)
     if labels.count != len(splats):
         raise ValueError(f"{labels.count} labels for {len(splats)} splats")
     return AppendSplats(
@@ -188,7 +205,7 @@ def _append_of(title: str, content: EditJson) -> AppendSplats:
         splats=splats,
         labels=labels,
         added=Added(str(path), digest, _count(content["first"]), len(splats)),
-        state=State(_count(content["state"])),
+        state=State(_count(content["state"], _MOST_BITS)),
     )
 
 
@@ -199,8 +216,15 @@ def _packed(array: AnyArray) -> str:
     return base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 1)).decode()
 
 
-def _unpacked(text: object, dtype: str) -> AnyArray:
-    raw = zlib.decompress(base64.b64decode(cast(str, text), validate=True))
+def _unpacked(text: object, dtype: str, count: int) -> AnyArray:
+    """``count`` values; no more memory than they need is taken, whatever the text holds."""
+    packed, size = (
+        base64.b64decode(cast(str, text), validate=True),
+        count * np.dtype(dtype).itemsize,
+    )
+    raw = zlib.decompressobj().decompress(packed, size + 1)
+    if len(raw) != size:
+        raise ValueError(f"not the {count} values that it announces")
     array: AnyArray = np.frombuffer(raw, dtype).copy()
     return array
 
@@ -210,20 +234,25 @@ def _set(splats: IndexSet) -> dict[str, object]:
     return {"n": splats.n, "count": splats.count, splats.form.value: values}
 
 
-def _set_of(content: object) -> IndexSet:
+def _set_of(content: object, most: int) -> IndexSet:
     values = cast(EditJson, content)
-    n = _count(values["n"])
+    n = _count(values["n"], most)
+    count = _count(values["count"], n)
     if "runs" in values:
         runs = np.asarray(values["runs"], np.int64).reshape(-1, 2)
+        if (runs < 0).any() or (runs > n).any() or (runs[:, 1] - runs[:, 0]).sum() != count:
+            raise ValueError(f"a set of {count} splats of {n}")
         pieces = [np.arange(start, stop) for start, stop in runs]
         rows = np.concatenate([np.zeros(0, np.int64), *pieces])
     elif "list" in values:
-        rows = _unpacked(values["list"], "int32").astype(np.int64)
+        rows = _unpacked(values["list"], "int32", count).astype(np.int64)
     else:
-        rows = np.flatnonzero(np.unpackbits(_unpacked(values["bits"], "uint8"), count=n))
+        rows = np.flatnonzero(
+            np.unpackbits(_unpacked(values["bits"], "uint8", -(-n // 8)), count=n)
+        )
     ordered = len(rows) == 0 or (rows[0] >= 0 and rows[-1] < n and bool((np.diff(rows) > 0).all()))
-    if not ordered or len(rows) != _count(values["count"]):
-        raise ValueError(f"a set of {values['count']} splats of {n}")
+    if not ordered or len(rows) != count:
+        raise ValueError(f"a set of {count} splats of {n}")
     return IndexSet.of(rows, n)
 
 
@@ -233,17 +262,14 @@ def _ints(values: PackedInts) -> dict[str, object]:
     return {"count": values.count, "dtype": str(values.data.dtype), "data": _packed(values.data)}
 
 
-def _ints_of(content: object) -> PackedInts:
+def _ints_of(content: object, most: int) -> PackedInts:
     values = cast(EditJson, content)
-    count = _count(values["count"])
+    count = _count(values["count"], most)
     if "all" in values:
         return PackedInts(count, np.array(values["all"], np.int32))
     if values["dtype"] not in _DTYPES:
         raise ValueError(f"dtype {values['dtype']!r}")
-    data = _unpacked(values["data"], str(values["dtype"]))
-    if len(data) != count:
-        raise ValueError(f"{len(data)} values for {count}")
-    return PackedInts(count, data)
+    return PackedInts(count, _unpacked(values["data"], str(values["dtype"]), count))
 
 
 def _table(table: Placements) -> dict[str, object]:
@@ -281,7 +307,7 @@ def _names(content: object) -> tuple[tuple[int, str | None], ...]:
     return tuple((_count(group), None if name is None else str(name)) for group, name in pairs)
 
 
-def _count(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"{value!r} where a whole number belongs")
+def _count(value: object, most: int = MOST_ROWS) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+        raise ValueError(f"{value!r} where a whole number up to {most:,} belongs")
     return value

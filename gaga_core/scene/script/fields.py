@@ -1,19 +1,20 @@
 """Checks of the fields of an edit script: each returns the value or raises one plain sentence."""
 
-import math
 from collections.abc import Callable
 
 from gaga_core.errors import GagaError
 
 Value = float | int | str | bool | tuple["Value", ...]
+_LARGEST = 1e18  # products of three stay finite in float64, and values in float32
 Check = Callable[[str, object], Value]  # (where, value) -> checked value
 
 
 def number(where: str, value: object) -> float:
     """A finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise GagaError(f"{where} must be a number, not {_short(value)}.")
-    return float(value)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not -_LARGEST <= value <= _LARGEST:  # type: ignore[operator]
+        raise GagaError(f"{where} must be a number up to {_LARGEST:g}, not {_short(value)}.")
+    return float(value)  # type: ignore[arg-type]
 
 
 def share(where: str, value: object) -> float:

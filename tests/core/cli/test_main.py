@@ -196,3 +196,33 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
 
 def test_version() -> None:
     assert main(["--version"]) == 0
+
+
+_LONG = "n" * 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["info", _LONG],
+        ["demo", f"/tmp/{_LONG}"],
+        ["associate", _LONG],
+        ["lift", _LONG],
+        ["run", _LONG],
+        ["edit", "a.ply", "b.ply", "--script", _LONG],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_name_that_is_too_long_is_a_sentence(arguments: list[str], capsys: Capture) -> None:
+    assert "too long" in refusal(capsys, *arguments)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"[NaN]", b"[" * 1_000_000, b'[{"op": 1e999}]', b"\xff"], ids=range(6)
+)
+def test_a_damaged_script_is_a_sentence(content: bytes, tmp_path: Path, capsys: Capture) -> None:
+    script = tmp_path / "script.json"
+    script.write_bytes(content)
+    said = refusal(capsys, "edit", "a.ply", "b.ply", "--script", str(script))
+    assert str(script) in said
+    assert "damaged" in said

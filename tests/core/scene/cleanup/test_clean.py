@@ -278,3 +278,14 @@ def test_splats_at_no_place_and_tiny_objects_do_no_harm() -> None:
     for n in (1, 2, 3, 5):
         few = gaussians.take(np.arange(n))
         assert not clean_object(Scene.of(few, np.ones(n, np.int32)), 1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 10])
+def test_a_few_scattered_splats_can_be_cleaned(n: int) -> None:
+    for seed in range(6):
+        scene = objects_scene(seed=seed)
+        rng = np.random.default_rng(seed)
+        labels = scene.labels.copy()
+        labels[rng.choice(len(labels), n, replace=False)] = 77
+        found = clean_object(Scene.of(scene.gaussians, labels), 77)
+        assert set(found.remove) <= set(np.flatnonzero(labels == 77))

@@ -1,5 +1,8 @@
 """Edit scripts: every operation, and every mistake in one sentence."""
 
+import base64
+import tracemalloc
+import zlib
 from typing import Any
 
 import numpy as np
@@ -8,11 +11,14 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, selected_indices
-from gaga_core.scene.scene import State
+from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.script.run import OPERATIONS, parse_script, run_script
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
+from tests.scenes import objects_scene
+
+_BOMB = base64.b64encode(zlib.compress(bytes(200_000_000), 1)).decode()  # 200 MB of zeros
 
 
 def test_a_script_does_what_the_window_does() -> None:
@@ -179,3 +185,56 @@ def test_the_whole_script_is_checked_before_anything_is_done() -> None:
         run_script(scene, [{"op": "hide", "groups": [1]}, {"op": "move"}])
     assert snapshot(scene) == before
     assert [op.kind for op in parse_script([{"op": "show_all"}])] == ["show_all"]
+
+
+def test_undoing_more_than_there_is_ends_at_once() -> None:
+    scene = Scene.of(objects_scene().gaussians, objects_scene().labels)
+    times = {"times": 1_000_000_000}
+    steps = [{"op": "hide", "groups": [1]}, {"op": "undo", **times}, {"op": "redo", **times}]
+    assert run_script(scene, steps) == ("Hide", "Undo Hide", "Redo Hide")
+
+
+_N = 2**31 - 1
+_HUGE: list[dict[str, object]] = [
+    {"kind": "flip", "n": _N, "flips": [[1, {"n": _N, "count": _N, "runs": [[0, _N]]}]]},
+    {"kind": "flip", "n": 10**18, "flips": []},
+    {"kind": "flip", "n": 9, "flips": [[1, {"n": 9, "count": 9, "runs": [[0, 10**12]]}]]},
+    {"kind": "flip", "n": 9, "flips": [[10**9, {"n": 9, "count": 0, "runs": []}]]},
+    {
+        "kind": "labels",
+        "splats": {"n": 9, "count": 1, "runs": [[0, 1]]},
+        "before": {"count": _N, "all": 1},
+        "after": {"count": 1, "dtype": "int32", "data": _BOMB},
+    },
+    {"kind": "flip", "n": 9, "flips": [[1, {"n": 9, "count": 3, "list": _BOMB}]]},
+]
+
+
+@pytest.mark.parametrize("edit", _HUGE, ids=range(len(_HUGE)))
+def test_recorded_edits_of_more_rows_than_there_are_take_no_memory(
+    edit: dict[str, object],
+) -> None:
+    scene = Scene.of(objects_scene().gaussians, objects_scene().labels)
+    tracemalloc.start()
+    try:
+        with pytest.raises(GagaError, match=r"damaged|another scene"):
+            run_script(scene, [{"op": "edit", "title": "x", **edit}])
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"op": "move", "groups": [1], "by": [10**400, 0, 0]},
+        {"op": "move", "groups": [1], "by": [1e300, 0, 0]},
+        {"op": "select", "groups": [10**30]},
+        {"op": "select_range", "column": "x", "low": 10**400},
+    ],
+    ids=range(4),
+)
+def test_numbers_beyond_all_scenes_are_a_sentence(step: dict[str, object]) -> None:
+    scene = Scene.of(objects_scene().gaussians, objects_scene().labels)
+    with pytest.raises(GagaError, match="Operation 1"):
+        run_script(scene, [step])
