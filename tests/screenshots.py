@@ -34,7 +34,7 @@ IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 Opens = Literal["nothing", "photos", "masks", "objects"]  # how much of the demo scene is there
 _PATIENCE_S = 900.0
 _SIZE = (1440, 900)  # pixels of the window
-_MOST_BYTES = 200_000  # of a picture's file
+_MOST_BYTES = 450_000  # of a picture's file
 _COLORS = (256, 192, 128, 96, 64, 48)  # of its palette; the first that keeps to the size
 _TEAPOT = (0.44, 0.57)  # where the demo's first view shows it, parts of the picture's size
 
@@ -73,7 +73,7 @@ class Shot:
     def save(self, image: Image.Image) -> None:
         """``image`` with as many colors as fit into the size that a page can carry."""
         for colors in _COLORS:
-            small = image.quantize(colors, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            small = image.quantize(colors)  # error diffusion is the default
             file = io.BytesIO()
             small.save(file, "PNG", optimize=True)
             if file.tell() <= _MOST_BYTES:

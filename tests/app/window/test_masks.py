@@ -56,9 +56,5 @@ def _find_green(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)
     d.keys(KEY.escape)
     assert search.text == ""
-    assert d.exists(f"**/object {_some_group(d)}/##row"), "the list is back"
-
-
-def _some_group(d: Driver) -> int:
-    """Some object of the list."""
-    return d.session.selected_groups()[0]
+    first = int(d.session.objects().ids[0])
+    assert d.exists(f"**/object {first}/##row"), "the list is back"
