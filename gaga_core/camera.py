@@ -7,6 +7,8 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, check_shape
 
+MOST_PIXELS = 65_536  # of a side of a picture
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -24,8 +26,9 @@ class Camera:
     def __post_init__(self) -> None:
         check_shape("K", self.K, (3, 3))
         check_shape("cam_from_world", self.cam_from_world, (4, 4))
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"camera {self.name}: size {self.width} x {self.height}")
+        if not (1 <= self.width <= MOST_PIXELS and 1 <= self.height <= MOST_PIXELS):
+            size = f"{self.width} x {self.height}"
+            raise ValueError(f"camera {self.name}: size {size}, expected 1 to {MOST_PIXELS:,}")
 
     @cached_property
     def position(self) -> DoubleArray:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from gaga_core.demo.config import DemoConfig
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import read_loose_json
 from gaga_core.io.staging import publish, staging_folder
 from gaga_core.progress import Stage
 
@@ -53,8 +54,8 @@ def ensure_demo(folder: Path, *, config: DemoConfig | None = None) -> Stage[Path
 def is_complete(folder: Path, config: DemoConfig) -> bool:
     """Whether ``folder`` holds this version of the demo with all its files."""
     try:
-        stamp = json.loads((folder / STAMP).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        stamp = read_loose_json(folder / STAMP)
+    except GagaError:
         return False
     if stamp != {"version": VERSION, **asdict(config)}:
         return False

@@ -1,9 +1,11 @@
 """Reading ``.npz`` and ``.npy`` files of plain arrays, damaged ones included."""
 
+import math
 import tokenize
 import zipfile
 import zlib
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -27,6 +29,9 @@ _DAMAGED = (
     zlib.error,
     tokenize.TokenError,
 )
+MOST_BYTES = 4 << 30  # of the arrays of one file: a scene of 40 million splats has half of it
+_MOST_ARRAYS = 100_000
+_LONGEST_HEADER = 65_536
 
 
 def read_array(path: Path, cure: str) -> AnyArray:
@@ -37,6 +42,10 @@ def read_array(path: Path, cure: str) -> AnyArray:
     """
     try:
         with path.open("rb") as file:
+            if file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX:
+                file.seek(0)
+                _check_header(file, path.stat().st_size)
+            file.seek(0)
             stored = np.load(file, allow_pickle=False)
             if isinstance(stored, np.ndarray):
                 return stored
@@ -52,11 +61,16 @@ def read_array(path: Path, cure: str) -> AnyArray:
 def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:
     """All arrays of an ``.npz`` by name; never unpickles.
 
+    Sizes that the headers announce are compared with those of the archive before memory is taken.
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
     """
     try:
         # Opened here: numpy leaves the file open when its archive is damaged.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        with path.open("rb") as file:
+            if zipfile.is_zipfile(file):
+                _check_archive(file)
+            file.seek(0)
+            stored = np.load(file, allow_pickle=False)
             return {name: stored[name] for name in stored.files}
     except OSError as error:
         if error.errno is None:
@@ -64,3 +78,29 @@ def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:
         raise GagaError(explain_os_error(error, path)) from error
     except (*_DAMAGED, AttributeError) as error:  # a single .npy is not an archive: no .files
         raise GagaError(f"{path} is damaged. {cure}") from error
+
+
+def _check_archive(file: IO[bytes]) -> None:
+    """Raise ``ValueError`` unless the arrays of an archive have the sizes that they announce."""
+    with zipfile.ZipFile(file) as archive:
+        entries = archive.infolist()
+        total = sum(entry.file_size for entry in entries)
+        if len(entries) > _MOST_ARRAYS or total > MOST_BYTES:
+            raise ValueError(f"{len(entries)} arrays of {total} bytes")
+        for entry in entries:
+            with archive.open(entry) as stored:
+                _check_header(stored, entry.file_size)
+
+
+def _check_header(file: IO[bytes], n_bytes: int) -> None:
+    """Raise ``ValueError`` unless an array of ``n_bytes`` in all has the size of its header."""
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"version {version} of the array format")
+    read = np.lib.format.read_array_header_1_0
+    if version == (2, 0):
+        read = np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file, max_header_size=_LONGEST_HEADER)
+    announced = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject or min(shape, default=0) < 0 or announced != n_bytes - file.tell():
+        raise ValueError(f"an array {dtype} {shape} in {n_bytes} bytes")

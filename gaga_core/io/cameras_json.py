@@ -3,25 +3,42 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
-from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.camera import MOST_PIXELS, Camera
+from gaga_core.io.files import atomic_write
+from gaga_core.io.json_file import read_json
 from gaga_core.io.masks import view_key
+
+_MOST_BYTES = 1 << 30  # a camera has some 500 bytes
+_Side = Annotated[int, msgspec.Meta(ge=1, le=MOST_PIXELS)]
+_Focal = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Number = Annotated[float, msgspec.Meta(ge=-1e18, le=1e18)]
+_Row = tuple[_Number, _Number, _Number]
+
+
+class CameraEntry(msgspec.Struct, frozen=True):
+    """One camera of cameras.json."""
+
+    width: _Side
+    height: _Side
+    fx: _Focal  # pixels
+    fy: _Focal
+    position: _Row  # of the camera, world
+    rotation: tuple[_Row, _Row, _Row]  # world from camera
+    img_name: str | int | None = None
+    id: str | int = ""
 
 
 def read_cameras_json(path: Path) -> tuple[Camera, ...]:
     """Cameras in file order. ``position`` and ``rotation`` are world_from_cam; the principal point
     is the middle of the picture. Raises ``GagaError`` when the file is damaged."""
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-        return tuple(_camera_of(entry) for entry in entries)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{path} is not a cameras.json of a 3DGS scene ({error}).") from error
+    cure = "Copy the cameras.json of the training again."
+    entries = read_json(path, list[CameraEntry], cure, most_bytes=_MOST_BYTES)
+    return tuple(map(_camera_of, entries))
 
 
 def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
@@ -43,13 +60,12 @@ def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
         temporary.write_text(json.dumps(entries, indent=1), encoding="utf-8")
 
 
-def _camera_of(entry: dict[str, object]) -> Camera:
-    width, height = (int(str(entry[key])) for key in ("width", "height"))
-    fx, fy = (float(str(entry[key])) for key in ("fx", "fy"))
-    rotation = np.array(entry["rotation"], np.float64).reshape(3, 3)
-    position = np.array(entry["position"], np.float64).reshape(3)
+def _camera_of(entry: CameraEntry) -> Camera:
+    rotation, position = np.array(entry.rotation), np.array(entry.position)
     pose = np.eye(4)
     pose[:3, :3] = rotation.T
     pose[:3, 3] = -rotation.T @ position
-    K = np.array([[fx, 0, width / 2], [0, fy, height / 2], [0, 0, 1.0]])
-    return Camera(K, pose, width, height, str(entry.get("img_name", entry.get("id", ""))))
+    middle = entry.width / 2, entry.height / 2
+    K = np.array([[entry.fx, 0, middle[0]], [0, entry.fy, middle[1]], [0, 0, 1.0]])
+    name = entry.id if entry.img_name is None else entry.img_name
+    return Camera(K, pose, entry.width, entry.height, str(name))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.camera import MOST_PIXELS, Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.files import atomic_write, explain_os_error
@@ -174,7 +174,9 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
         pose[:3] = arrays["poses"][i]
         width, height = (int(v) for v in arrays["sizes"][i])
         K = arrays["K"][i]
-        usable = width > 0 and height > 0 and min(K[0, 0], K[1, 1]) > 0
+        usable = (
+            0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS and min(K[0, 0], K[1, 1]) > 0
+        )
         if not (usable and np.isfinite(K).all() and np.isfinite(pose).all()):
             raise GagaError(
                 f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "

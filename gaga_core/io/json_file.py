@@ -1,5 +1,6 @@
 """Reading the JSON files that gaga-studio writes: typed, bounded, one sentence on any failure."""
 
+import json
 import re
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -22,6 +23,11 @@ def read_json(path: Path, kind: type[T], cure: str, *, most_bytes: int = MOST_BY
     files of more than ``most_bytes`` are refused. Raises ``GagaError`` with one sentence that names
     the file and the field; ``cure`` says what to do then.
     """
+    return decode_json(read_bytes(path, cure, most_bytes), kind, str(path), cure)
+
+
+def read_bytes(path: Path, cure: str, most_bytes: int) -> bytes:
+    """Read a file of at most ``most_bytes``; ``GagaError`` when it has more, or cannot be read."""
     try:
         with path.open("rb") as file:
             raw = file.read(most_bytes + 1)
@@ -31,7 +37,7 @@ def read_json(path: Path, kind: type[T], cure: str, *, most_bytes: int = MOST_BY
         raise GagaError(
             f"{path} has more than {most_bytes >> 20} MB, too much for a file of its kind. {cure}"
         )
-    return decode_json(raw, kind, str(path), cure)
+    return raw
 
 
 def decode_json(raw: bytes, kind: type[T], where: str, cure: str) -> T:
@@ -51,6 +57,21 @@ def convert_json(content: object, kind: type[T], where: str, cure: str) -> T:
         return msgspec.convert(content, type=kind)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise GagaError(f"{where} is damaged ({explain_json_error(error)}). {cure}") from error
+
+
+def read_loose_json(path: Path, *, most_bytes: int = MOST_BYTES) -> dict[str, object]:
+    """Read the object in a JSON file that other programs may write too, figures NaN included.
+
+    Raises ``GagaError`` with one sentence when it cannot be read or is no object.
+    """
+    raw = read_bytes(path, "", most_bytes)
+    try:
+        content = json.loads(raw)
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise GagaError(f"{path} is damaged ({explain_json_error(error)}).") from error
+    if not isinstance(content, dict):
+        raise GagaError(f"{path} is damaged (it is no object).")
+    return content
 
 
 def explain_json_error(error: Exception) -> str:

@@ -14,18 +14,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
+
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import read_cameras_json
 from gaga_core.io.colmap import ColmapReading, has_colmap
-from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.json_file import read_json, read_loose_json
 from gaga_core.io.masks import view_key, view_keys
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.progress import Stage
 
 _TEST_EVERY = 8  # without a split.json every 8th view by name is a test view (LLFF's rule)
+
+
+class Split(msgspec.Struct, frozen=True):
+    """Content of split.json: names of views, with or without a suffix."""
+
+    train: list[str | int | float]
+    test: list[str | int | float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,15 +216,17 @@ def read_model(folder: SceneFolder) -> Stage[Gaussians]:
     return (yield from read_splats_stage(folder.model_path))
 
 
+def read_report(path: Path) -> dict[str, object]:
+    """The entries of report.json; none when it is not there or cannot be read."""
+    try:
+        return read_loose_json(path)
+    except GagaError:
+        return {}
+
+
 def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
     """The text of report.json with one entry replaced; an unreadable report starts again."""
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        report = {}
-    if not isinstance(report, dict):
-        report = {}
-    return json.dumps({**report, key: value}, indent=2) + "\n"
+    return json.dumps({**read_report(path), key: value}, indent=2) + "\n"
 
 
 def _trained_cameras(root: Path) -> tuple[Camera, ...]:
@@ -246,23 +257,13 @@ def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
     if not path.is_file():
         test = names[::_TEST_EVERY] if len(names) > 1 else ()
         return tuple(n for n in names if n not in set(test)), test
-    try:
-        split = json.loads(path.read_text(encoding="utf-8"))
-        train, test = (_views_of(split[part], names) for part in ("train", "test"))
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(
-            f'{path} is damaged: it must be {{"train": [names], "test": [names]}}. '
-            "Fix or remove it."
-        ) from error
-    return train, test
+    cure = 'It must be {"train": [names], "test": [names]}. Fix or remove it.'
+    split = read_json(path, Split, cure)
+    return _views_of(split.train, names), _views_of(split.test, names)
 
 
-def _views_of(listed: object, names: tuple[str, ...]) -> tuple[str, ...]:
+def _views_of(listed: Sequence[object], names: tuple[str, ...]) -> tuple[str, ...]:
     """The views that a list in split.json means; another suffix or none will do, as for photos."""
-    if not isinstance(listed, list):
-        raise TypeError("not a list")
     by_stem = {Path(name).with_suffix("").as_posix(): name for name in names}
     known = {**by_stem, **{name: name for name in names}}
     found = (

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -22,6 +22,7 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.json_file import decode_json
 from gaga_core.io.packing import CHUNK, logits_of_bytes, quats_of_three, room_for
 from gaga_core.io.ply import without_broken_rows
 from gaga_core.progress import Progress, Stage
@@ -76,7 +77,7 @@ def is_sog_meta(path: Path) -> bool:
         if path.name != META or path.stat().st_size > _MOST_META:
             return False
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and {"means", "quats", "scales", "sh0"} <= set(content)
 
@@ -112,7 +113,7 @@ def read_sog_stage(path: Path) -> Stage[Gaussians]:
 
 
 def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
-    meta = json.loads(load(META).decode("utf-8"))
+    meta = decode_json(load(META), dict[str, Any], path.name, "Export it again.")
     version = meta.get("version", 1)
     if version not in (1, 2):
         raise GagaError(f"{path.name} is SOG version {version}; gaga-studio reads 1 and 2.")

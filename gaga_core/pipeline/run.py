@@ -4,16 +4,22 @@
 was made from, or when a stage that it needs is about to run. To add one, add its entry in order.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.masks import RECORD, view_key
-from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder, read_model
+from gaga_core.io.scene_folder import (
+    SceneFolder,
+    is_scene_folder,
+    open_scene_folder,
+    read_model,
+    read_report,
+)
 from gaga_core.pipeline import lift
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
@@ -171,9 +177,9 @@ def _is_associated(work: Work) -> bool:
 def _associated_masks(folder: SceneFolder) -> str:
     """Name of the mask folder that the groups were made of; "" when it is not known."""
     try:
-        report = json.loads((folder.work / "report.json").read_text(encoding="utf-8"))
-        return Path(report["associate"]["mask_folder"]).name
-    except (OSError, ValueError, KeyError, TypeError):
+        associate: Any = read_report(folder.work / "report.json")["associate"]
+        return Path(associate["mask_folder"]).name
+    except (KeyError, TypeError):
         return ""
 
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from PIL import Image
 
@@ -24,6 +25,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.images import read_rgb
+from gaga_core.io.json_file import read_json
 from gaga_core.io.masks import RECORD, read_labels, view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
@@ -240,22 +242,24 @@ def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
     return True
 
 
+class _Record(msgspec.Struct):
+    views: dict[str, str]
+
+
 def _read_record(target: Path) -> dict[str, str]:
     """Key of each view's map, by `view_key`; ``GagaError`` for maps that were not made here."""
     path = target / RECORD
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        views = content["views"]
-        return {str(view): str(key) for view, key in views.items()}
-    except OSError:
+        return dict(read_json(path, _Record, "").views)
+    except GagaError:
+        if path.is_file():
+            return {}  # damaged: every view is made, or comes from the cache
         if any(target.rglob("*.png")):
             raise GagaError(
                 f"{target} holds label maps that were not made here. "
                 "Choose another name for the new ones, or move that folder away."
             ) from None
         return {}
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return {}  # damaged: every view is made, or comes from the cache
 
 
 def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> None:

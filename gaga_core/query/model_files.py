@@ -3,13 +3,13 @@
 Read from disk, never downloaded; torch and transformers are imported when one is loaded.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import read_loose_json
 
 if TYPE_CHECKING:
     from torch.nn import Module
@@ -60,10 +60,9 @@ def load_model(
 def read_json(path: Path) -> dict[str, object]:
     """The object in a JSON file; empty when there is none that can be read."""
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_loose_json(path)
+    except GagaError:
         return {}
-    return value if isinstance(value, dict) else {}
 
 
 def _load_companion(name: Companion, folder: Path) -> object:

@@ -258,7 +258,7 @@ def _read(key: str) -> SelfTest | None:
     try:
         kept = json.loads(cache_file().read_text(encoding="utf-8"))
         return SelfTest(**kept["verdict"]) if kept["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 

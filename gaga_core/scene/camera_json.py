@@ -1,14 +1,59 @@
 """Bookmarks and the camera's path as JSON: entries of a project, or a file of their own."""
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
+
+import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write
+from gaga_core.io.json_file import explain_json_error, read_json
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
 
 _KIND = "gaga camera path"
+_MOST_KEYFRAMES = 100_000
+_Number = Annotated[float, msgspec.Meta(ge=-1e18, le=1e18)]
+_Angle = Annotated[float, msgspec.Meta(gt=0, lt=math.pi)]
+
+
+class ShotEntry(msgspec.Struct):
+    """Where a camera stands, see `Shot`."""
+
+    eye: tuple[_Number, _Number, _Number]
+    quat: tuple[_Number, _Number, _Number, _Number]
+    fov: tuple[_Angle, _Angle]
+    distance: Annotated[float, msgspec.Meta(gt=0, le=1e18)]
+    is_orthographic: bool = False
+
+    def shot(self) -> Shot:
+        """The shot; ``ValueError`` when it is none."""
+        return Shot(self.eye, self.quat, *self.fov, self.distance, self.is_orthographic)
+
+
+class BookmarkEntry(ShotEntry, kw_only=True):
+    """A bookmark of a project."""
+
+    name: str
+    key: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+class KeyframeEntry(ShotEntry, kw_only=True):
+    """A keyframe of a path."""
+
+    seconds: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
+
+
+class PathEntry(msgspec.Struct):
+    """A camera path: an entry of a project, or a file of its own."""
+
+    keyframes: Annotated[list[KeyframeEntry], msgspec.Meta(max_length=_MOST_KEYFRAMES)]
+    kind: str = _KIND
+    format: int = 1
+    is_closed: bool = False
+    even_speed: bool = False
 
 
 def bookmarks_entry(bookmarks: tuple[Bookmark, ...]) -> list[dict[str, object]]:
@@ -21,11 +66,10 @@ def bookmarks_of(content: object) -> tuple[Bookmark, ...]:
     found = []
     for item in content if isinstance(content, list) else ():
         try:
-            key = int(item.get("key", 0))
-            name, shot = str(item["name"]), _shot_of(item)
-        except (AttributeError, KeyError, TypeError, ValueError):
+            entry = msgspec.convert(item, BookmarkEntry)
+            found.append(Bookmark(entry.name, entry.shot(), entry.key if entry.key <= 9 else 0))
+        except ValueError:  # msgspec's too
             continue
-        found.append(Bookmark(name, shot, key if 0 <= key <= 9 else 0))
     return tuple(found)
 
 
@@ -47,11 +91,11 @@ def path_of(content: object) -> CameraPath:
     if content.get("format") != 1:
         raise ValueError("a camera path of a newer gaga-studio")
     try:
-        items = content["keyframes"]
-        keys = tuple(Keyframe(_shot_of(item), float(item["seconds"])) for item in items)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"a keyframe is damaged ({error})") from error
-    return CameraPath(keys, bool(content.get("is_closed")), bool(content.get("even_speed")))
+        entry = msgspec.convert(content, PathEntry)
+    except msgspec.ValidationError as error:
+        raise ValueError(explain_json_error(error)) from error
+    keys = tuple(Keyframe(item.shot(), item.seconds) for item in entry.keyframes)
+    return CameraPath(keys, entry.is_closed, entry.even_speed)
 
 
 def save_path(path: CameraPath, file: Path) -> Path:
@@ -63,15 +107,12 @@ def save_path(path: CameraPath, file: Path) -> Path:
 
 def load_path(file: Path) -> CameraPath:
     """Read a path file. Raises ``GagaError`` when it is none."""
+    cure = "Save one in the window: Camera, Save path."
+    content = read_json(Path(file), object, cure)
     try:
-        content = json.loads(Path(file).read_text(encoding="utf-8"))
         return path_of(content)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, file)) from error
-    except ValueError as error:  # also of JSON and of text that is none
-        raise GagaError(
-            f"{file} is not a camera path ({error}). Save one in the window: Camera, Save path."
-        ) from error
+    except ValueError as error:
+        raise GagaError(f"{file} is not a camera path ({error}). {cure}") from error
 
 
 def _shot_entry(shot: Shot) -> dict[str, object]:
@@ -82,18 +123,3 @@ def _shot_entry(shot: Shot) -> dict[str, object]:
         "distance": shot.distance,
         "is_orthographic": shot.is_orthographic,
     }
-
-
-def _shot_of(item: Mapping[str, object]) -> Shot:
-    x, y, z = _numbers(item["eye"], 3)
-    w, i, j, k = _numbers(item["quat"], 4)
-    fov_x, fov_y = _numbers(item["fov"], 2)
-    (distance,) = _numbers([item["distance"]], 1)
-    flat = bool(item.get("is_orthographic"))
-    return Shot((x, y, z), (w, i, j, k), fov_x, fov_y, distance, flat)
-
-
-def _numbers(content: object, n: int) -> list[float]:
-    if not isinstance(content, list) or len(content) != n:
-        raise ValueError(f"expected {n} numbers")
-    return [float(value) for value in content]

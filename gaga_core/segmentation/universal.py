@@ -4,7 +4,6 @@ The loadable relatives of EntitySeg (CropFormer), whose masks the paper uses: Ma
 MaskFormer and EoMT. Classes are used for confidence only; what comes out is class-agnostic.
 """
 
-import json
 import math
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -20,6 +19,7 @@ from torch.nn.functional import interpolate
 
 from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import read_loose_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ScoredMasks, scored_masks
 from gaga_core.segmentation.flatten import FlattenConfig
@@ -88,9 +88,9 @@ def read_preparation(folder: Path, kind: str, image_size: int = 0) -> Preparatio
     """
     path = folder / "preprocessor_config.json"
     try:
-        content = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        content = read_loose_json(path) if path.is_file() else {}
         preparation = _parse(content)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except (GagaError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise GagaError(f"{path} is damaged. Copy the model's folder again.") from error
     if kind.startswith("eomt"):
         side = image_size or 640

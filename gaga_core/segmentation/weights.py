@@ -163,7 +163,7 @@ def _model_type(folder: Path) -> str:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
-    except ValueError:
+    except (ValueError, RecursionError):
         return ""
     return str(content.get("model_type", "")) if isinstance(content, dict) else ""
 

@@ -5,11 +5,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
 from gaga_core.evaluate.metrics import Score
 from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.json_file import read_loose_json
 
 VERSION = 1  # grows whenever the same settings give other figures
 
@@ -47,11 +49,11 @@ def read_runs(file: Path, settings: Mapping[str, object]) -> dict[float, Benchma
     """Runs by share that were made with these settings; none where the file is gone, damaged, or
     of other settings."""
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content: Any = read_loose_json(file)
         if content["version"] != VERSION or content["settings"] != dict(settings):
             return {}
         runs = [_run_of(values) for values in content["runs"]]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (GagaError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
         return {}
     return {run.share: run for run in runs}
 

@@ -1,5 +1,8 @@
 """Whatever bytes a file holds, reading it gives a result or one sentence, and never less."""
 
+import io
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,12 +14,15 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.metrics import UNANSWERED, evaluate, score_pairs
 from gaga_core.grouping.bank_file import load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import read_array, read_arrays
+from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
 from gaga_core.io.colmap import read_colmap, write_colmap
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.scene_folder import open_scene_folder, with_entry
 from gaga_core.progress import run_stage
+from gaga_core.scene.camera_json import load_path
+from gaga_core.scene.model_copy import ModelChangedError
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from tests.core.io.damage import one_sentence_or_result
 from tests.scenes import orbit_cameras, random_gaussians
@@ -162,24 +168,111 @@ def test_names_of_another_form_are_damage(tmp_path: Path, names: str) -> None:
     write_ply(tmp_path / "a.ply", random_gaussians(9))
     file = save_project(opened(tmp_path / "a.ply")) / "project.json"
     file.write_text(file.read_text().replace('"names": {}', f'"names": {names}'))
-    with pytest.raises(GagaError, match="not a project"):
+    with pytest.raises(GagaError, match=r"damaged \(.*names|damaged \(.*key"):
         opened(file)
 
 
-def test_a_save_does_not_need_the_model_and_remembers_which_it_was(tmp_path: Path) -> None:
+def test_a_save_with_a_copy_does_not_need_the_model(tmp_path: Path) -> None:
     model = tmp_path / "a.ply"
     write_ply(model, random_gaussians(30))
-    content = model.read_bytes()
     project = opened(model)
     project.scene.labels[3] = 2
     write_ply(model, random_gaussians(30, seed=1))  # an export over the opened file
-    where = save_project(project)
-    with pytest.raises(GagaError, match="changed since"):
-        opened(where)
+    with pytest.raises(ModelChangedError):
+        save_project(project)
+    where = save_project(project, copies_model=True)
     model.unlink()
     save_project(project)
-    model.write_bytes(content)
-    assert opened(where).scene.labels[3] == 2
+    again = opened(where).scene
+    assert again.labels[3] == 2
+    assert again.gaussians.means.tobytes() == project.scene.gaussians.means.tobytes()
+
+
+_SIZES = {
+    "more than there is": ((1 << 40,), b""),
+    "less than there is": ((1,), bytes(400)),
+    "negative": ((-4,), bytes(16)),
+}
+
+
+@pytest.mark.parametrize("name", list(_SIZES))
+def test_arrays_that_announce_another_size_take_no_memory(tmp_path: Path, name: str) -> None:
+    shape, content = _SIZES[name]
+    head = io.BytesIO()
+    header = {"descr": "<f4", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(head, header)
+    (tmp_path / "a.npy").write_bytes(head.getvalue() + content)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.npy", head.getvalue() + content)
+    tracemalloc.start()
+    try:
+        for read, file in ((read_arrays, "a.npz"), (read_array, "a.npy")):
+            with pytest.raises(GagaError, match="damaged"):
+                read(tmp_path / file, "Do it again.")
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_archive_of_too_much_is_refused_before_it_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.npz"
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "|u1", "fortran_order": False, "shape": (200_000_000,)}
+    )
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("a0.npy", head.getvalue() + bytes(200_000_000))
+    monkeypatch.setattr("gaga_core.io.arrays_file.MOST_BYTES", 100_000_000)
+    with pytest.raises(GagaError, match="damaged"):
+        read_arrays(file, "Do it again.")
+
+
+@pytest.mark.parametrize("size", [0, 65_537, 10**12])
+def test_cameras_of_absurd_size_are_a_sentence(tmp_path: Path, size: int) -> None:
+    cameras = orbit_cameras(2, width=64, height=48)
+    write_cameras_json(tmp_path / "cameras.json", cameras)
+    text = (tmp_path / "cameras.json").read_text()
+    (tmp_path / "cameras.json").write_text(text.replace('"width": 64', f'"width": {size}'))
+    with pytest.raises(GagaError, match=r"cameras.json is damaged \(field \[0\].width"):
+        read_cameras_json(tmp_path / "cameras.json")
+    write_colmap(tmp_path, cameras, np.zeros((3, 3)), np.zeros((3, 3), np.uint8))
+    text = (tmp_path / "cameras.txt").read_text()
+    (tmp_path / "cameras.txt").write_text(text.replace("PINHOLE 64", f"PINHOLE {size}"))
+    with pytest.raises(GagaError, match="no usable camera"):
+        read_colmap(tmp_path)
+
+
+_DEEP = b"[" * 1_000_000
+_FILES = ["project.json", "split.json", "cameras.json", "path.json", "report.json"]
+
+
+@pytest.mark.parametrize("name", _FILES)
+@pytest.mark.parametrize(
+    "content", [_DEEP, b'{"a": ' * 200_000, b"NaN", b"9" * 5000, b"", b"\xff\xfe"], ids=range(6)
+)
+def test_our_json_is_refused_in_a_sentence(tmp_path: Path, name: str, content: bytes) -> None:
+    file = tmp_path / name
+    file.write_bytes(content)
+    if name == "report.json":
+        assert with_entry(file, "a", {"b": 1}).startswith("{")
+        return
+    readers: dict[str, Callable[[], object]] = {
+        "project.json": lambda: opened(file),
+        "cameras.json": lambda: read_cameras_json(file),
+        "path.json": lambda: load_path(file),
+        "split.json": lambda: open_scene_folder(with_views(tmp_path)),
+    }
+    with pytest.raises(GagaError, match=name):
+        readers[name]()
+
+
+def with_views(root: Path) -> Path:
+    sparse = root / "sparse" / "0"
+    sparse.mkdir(parents=True, exist_ok=True)
+    write_colmap(sparse, orbit_cameras(2), np.zeros((3, 3)), np.zeros((3, 3), np.uint8))
+    return root
 
 
 def test_a_fresh_look_at_a_ply_never_replaces_an_earlier_save(tmp_path: Path) -> None:
