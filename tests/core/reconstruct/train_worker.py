@@ -1,6 +1,8 @@
 """One process of a team that torchrun starts: trains a small scene and writes what it holds.
 
-torchrun --nproc-per-node 2 -m tests.core.reconstruct.train_worker FOLDER
+torchrun --nproc-per-node 2 -m tests.core.reconstruct.train_worker FOLDER [ITERATIONS]
+
+Without torchrun it is a training of one process.
 """
 
 import sys
@@ -25,7 +27,7 @@ def main() -> None:
         if team.size > 1:
             check_means(team)
         known = known_scene()
-        config = worker_config()
+        config = worker_config(*map(int, sys.argv[2:]))
         stage = train_stage(
             known.initial,
             known.views,
@@ -46,9 +48,9 @@ def main() -> None:
         )
 
 
-def worker_config() -> TrainConfig:
-    """What each process of this file trains; a checkpoint after every iteration."""
-    return short(60, exposure=True, checkpoint_seconds=0.0)
+def worker_config(iterations: int = 60) -> TrainConfig:
+    """What each process of this file trains; a checkpoint as often as can be."""
+    return short(iterations, exposure=True, checkpoint_seconds=0.0)
 
 
 def check_means(team: Team) -> None:
