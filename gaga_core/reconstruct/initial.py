@@ -1,7 +1,7 @@
 """The first Gaussians of a training: one for each point that structure from motion found."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,6 +24,8 @@ _COARSE = 64  # pixels of the longest side of the pictures in which holes are lo
 _HOLE = 0.3  # coverage under which a pixel is a hole
 _AROUND = 16  # points next to a hole that tell its depth
 _OVERLAP = 0.7  # standard deviation of a splat for a hole, in its pixels
+_OTHERS = 0.6  # a cover nearer to another camera than this x to its own is put far away
+_BEYOND = 2.0  # radius of the ball that it is put on, x the distance of the farthest camera
 _FAR = 0.9  # quantile of their depths: what is plain is mostly behind
 
 
@@ -113,16 +115,17 @@ def cover_holes_stage(
 
     Structure from motion finds no points there, and density control takes long to grow into a void.
     View by view, each hole of a coarse picture gets a splat of the photo's color, at the far end of
-    the depths of the points that lie next to it in the picture; later views see it too.
+    the depths of the points that lie next to it in the picture; later views see it too. Where that
+    is in front of another camera, it goes onto a ball around all cameras, and hides nothing.
     """
-    result = initial
+    result, shell = initial, _Shell.around(points, views)
     n_left = min(config.cover, config.density.max_splats - len(initial))
     for i, view in enumerate(views):
         yield Progress(STAGE, i, len(views), view.camera.name)
         if n_left <= 0:
             break
         coarse = view.smaller(_COARSE / max(view.camera.width, view.camera.height))
-        more = _fill(_opaque(result), points, coarse, rasterizer, config.initial_opacity)
+        more = _fill(_opaque(result), points, shell, coarse, rasterizer, config.initial_opacity)
         # The first views meet all holes: they may take what later ones will not need.
         most = min(n_left, max(-(-n_left // (len(views) - i)), n_left // 4))
         if len(more) > most:
@@ -130,6 +133,35 @@ def cover_holes_stage(
         result = concatenate(result, more)
         n_left -= len(more)
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Shell:
+    """All cameras, and a ball around them: what is put on it is in front of none."""
+
+    positions: DoubleArray  # (V, 3) world
+    middle: DoubleArray  # (3,) world
+    radius: float  # scene units
+
+    @staticmethod
+    def around(points: DoubleArray, views: Sequence[TrainView]) -> "_Shell":
+        """Around the middle of ``points``."""
+        middle = np.median(points, axis=0)
+        positions = np.array([view.camera.position for view in views])
+        farthest = np.linalg.norm(positions - middle, axis=1).max()
+        return _Shell(positions, middle, float(_BEYOND * farthest))
+
+    def behind_others(self, eye: DoubleArray, rays: DoubleArray, depth: DoubleArray) -> DoubleArray:
+        """``depth`` (P,) along ``rays`` (P, 3) from the camera at ``eye``; but on the ball, where
+        that is nearer to another camera than `_OTHERS` x to this one."""
+        places = eye + rays * depth[:, None]
+        own = np.linalg.norm(places - eye, axis=1)
+        is_near = cKDTree(self.positions).query(places)[0] < _OTHERS * own
+        a, b = (rays**2).sum(axis=1), rays @ (eye - self.middle)
+        c = ((eye - self.middle) ** 2).sum() - self.radius**2
+        far = (np.sqrt(b**2 - a * c) - b) / a
+        result: DoubleArray = np.where(is_near, np.maximum(depth, far), depth)
+        return result
 
 
 def _opaque(gaussians: Gaussians) -> Gaussians:
@@ -140,6 +172,7 @@ def _opaque(gaussians: Gaussians) -> Gaussians:
 def _fill(
     known: Gaussians,
     points: DoubleArray,
+    shell: _Shell,
     view: TrainView,
     rasterizer: Rasterizer,
     opacity: float,
@@ -160,7 +193,8 @@ def _fill(
     around = cKDTree(pixels[near]).query(at, _AROUND)[1]
     depth = np.quantile(depths[near][around], _FAR, axis=1)
     rays = np.c_[(at - camera.K[:2, 2]) / [camera.K[0, 0], camera.K[1, 1]], np.ones(len(at))]
-    p_cam = rays * depth[:, None]
-    p_world = p_cam @ camera.world_from_cam[:3, :3].T + camera.position
+    rays = rays @ camera.world_from_cam[:3, :3].T
+    depth = shell.behind_others(camera.position, rays, depth)
+    p_world = camera.position + rays * depth[:, None]
     size = _OVERLAP * depth / camera.K[0, 0]
     return round_gaussians(p_world, size, view.target()[v, u], opacity)

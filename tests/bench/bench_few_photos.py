@@ -21,8 +21,9 @@ from tests.bench.posed_subsets import Subset, data_folder, draw_subset, draw_who
 
 _SCENES = {"garden": 25, "ycb_table": 12, "fox": 12, "sceaux": 8}  # photos to train on
 _WHOLE = ("garden", "ycb_table", "fox")
-_SIDE = 240  # pixels, longest side of the photos
-_ITERATIONS = 1500
+_SIDE = 160  # pixels, longest side of the photos
+_ITERATIONS = 600
+_MOST_SPLATS = 40_000
 
 
 def figures() -> list[Figure]:
@@ -43,7 +44,7 @@ def figures() -> list[Figure]:
 def _figures(title: str, subsets: list[Subset]) -> list[Figure]:
     """The median over ``subsets``."""
     config = replace(TrainConfig.of("draft"), iterations=_ITERATIONS, longest_side=_SIDE)
-    config = replace(config, measure_every=1.0)
+    config = replace(config.with_cap(_MOST_SPLATS), measure_every=1.0)
     rows = []
     for subset in subsets:
         start, cpu = time.process_time(), CpuRasterizer()

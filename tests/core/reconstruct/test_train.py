@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
 from gaga_core.reconstruct.densify import ScreenSums
@@ -308,3 +310,21 @@ def test_a_view_that_shows_nothing_does_no_harm(known: Known) -> None:
     assert trained.quality is not None
     assert trained.quality.psnr > quality_of(known.initial, known)
     assert np.isfinite(trained.losses).all()
+
+
+def test_what_covers_holes_is_in_front_of_no_other_camera() -> None:
+    """Points near a camera that looks away: others put what they see next to them far behind it."""
+    rng = np.random.default_rng(0)
+    points = np.array([1.5, 0, 0]) + rng.normal(0, 0.05, (40, 3))
+    up, size = np.array([0, 0, 1.0]), 64
+    K = np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1.0]])
+    views = []
+    for eye, target in (([-2, 0, 0], 0), ([-2, 0.3, 0], 0), ([2, 0, 0], 5)):
+        pose = look_at(np.array(eye, np.float64), np.array([target, 0, 0.0]), up)
+        camera = Camera(K, pose, size, size)
+        views.append(TrainView(camera, np.full((size, size, 3), 99, np.uint8)))
+    colors = np.full((40, 3), 200, np.uint8)
+    first = run_stage(first_splats_stage(points, colors, views, short(5, cover=500), CPU))
+    covers = first.means[len(points) :]
+    assert len(covers) > 100
+    assert np.linalg.norm(covers - [2, 0, 0], axis=1).min() > 1.5
