@@ -293,6 +293,8 @@ class Studio:
         """The finished picture's texture; drawn again only when something in it changed."""
         if self.viewport is None:
             return 0
+        if self.window.keys_wait and self.viewport.texture:
+            return self.viewport.texture  # what was typed comes first
         session = self.session
         view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
         if cleanup.shown(session) is not None:

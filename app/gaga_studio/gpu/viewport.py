@@ -102,6 +102,11 @@ class Viewport:
         return int(self._picture.textures[0].glo)
 
     @property
+    def texture(self) -> int:
+        """OpenGL name of the last picture; 0 before the first."""
+        return int(self._picture.textures[0].glo) if self.n_draws else 0
+
+    @property
     def nbytes(self) -> int:
         """Bytes on the graphics card that grow with the number of splats."""
         return self.buffers.nbytes + self._splats.nbytes

@@ -12,6 +12,7 @@ import glfw
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError
+from gaga_studio.system.key_queue import KeyQueue
 
 Draw = Callable[[], None]
 _WIDE, _COMPACT = "Wide", "Compact"  # layouts
@@ -68,6 +69,7 @@ class Window:
     _layout: str = ""
     _title: str = ""
     _panels_shown: bool = True
+    _key_queue: KeyQueue = field(default_factory=KeyQueue)
     _drop: object = None  # GLFW keeps no reference to its callback: we must
 
     def params(self) -> hello_imgui.RunnerParams:
@@ -104,6 +106,11 @@ class Window:
                 raise
             raise GagaError(sentence) from error
 
+    @property
+    def keys_wait(self) -> bool:
+        """Whether keys that were typed wait for the next frames, which should come soon."""
+        return self._key_queue.is_behind
+
     def set_title(self, title: str) -> None:
         """Show ``title`` in the title bar."""
         if title != self._title:
@@ -126,7 +133,7 @@ class Window:
         callbacks.post_init = self._started
         callbacks.before_exit = hooks.ending
         callbacks.pre_new_frame = self._before_frame
-        callbacks.show_gui = hooks.keys
+        callbacks.show_gui = self._keys
         callbacks.show_menus = hooks.menu
         callbacks.show_status = hooks.status
         callbacks.post_render_dockable_windows = hooks.overlay
@@ -146,8 +153,13 @@ class Window:
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
         self.hooks.started()
 
+    def _keys(self) -> None:
+        self._key_queue.after_new_frame()
+        self.hooks.keys()
+
     def _before_frame(self) -> None:
-        rate = self.hooks.frame_rate()
+        self._key_queue.before_frame()
+        rate = 0.0 if self.keys_wait else self.hooks.frame_rate()
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = rate > 0
         idling.fps_idle = max(rate, 1.0)

@@ -24,6 +24,7 @@ from gaga_studio.ui.viewport import (
     training,
     welcome,
 )
+from gaga_studio.ui.viewport.fly_keys import FlyKeys
 from gaga_studio.ui.viewport.gizmo import Gizmo
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
 from gaga_studio.ui.viewport.next_stage import OfferState
@@ -41,6 +42,7 @@ _BADGES = {
     Mode.CENTRES: "Centres of the splats",
     Mode.RINGS: "Rims of the splats",
 }
+_TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
 Render = Callable[[Camera], int]  # OpenGL name of the finished picture
 
 
@@ -64,7 +66,7 @@ class ViewportPanel:
         self.controller = ToolController()
         self.gizmo = Gizmo()
         self.cube = ViewCube()
-        self._keys: dict[str, str] = {}
+        self._fly_keys = FlyKeys(self.fly_keys)
         self._is_flying = False
         self._on_handle = False  # the mouse is over the move handles, or drags one
 
@@ -136,25 +138,16 @@ class ViewportPanel:
             is_double=imgui.is_mouse_double_clicked(imgui.MouseButton_.left),
             is_over=is_over and not self._on_handle,
         )
-        keys = self._key_state()
+        keys = self._key_state(session)
         if session.settings.keys == "blender" and not session.rig.is_flying:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
-        self.controller.update(session, pointer, keys, io.delta_time)
+        dt = min(io.delta_time, _TAP_S) if self._fly_keys.are_new else io.delta_time
+        self.controller.update(session, pointer, keys, dt)
 
-    def _key_state(self) -> KeyState:
+    def _key_state(self, session: Session) -> KeyState:
         io = imgui.get_io()
-        if not self._keys:
-            self._keys = self.fly_keys()
-        held: frozenset[str] = frozenset()
-        if not io.want_text_input and not imgui.is_popup_open(
-            "", imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
-        ):
-            held = frozenset(
-                place
-                for place, letter in self._keys.items()
-                if imgui.is_key_down(getattr(imgui.Key, letter.lower()))
-            )
+        held = self._fly_keys.held(is_flying=session.rig.is_flying)
         return KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
 
     def _shapes(self, corner: ImVec2, density: ImVec2) -> None:

@@ -1,0 +1,185 @@
+"""Keys in the order in which they were typed, however slow the frames are.
+
+Dear ImGui takes all events since the last frame at once, so what was typed during a slow frame
+becomes one moment: a letter meets the Ctrl of the next shortcut, two shortcuts run in the order of
+a table, and letters reach the picture although the shortcut before them opened a text field.
+`KeyQueue` gives each frame at most one key with its modifiers; later events wait in Dear ImGui's
+own queue, in order.
+"""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from imgui_bundle import imgui
+
+SETTLE = 3  # frames that a key gets to open a popup or a text field before the next one counts
+_EVENT_BYTES, _KEY_AT, _DOWN_AT = 28, 12, 16  # ImGuiInputEvent: key and state of a key event
+_Type = imgui.internal.InputEventType
+_SHIFTS = frozenset((imgui.Key.mod_shift, imgui.Key.left_shift, imgui.Key.right_shift))
+_MODIFIERS = _SHIFTS | {
+    imgui.Key.mod_ctrl,
+    imgui.Key.mod_alt,
+    imgui.Key.mod_super,
+    imgui.Key.left_ctrl,
+    imgui.Key.left_alt,
+    imgui.Key.left_super,
+    imgui.Key.right_ctrl,
+    imgui.Key.right_alt,
+    imgui.Key.right_super,
+}
+_COMMANDING = frozenset((imgui.Key.mod_ctrl, imgui.Key.mod_alt, imgui.Key.mod_super))
+_WITHOUT_TEXT = frozenset(  # keys that a text field takes as commands
+    (
+        *(getattr(imgui.Key, f"f{i}") for i in range(1, 25)),
+        imgui.Key.enter,
+        imgui.Key.keypad_enter,
+        imgui.Key.escape,
+        imgui.Key.tab,
+        imgui.Key.backspace,
+        imgui.Key.delete,
+        imgui.Key.insert,
+        imgui.Key.home,
+        imgui.Key.end,
+        imgui.Key.page_up,
+        imgui.Key.page_down,
+        imgui.Key.left_arrow,
+        imgui.Key.right_arrow,
+        imgui.Key.up_arrow,
+        imgui.Key.down_arrow,
+        imgui.Key.menu,
+    )
+)
+
+
+@dataclass(frozen=True)
+class KeyEvent:
+    """One event of Dear ImGui's queue, as far as the order of keys needs it."""
+
+    type: imgui.internal.InputEventType
+    key: imgui.Key = imgui.Key.none  # of key events
+    is_down: bool = False
+
+
+class Portion:
+    """Decides event by event what still belongs to this frame."""
+
+    def __init__(self, *, settles: bool, is_typing: bool, commands: set[imgui.Key]) -> None:
+        self._settles = settles  # a key of the frames before is still at work
+        self._is_typing = is_typing  # a text field has the keys
+        self._commands = commands  # of _COMMANDING, held now; kept up to date
+        self._taken: set[imgui.Key] = set()  # keys that went down in this frame
+        self._has_text = self._has_mouse = False
+        self.has_command = False  # a key went down that may change who gets the next one
+
+    def takes(self, event: KeyEvent) -> bool:
+        """Whether the event belongs to this frame; after the first that does not, none does."""
+        match event.type:
+            case _Type.key:
+                return self._takes_key(event)
+            case _Type.text:
+                is_theirs = bool(self._taken) or (self._is_typing and not self.has_command)
+                self._has_text |= is_theirs or not self._settles
+                return is_theirs or not self._settles
+            case _Type.mouse_button | _Type.mouse_wheel:
+                self._has_mouse = True
+                return not self.has_command
+            case _Type.focus:
+                return not self._taken
+        return True
+
+    def _takes_key(self, event: KeyEvent) -> bool:
+        key = event.key
+        if key >= imgui.Key.gamepad_start and key not in _MODIFIERS:
+            return True
+        if key in _MODIFIERS:
+            if not self._takes_modifier(event):
+                return False
+            (self._commands.add if event.is_down else self._commands.discard)(key)
+            self._commands &= _COMMANDING
+            return True
+        if not event.is_down:
+            return key not in self._taken
+        if self._is_typing and not self._commands and key not in _WITHOUT_TEXT:
+            self._taken.add(key)
+            return not self.has_command
+        if self._settles or self.has_command or self._has_text:
+            return False
+        self._taken.add(key)
+        self.has_command = True
+        return True
+
+    def _takes_modifier(self, event: KeyEvent) -> bool:
+        if self.has_command or self._has_mouse:
+            return False
+        if self._is_typing and event.key in _SHIFTS:
+            return True
+        return not (event.is_down and self._settles) and not self._has_text
+
+
+class KeyQueue:
+    """Divides the event queue of the present Dear ImGui context into frames."""
+
+    def __init__(self, is_typing: Callable[[], bool] | None = None) -> None:
+        self._is_typing = is_typing or (lambda: imgui.get_io().want_text_input)
+        self._held = imgui.ImVector_InputEvent()
+        self._commands: set[imgui.Key] = set()
+        self._settles = 0  # frames
+        self.is_behind = False  # events of this frame wait for the next ones
+
+    def before_frame(self) -> None:
+        """Leave in the queue what belongs to the frame that begins now."""
+        queue = imgui.get_current_context().input_events_queue
+        self._return(queue)
+        self._settles = max(self._settles - 1, 0)
+        portion = Portion(
+            settles=self._settles > 0, is_typing=self._is_typing(), commands=self._commands
+        )
+        events = events_of(queue)
+        n_taken = next((i for i, e in enumerate(events) if not portion.takes(e)), len(events))
+        if portion.has_command:
+            self._settles = SETTLE
+        self.is_behind = n_taken < len(events)
+        if n_taken == len(events):
+            return
+        ours = imgui.ImVector_InputEvent()
+        for i, event in enumerate(queue):
+            (ours if i < n_taken else self._held).push_back(event)
+        _refill(queue, ours)
+
+    def after_new_frame(self) -> None:
+        """Put back what waits: Dear ImGui compares new events with the last ones in its queue."""
+        self._return(imgui.get_current_context().input_events_queue)
+
+    def _return(self, queue: imgui.ImVector_InputEvent) -> None:
+        """All events that wait, ours and Dear ImGui's, into ``queue`` in their order."""
+        if self._held.size() == 0:
+            return
+        if queue.size() == 0:
+            _refill(queue, self._held)
+        else:
+            whole = imgui.ImVector_InputEvent()
+            for event in sorted([*queue, *self._held], key=lambda event: event.event_id):
+                whole.push_back(event)
+            _refill(queue, whole)
+        self._held.clear()
+
+
+def events_of(queue: imgui.ImVector_InputEvent) -> list[KeyEvent]:
+    """The events of a queue. The binding shows their type only: keys are read from memory."""
+    start = queue.data_address()
+    found = []
+    for i, event in enumerate(queue):
+        if event.type != _Type.key:
+            found.append(KeyEvent(event.type))
+            continue
+        raw = ctypes.string_at(start + _EVENT_BYTES * i, _EVENT_BYTES)
+        key = int.from_bytes(raw[_KEY_AT:_DOWN_AT], "little")
+        found.append(KeyEvent(event.type, imgui.Key(key), bool(raw[_DOWN_AT])))
+    return found
+
+
+def _refill(queue: imgui.ImVector_InputEvent, events: imgui.ImVector_InputEvent) -> None:
+    queue.clear()
+    for event in events:
+        queue.push_back(event)
