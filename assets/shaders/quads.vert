@@ -2,6 +2,7 @@
 uniform usampler2D u_ellipses;
 uniform usampler2D u_looks;
 uniform int u_count;
+uniform int u_first;             // instance that this call begins with
 uniform vec2 u_size;
 
 in vec3 in_corner;              // x, y in -1..1; number of the quad in the instance
@@ -16,7 +17,7 @@ flat out vec2 v_mask;
 void main()
 {
     gl_Position = vec4(0.0, 0.0, 2.0, 1.0);  // outside: nothing is drawn
-    int rank = gl_InstanceID * 128 + int(in_corner.z);
+    int rank = (u_first + gl_InstanceID) * 128 + int(in_corner.z);
     if (rank >= u_count) return;
     ivec2 at = texel_of(rank);
     uvec4 ellipse = texelFetch(u_ellipses, at, 0);

@@ -1,6 +1,7 @@
 """Draws the splats: a projection pass, once per splat, then sorted quads, far to near."""
 
 from collections import Counter
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 
 import moderngl
@@ -50,10 +51,11 @@ class SplatRenderer:
         self._indices = ctx.buffer(_indices())
         self.passes: Counter[str] = Counter()
 
-    def set_order(self, order: IntArray, n_splats: int) -> None:
-        """Draw these splats (M,) of ``n_splats``, far to near."""
+    def set_order(self, order: IntArray, n_splats: int) -> bool:
+        """Draw these splats (M,) of ``n_splats``, far to near; whether projected ones were lost."""
         lines = max(1, -(-n_splats // WIDTH))
-        if self._order is None or self._order.height != lines:
+        is_new = self._order is None or self._order.height != lines
+        if self._order is None or is_new:
             if self._order is not None:
                 self._order.release()
             self._order = self._ctx.texture((WIDTH, lines), 1, dtype="u4")
@@ -61,6 +63,7 @@ class SplatRenderer:
             self._projected.resize(WIDTH, lines)
         write_rows(self._order, order, 0)
         self._n_order = len(order)
+        return is_new
 
     @property
     def nbytes(self) -> int:
@@ -69,18 +72,41 @@ class SplatRenderer:
         return sum(texture_bytes(texture) for texture in textures)
 
     def draw(self, buffers: SceneBuffers, camera: Camera, look: Look) -> Target:
+        """`draw_parts` at once."""
+        parts = self.draw_parts(buffers, camera, look, lambda _: 0)
+        while True:
+            try:
+                next(parts)
+            except StopIteration as end:
+                target: Target = end.value
+                return target
+
+    def draw_parts(
+        self,
+        buffers: SceneBuffers,
+        camera: Camera,
+        look: Look,
+        size_of: Callable[[str], int],
+    ) -> Generator[str, None, Target]:
         """Blend the splats into a target of the camera's size; which one, is returned.
+
+        Yields "project" or "blend" between parts; ``size_of`` says how many splats the next part
+        of that name has, 0 = all the rest. Blending goes far to near whatever the parts, so the
+        picture is the same to the bit. Where buffers or the depth order
+        change in between, some splats are drawn twice or not at all.
 
         Attachment 0 is premultiplied color and alpha; in depth mode red is the sum of weight times
         depth / far. Attachment 1 is there with a mask: shares of selected and of hovered splats.
         """
         target = self.marked if look.with_mask else self.picture
         target.resize(camera.width, camera.height)
-        if self._n_order > 0 and buffers.n_splats > 0:
-            self._project(buffers, camera, look)
-        target.begin().clear(0.0, 0.0, 0.0, 0.0)
-        if self._n_order > 0 and buffers.n_splats > 0:
-            self._blend(camera, look)
+        n_order = self._n_order
+        if n_order > 0 and buffers.n_splats > 0:
+            yield from self._project(buffers, camera, look, size_of)
+            target.begin().clear(0.0, 0.0, 0.0, 0.0)
+            yield from self._blend(target, n_order, camera, look, size_of)
+        else:
+            target.begin().clear(0.0, 0.0, 0.0, 0.0)
         return target
 
     def release(self) -> None:
@@ -99,8 +125,25 @@ class SplatRenderer:
         self._corners.release()
         self._indices.release()
 
-    def _project(self, buffers: SceneBuffers, camera: Camera, look: Look) -> None:
+    def _project(
+        self, buffers: SceneBuffers, camera: Camera, look: Look, size_of: Callable[[str], int]
+    ) -> Generator[str, None, None]:
         program, geometry = self._projector(buffers.n_sh)
+        n_lines = -(-self._n_order // WIDTH)
+        for first, n in _parts(n_lines, lambda: -(-size_of("project") // WIDTH)):
+            self._set_projection(program, buffers, camera, look)
+            framebuffer = self._projected.begin()
+            framebuffer.viewport = (0, 0, WIDTH, n_lines)
+            framebuffer.scissor = (0, first, WIDTH, n)
+            self._ctx.disable(moderngl.BLEND)
+            geometry.render(moderngl.TRIANGLES, vertices=3)
+            if first + n < n_lines:
+                yield "project"
+        self.passes["project"] += 1
+
+    def _set_projection(
+        self, program: moderngl.Program, buffers: SceneBuffers, camera: Camera, look: Look
+    ) -> None:
         order = self._order
         assert order is not None
         bind_textures(program, [("u_order", order), *buffers.textures()])
@@ -122,28 +165,36 @@ class SplatRenderer:
                 "u_point": _POINT * look.pixel_scale,
             },
         )
-        framebuffer = self._projected.begin()
-        framebuffer.viewport = (0, 0, WIDTH, -(-self._n_order // WIDTH))
-        self._ctx.disable(moderngl.BLEND)
-        geometry.render(moderngl.TRIANGLES, vertices=3)
-        self.passes["project"] += 1
 
-    def _blend(self, camera: Camera, look: Look) -> None:
+    def _blend(
+        self,
+        target: Target,
+        n_order: int,
+        camera: Camera,
+        look: Look,
+        size_of: Callable[[str], int],
+    ) -> Generator[str, None, None]:
         program, geometry = self._drawer(look)
         ellipses, looks = self._projected.textures
-        bind_textures(program, [("u_ellipses", ellipses), ("u_looks", looks)])
-        set_uniforms(
-            program,
-            {
-                "u_count": self._n_order,
-                "u_size": (float(camera.width), float(camera.height)),
-                "u_far": look.far,
-            },
-        )
-        self._ctx.enable(moderngl.BLEND)
-        self._ctx.blend_func = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
-        geometry.render(moderngl.TRIANGLES, instances=-(-self._n_order // _QUADS))
-        self._ctx.disable(moderngl.BLEND)
+        n_instances = -(-n_order // _QUADS)
+        for first, n in _parts(n_instances, lambda: -(-size_of("blend") // _QUADS)):
+            target.begin()
+            bind_textures(program, [("u_ellipses", ellipses), ("u_looks", looks)])
+            set_uniforms(
+                program,
+                {
+                    "u_count": n_order,
+                    "u_first": first,
+                    "u_size": (float(camera.width), float(camera.height)),
+                    "u_far": look.far,
+                },
+            )
+            self._ctx.enable(moderngl.BLEND)
+            self._ctx.blend_func = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+            geometry.render(moderngl.TRIANGLES, instances=n)
+            self._ctx.disable(moderngl.BLEND)
+            if first + n < n_instances:
+                yield "blend"
         self.passes["blend"] += 1
 
     def _projector(self, n_sh: int) -> tuple[moderngl.Program, moderngl.VertexArray]:
@@ -162,6 +213,15 @@ class SplatRenderer:
             content = [(self._corners, "3f", "in_corner")]
             self._drawers[key] = program, self._ctx.vertex_array(program, content, self._indices)
         return self._drawers[key]
+
+
+def _parts(n: int, size: Callable[[], int]) -> Iterator[tuple[int, int]]:
+    """(first, length) of parts that cover 0..n; ``size`` is asked before each, 0 = the rest."""
+    first = 0
+    while first < n:
+        length = min(size() or n, n - first)
+        yield first, length
+        first += length
 
 
 def _corners() -> bytes:

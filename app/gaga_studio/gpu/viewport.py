@@ -1,5 +1,6 @@
 """The picture of the scene as a texture, drawn again only when something in it changed."""
 
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import moderngl
@@ -12,6 +13,7 @@ from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.composite import Compositor, Finish
 from gaga_studio.gpu.context import drawing, is_software
 from gaga_studio.gpu.overlays import LineRenderer, Overlays
+from gaga_studio.gpu.slices import Slices
 from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
 from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.gpu.targets import Target
@@ -54,13 +56,17 @@ class Viewport:
         self._valid_from = 0  # orders of earlier tickets belong to another scene
         self._sorted: tuple[object, ...] = ()  # what the last sort job was asked for
         self._drawn: tuple[object, ...] = ()  # what the picture shows
+        self._parts: Generator[str, None, None] | None = None  # a picture that is begun
+        self._begun: tuple[object, ...] = ()  # what it will show
+        self._is_draft = False
+        self.slices = Slices(ctx.finish)
         self.n_draws = 0  # pictures drawn so far
 
     @property
     def settled(self) -> bool:
-        """Whether the last picture used the depth order of its own camera and scene."""
+        """Whether the last picture is whole, in the depth order of its own camera and scene."""
         return self.buffers.scene is None or (
-            self._order is not None and self._order.ticket == self._ticket
+            self._order is not None and self._order.ticket == self._ticket and self._parts is None
         )
 
     def draw(
@@ -71,11 +77,16 @@ class Viewport:
         overlays: Overlays = _NO_OVERLAYS,
         *,
         wait: bool = False,
+        frame_s: float = 0.0,
+        is_draft: bool = False,
     ) -> int:
         """OpenGL name of the picture's texture (camera.width x camera.height, row 0 = bottom).
 
         Never waits for the depth order: until the one of this camera is there, the last one is
         used and ``settled`` is False; call again. ``wait`` waits: for tests and saved pictures.
+        A picture that takes longer than ``frame_s`` is drawn in parts, one a call; until it is
+        whole, the last one is returned and ``settled`` is False. 0 = at once. A draft that is
+        begun is finished before the next one, though the camera went on; others begin again.
         """
         if scene is None:
             self._forget()
@@ -93,12 +104,21 @@ class Viewport:
         # At rest after a motion the full picture waits for the order of all splats.
         only_finer = wanted[:-1] == self._drawn[:-1] and not self.settled
         is_on_its_way = only_finer and order is not None and order.budget != view.splat_budget
-        if self._picture.size != size or (wanted != self._drawn and not is_on_its_way):
+        if self._picture.size == (0, 0):
             with drawing(self._ctx):
                 self._picture.resize(*size)
-                self._render(camera, view, overlays)
-            self._drawn = wanted
-            self.n_draws += 1
+                self._picture.begin().clear(*view.background, 1.0)
+        if self._parts is not None and self._is_draft and frame_s > 0:
+            self._go_on(frame_s)
+        elif wanted != self._drawn and not is_on_its_way:
+            if self._parts is None or wanted != self._begun:
+                self._is_draft = is_draft
+                self._parts, self._begun = self._render(camera, view, overlays), wanted
+                n_pixels = camera.width * camera.height * view.resolution_scale**2
+                self.slices.begin(max(round(n_pixels), 1))
+            self._go_on(frame_s)
+        else:
+            self._parts = None
         return int(self._picture.textures[0].glo)
 
     @property
@@ -125,6 +145,7 @@ class Viewport:
 
     def _forget(self) -> None:
         self.buffers.clear()
+        self._parts = None
         self._order = None
         self._sorted = ()
         self._valid_from = self._ticket + 1
@@ -165,10 +186,31 @@ class Viewport:
         n = self.buffers.n_splats
         kept = order.order if order.n_splats <= n else order.order[order.order < n]
         with drawing(self._ctx):
-            self._splats.set_order(kept, n)
+            if self._splats.set_order(kept, n):
+                self._parts = None  # what it was drawn from is gone
         self._order = order
 
-    def _render(self, camera: Camera, view: ViewState, overlays: Overlays) -> None:
+    def _go_on(self, frame_s: float) -> None:
+        """Draw as much of the picture that is begun as one frame may take."""
+        parts, slices = self._parts, self.slices
+        assert parts is not None
+        start = slices.clock()
+        slices.frame(frame_s)
+        is_done = False
+        with drawing(self._ctx):
+            while not is_done:
+                is_done = next(parts, None) is None
+                if frame_s > 0 and slices.is_over():
+                    break
+        slices.leave(start, is_done=is_done)
+        if is_done:
+            self._parts, self._drawn = None, self._begun
+            self.n_draws += 1
+
+    def _render(
+        self, camera: Camera, view: ViewState, overlays: Overlays
+    ) -> Generator[str, None, None]:
+        """Draw the picture; yields between its parts."""
         order, scene = self._order, self.buffers.scene
         mode, behind = view.mode, view.background
         if mode is Mode.CONFIDENCE and scene is not None and scene.confidence is None:
@@ -191,9 +233,13 @@ class Viewport:
                 overlays.pixel_scale * view.resolution_scale,
                 order.threshold,
             )
-            blended = self._splats.draw(self.buffers, scaled(camera, view.resolution_scale), look)
+            small = scaled(camera, view.resolution_scale)
+            blended = yield from self._splats.draw_parts(
+                self.buffers, small, look, self.slices.size
+            )
             depth_range = (order.near, order.far) if mode is Mode.DEPTH else None
             finish = Finish(behind, with_mask, depth_range, overlays.pixel_scale)
+        self._picture.resize(camera.width, camera.height)
         self._compositor.draw(blended, self._picture, finish)
         self._lines.draw(camera, overlays)
 

@@ -50,7 +50,7 @@ def _script(rng: np.random.Generator, n: int) -> tuple[list[Stroke], list[Press]
             down.discard(key)
         else:
             down.add(key)
-            presses.append((key, *mods))
+            presses.append((key, mods[0], mods[1], mods[2]))
         strokes.append((key, key in down))
     return strokes, presses
 

@@ -84,7 +84,7 @@ def type_into(
     studio.never_idle = True
     params.fps_idling.enable_idling = False
     hand: list[threading.Thread] = []
-    state = {"still": 0, "end": time.monotonic() + patience_s, "seen": None}
+    state: dict[str, Any] = {"still": 0, "end": time.monotonic() + patience_s, "seen": None}
 
     def write(window: int) -> None:
         keyboard = Keyboard(window)
