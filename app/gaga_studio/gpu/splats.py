@@ -92,8 +92,8 @@ class SplatRenderer:
 
         Yields "project" or "blend" between parts; ``size_of`` says how many splats the next part
         of that name has, 0 = all the rest. Blending goes far to near whatever the parts, so the
-        picture is the same to the bit. Where buffers or the depth order
-        change in between, some splats are drawn twice or not at all.
+        picture is the same to the bit. Where buffers or the depth order change in between,
+        some splats are drawn twice or not at all.
 
         Attachment 0 is premultiplied color and alpha; in depth mode red is the sum of weight times
         depth / far. Attachment 1 is there with a mask: shares of selected and of hovered splats.

@@ -59,6 +59,7 @@ class Viewport:
         self._parts: Generator[str, None, None] | None = None  # a picture that is begun
         self._begun: tuple[object, ...] = ()  # what it will show
         self._is_draft = False
+        self._is_current = True  # the picture shows what was asked for last
         self.slices = Slices(ctx.finish)
         self.n_draws = 0  # pictures drawn so far
 
@@ -66,7 +67,7 @@ class Viewport:
     def settled(self) -> bool:
         """Whether the last picture is whole, in the depth order of its own camera and scene."""
         return self.buffers.scene is None or (
-            self._order is not None and self._order.ticket == self._ticket and self._parts is None
+            self._order is not None and self._order.ticket == self._ticket and self._is_current
         )
 
     def draw(
@@ -119,6 +120,7 @@ class Viewport:
             self._go_on(frame_s)
         else:
             self._parts = None
+        self._is_current = self._drawn == wanted
         return int(self._picture.textures[0].glo)
 
     @property
