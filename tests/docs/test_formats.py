@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -22,14 +23,15 @@ from gaga_core.reconstruct.exposure import Exposures
 from gaga_core.reconstruct.optimizer import Splats
 from gaga_core.scene import edits
 from gaga_core.scene.bake import with_groups
-from gaga_core.scene.camera_json import save_path
+from gaga_core.scene.camera_json import KeyframeEntry, PathEntry, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export import export_objects_stage
 from gaga_core.scene.project import open_path_stage, save_project
+from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.scene import State
 from gaga_core.segmentation.choose import provider_named
-from gaga_studio.actions.autosave import Autosave
+from gaga_studio.actions.autosave import Autosave, RecoveryNote
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, save_settings, settings_file
 from tests.app.folders import write_scene
@@ -207,3 +209,17 @@ def test_the_columns_of_a_ply(tmp_path: Path) -> None:
     standard = [n for n in names if not n.startswith(("f_rest", "obj_dc", "group"))]
     order = [n for n in listed if n in standard]
     assert order == standard, "the columns are listed in the order in which they are written"
+
+
+_STRUCTS: dict[str, type[msgspec.Struct]] = {
+    "project.json": ProjectFile,
+    "recovery.json": RecoveryNote,
+    "Camera path": PathEntry,
+    "Keyframe": KeyframeEntry,
+}
+
+
+@pytest.mark.parametrize("heading", list(_STRUCTS))
+def test_what_is_read_is_what_the_page_lists(heading: str) -> None:
+    required, optional = fields(_PAGE, heading)
+    assert set(_STRUCTS[heading].__struct_fields__) == required | optional

@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from uuid import uuid4
 
 import msgspec
@@ -28,9 +28,12 @@ from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
+if TYPE_CHECKING:
+    from gaga_core.evaluate.quality import Quality
+
 _LOG = logging.getLogger(__name__)
 EVERY_S = 60.0  # at most this much work is lost in a crash
-_NOTE = "recovery.json"
+_NOTE, _QUALITY = "recovery.json", "quality.json"
 
 
 class RecoveryNote(msgspec.Struct, frozen=True):
@@ -99,10 +102,14 @@ class Autosave:
         self._written = now
         project = replace(document.project, scene=replace(document.scene))
         place = str(project.path) if project.path is not None else None
+        quality = dict(document.quality)
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
             save_project(project, self._folder, copies_model=True)
+            if quality:
+                with atomic_write(self._folder / _QUALITY) as temporary:
+                    temporary.write_bytes(msgspec.json.encode(quality))
             _write_note(self._folder, note)
             self._remove_copies()
 
@@ -206,10 +213,24 @@ def _recover(session: Session, found: Recovery) -> None:
         document = session.need()
         document.save_state.saved(None)  # nothing of it is on disk
         document.recovered_from = found.folder
+        document.quality = _read_quality(found.folder / _QUALITY)
         place = str(found.project) if found.project is not None else None
         _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 
     session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
+
+
+def _read_quality(file: Path) -> "dict[str, Quality]":
+    """What was measured of the objects, by digest of the labels; nothing when it is damaged."""
+    if not file.is_file():
+        return {}
+    from gaga_core.evaluate.quality import Quality
+
+    try:
+        return read_json(file, dict[str, Quality], "")
+    except GagaError as error:
+        _LOG.warning("recovery: %s", error)
+        return {}
 
 
 def _is_older(place: Path, saved_at: float) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.actions import autosave as autosave_actions
-from gaga_studio.actions import objects, selection, transform
+from gaga_studio.actions import objects, quality, selection, transform
 from gaga_studio.actions.autosave import Autosave, left_over, offer
 from gaga_studio.session.session import Session
 from tests.app.looks import finish
@@ -197,3 +197,24 @@ def test_a_damaged_note_is_set_aside_and_told(
     n = len(session.notices)
     assert not offer(session)
     assert len(session.notices) == n
+
+
+def test_what_was_measured_of_the_objects_comes_back(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    _edit(associated)
+    assert quality.measure(associated)
+    finish(associated)
+    before, is_now = quality.shown(associated)
+    assert is_now
+    _saved(associated)
+    _crash()
+    fresh = new_session()
+    assert offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    after, is_now = quality.shown(fresh)
+    assert is_now
+    assert after is not None
+    assert before is not None
+    assert dict(after.groups) == dict(before.groups)

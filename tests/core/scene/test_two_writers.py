@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from gaga_core.scene.project import SavedElsewhereError, open_path_stage, save_p
 from tests.core.scene.test_project import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 
+_KILLS = int(os.environ.get("GAGA_TEST_KILLS", "8"))
 Process = subprocess.Popen[str]
 
 
@@ -47,6 +49,25 @@ def test_two_programs_save_and_two_read_at_once(tmp_path: Path) -> None:
     assert len(list(where.glob("scene-*.npz"))) == 1
     assert_same(project.scene, opened(where).scene)
     assert not list(where.glob("*.part"))
+
+
+def test_a_writer_killed_at_any_moment_leaves_a_whole_project(tmp_path: Path) -> None:
+    project = edited(opened(model_in(tmp_path)))
+    where = save_project(project)
+    pauses = np.random.default_rng(7).uniform(0, 0.15, _KILLS)
+    for pause in pauses:
+        writer = _start("save", where, 10**6)
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "saving\n"
+        time.sleep(pause)
+        writer.send_signal(signal.SIGKILL)
+        writer.communicate()
+        assert_same(project.scene, opened(where).scene)
+        with lock_folder(where):  # the dead holds nothing
+            pass
+    save_project(project, overwrites=True)
+    assert len(list(where.glob("scene-*.npz"))) == 1
+    assert_same(project.scene, opened(where).scene)
 
 
 def test_who_has_a_folder_is_named_and_a_dead_program_has_none(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from gaga_core.scene.project import open_path_stage, save_project
 def save(place: Path, n: int) -> None:
     """Open the project and save it ``n`` times over whatever is there."""
     project = run_stage(open_path_stage(place))
+    sys.stdout.write("saving\n")
+    sys.stdout.flush()
     for _ in range(n):
         save_project(project, overwrites=True)
 
