@@ -3,12 +3,13 @@
 # make screenshots  takes the pictures of README and guide again (docs/images)
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
+# make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test captures check docs setup bench screenshots clean
+.PHONY: studio test fuzz captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -21,6 +22,9 @@ test: check
 
 captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures
+
+fuzz: setup
+	@$(BIN)/python -m tests.fuzz $(or $(SECONDS),600)
 
 check: setup
 	@$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""The attack on the readers: seeded damage to every kind of file, in processes of its own."""
