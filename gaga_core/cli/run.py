@@ -1,9 +1,8 @@
 """The command that goes the whole way: from photos to objects."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -133,8 +132,10 @@ def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]
 
 def _n_groups(scene: Path) -> int | None:
     """Objects that the last association found; None without one."""
+    from gaga_core.io.scene_folder import read_report
+
     try:
-        report = json.loads((scene / "gaga" / "report.json").read_text(encoding="utf-8"))
-        return int(report["associate"]["groups_with_gaussians"])
-    except (OSError, ValueError, KeyError, TypeError):
+        associate: Any = read_report(scene / "gaga" / "report.json")["associate"]
+        return int(associate["groups_with_gaussians"])
+    except (ValueError, KeyError, TypeError, OverflowError):
         return None

@@ -1,6 +1,5 @@
 """Label maps on disk: one PNG a view, named by the photo's path without its suffix."""
 
-import json
 from collections import Counter
 from collections.abc import Iterable
 from functools import partial
@@ -13,6 +12,7 @@ from gaga_core.arrays import AnyArray, IntArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
+from gaga_core.io.json_file import read_loose_json
 from gaga_core.masks import MaskSet
 
 RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
@@ -133,10 +133,10 @@ def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = 
 def _are_regions(folder: Path) -> bool:
     """Whether the record of the folder says that no model made its label maps."""
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = read_loose_json(folder / RECORD)
+    except GagaError:
         return False  # nobody says so
-    return isinstance(record, dict) and record.get("provider") == _WITHOUT_MODEL
+    return record.get("provider") == _WITHOUT_MODEL
 
 
 def _as_ids(path: Path, values: AnyArray) -> IntArray:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.scene_folder import with_entry
+from gaga_core.io.scene_folder import read_report, with_entry
 from gaga_core.pipeline.photo_set import photo_set_stage
 from gaga_core.pipeline.placement_report import notes_of, sfm_entry
 from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
@@ -93,11 +93,7 @@ def place_photos(
 
 def read_entry(scene: Path) -> dict[str, object]:
     """The entry "reconstruct" of the scene's report.json; empty when there is none."""
-    try:
-        report = json.loads((scene / "gaga" / "report.json").read_text(encoding="utf-8"))
-        entry = report.get("reconstruct", {})
-    except (OSError, ValueError, AttributeError):
-        return {}
+    entry = read_report(scene / "gaga" / "report.json").get("reconstruct", {})
     return entry if isinstance(entry, dict) else {}
 
 

@@ -5,7 +5,6 @@ and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is ve
 """
 
 import hashlib
-import json
 import re
 import shutil
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from PIL import ExifTags, Image
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.reconstruct.photo_copies import LooksIndex
 from gaga_core.reconstruct.sharpness import LOOK_SIDE, sharpness, shrunk
@@ -68,10 +68,8 @@ class PhotoSet:
 
 
 def read_photo_set(path: Path) -> PhotoSet:
-    """Read what `PhotoSet.to_json` gave. Raises ``OSError``, ``ValueError`` or ``KeyError``."""
-    values = json.loads(path.read_text(encoding="utf-8"))
-    photos = tuple(Photo(**entry) for entry in values["photos"])
-    return PhotoSet(photos, bool(values["ordered"]), tuple(values["notes"]))
+    """Read what `PhotoSet.to_json` gave. Raises ``GagaError`` when the file is damaged."""
+    return read_json(path, PhotoSet, "Remove it and run again.")
 
 
 def is_video(path: Path) -> bool:

@@ -160,7 +160,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
     script.write_text("[")
     assert "bad.ply" in refusal(capsys, "info", str(bad))
     assert "does not exist" in refusal(capsys, "info", str(tmp_path / "none"))
-    assert "not JSON" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
+    assert "damaged" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
     script.write_text('[{"op": "explode"}]')
     assert "explode" in refusal(capsys, "edit", str(bad), "o.ply", "--script", str(script))
     assert "empty or a new folder" in refusal(capsys, "demo", str(tmp_path))

@@ -20,7 +20,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.model_copy import ModelChangedError
 from gaga_core.scene.project import SavedElsewhereError, open_path_stage, save_project
-from tests.core.scene.test_project import assert_same, edited, model_in, opened
+from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 
 _KILLS = int(os.environ.get("GAGA_TEST_KILLS", "8"))
