@@ -73,7 +73,8 @@ class Shot:
     def save(self, image: Image.Image) -> None:
         """``image`` with as many colors as fit into the size that a page can carry."""
         for colors in _COLORS:
-            small = image.quantize(colors)  # error diffusion is the default
+            # Pillow diffuses the error only when it is given a palette.
+            small = image.quantize(palette=image.quantize(colors))
             file = io.BytesIO()
             small.save(file, "PNG", optimize=True)
             if file.tell() <= _MOST_BYTES:
