@@ -37,14 +37,14 @@ def test_opening_editing_and_saving_import_neither_torch_nor_transformers(tmp_pa
 import sys
 from pathlib import Path
 import gaga_studio.studio
-from gaga_studio import stages
-from gaga_studio.session import Session
+from gaga_studio.actions import files
+from gaga_studio.session.session import Session
 session = Session()
 session.open(Path({str(tmp_path / "scene")!r}))
 session.jobs.wait()
 session.tick(0.1)
 assert session.scene is not None
-stages.associate(session)
+files.associate(session)
 session.jobs.wait()
 session.tick(0.1)
 session.save()
