@@ -27,7 +27,7 @@ _SPLIT, _WALK = 1, 2  # what random numbers are drawn for
 class CpuEngine:
     """`engine.Engine` that trains the state in place.
 
-    Everything random is drawn anew from seed and iteration, so that a state is all it takes to go
+    Everything random is drawn again from seed and iteration, so that a state is all it takes to go
     on.
     """
 

@@ -106,7 +106,7 @@ def reset_opacities(splats: Splats, opacity: float) -> None:
 
 
 def _most_needed(need: FloatArray, allowed: BoolArray, threshold: float, n: int) -> LongArray:
-    """Rising indices of the ``n`` largest needs above ``threshold``; ties by index."""
+    """Ascending indices of the ``n`` largest needs above ``threshold``; ties by index."""
     candidates = np.flatnonzero(allowed & (need > threshold))
     if len(candidates) > n:
         order = np.argsort(-need[candidates], kind="stable")[:n]

@@ -103,8 +103,8 @@ class TrainConfig:
 
         "draft" is done in minutes on two processors, "standard" in an hour, "full" is the schedule
         of the publication: for a graphics card, or a night. The first two learn faster and with no
-        opacity reset, which a short schedule has no time to mend; their numbers were found by
-        trials on real scenes.
+        opacity reset, from which a short schedule has no time to recover; their numbers were found
+        by trials on real scenes.
         """
         if quality == "full":
             return TrainConfig()

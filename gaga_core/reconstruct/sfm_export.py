@@ -1,4 +1,4 @@
-"""What the checks need to know of a model: plain arrays, written by the worker beside pycolmap."""
+"""What the checks need to know of a model: plain arrays that the worker writes."""
 
 from collections.abc import Sequence
 from pathlib import Path

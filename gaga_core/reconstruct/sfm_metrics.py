@@ -1,6 +1,6 @@
 """A model of structure from motion as arrays, and what can be measured of it.
 
-Pure numpy: the arrays are written by `sfm_facts` in the process that holds the model.
+Pure numpy: the arrays are written by `sfm_export` in the process that holds the model.
 """
 
 from dataclasses import asdict, dataclass
@@ -36,7 +36,7 @@ class SfmFacts:
 
     @staticmethod
     def load(path: Path) -> "SfmFacts":
-        """Read what `sfm_facts.write_facts` wrote. Raises ``OSError`` or ``ValueError``."""
+        """Read what `sfm_export.write_facts` wrote. Raises ``OSError`` or ``ValueError``."""
         with np.load(path, allow_pickle=False) as stored:
             arrays: dict[str, AnyArray] = dict(stored)
         names, all_names = (

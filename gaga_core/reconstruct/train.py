@@ -44,7 +44,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class TrainUpdate:
-    """Payload of the training's progress, for whoever watches."""
+    """Payload of the training's progress, for a preview."""
 
     iteration: int
     losses: FloatArray  # (iteration,) of the view of each iteration

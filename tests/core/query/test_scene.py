@@ -126,7 +126,7 @@ def test_an_index_is_kept_and_only_what_changed_is_looked_at(
     (work / INDEX_FILE).write_bytes(b"damaged")
     with pytest.raises(GagaError, match="damaged"):
         pictures_of(project, lambda: words)
-    again = run_stage(refresh_index(project, words))  # built anew, all of it
+    again = run_stage(refresh_index(project, words))  # built again, all of it
     assert words.n_pictures > n
     assert np.allclose(again.vectors, index.vectors, atol=1e-5)
 

@@ -109,7 +109,7 @@ def test_quaternions_need_not_be_of_unit_length() -> None:
 
 
 def test_rows_name_their_splats() -> None:
-    """Rising indices of what is drawn; radii are those of the projected covariances."""
+    """Ascending indices of what is drawn; radii are those of the projected covariances."""
     gaussians = random_gaussians(300, seed=9)
     camera = orbit_cameras(3, width=64, height=48, radius=0.8)[0]
     got = CPU.backward(gaussians, camera, np.ones((48, 64, 3), np.float32))

@@ -51,7 +51,7 @@ def test_the_true_poses_and_focal_length_are_found(placed_room: PlacedRoom) -> N
 def test_the_same_photos_and_seed_give_the_same_model(
     placed_room: PlacedRoom, tmp_path: Path
 ) -> None:
-    """On another number of threads: the mapping anew, from the same matches."""
+    """On another number of threads: the mapping again, from the same matches."""
     work = tmp_path / "work"
     shutil.copytree(placed_room.workspace, work)
     (work / "map.finished").unlink()

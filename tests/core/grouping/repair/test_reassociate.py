@@ -140,7 +140,7 @@ def test_paper_keeps_everything_before_the_view(scene: Synthetic) -> None:
     log = list(found.bank.log)
     early = log.index(_decision(found.bank, "001.png", 5))
     other = _decision(found.bank, "001.png", 3).group
-    log[early] = replace(log[early], group=other)  # not what would be decided anew
+    log[early] = replace(log[early], group=other)  # not what would be decided again
     bank = replace(found.bank, log=tuple(log))
     stage = reassociate_stage(evidence, bank, found.labels, found.confidence, move, choose())
     seen = []
