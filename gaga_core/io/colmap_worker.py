@@ -6,6 +6,7 @@ and neither may end the window. Prints one line about the failure and exits with
 
 import re
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from gaga_core.io.child_process import end_with_parent
 
 # Address space beyond what the interpreter has: a damaged count asks for far more, and filling
 # even 8 GiB before the refusal takes half a minute.
+_CPU_SECONDS, _BYTES_PER_SECOND = 8, 1 << 20  # a tenth of what a whole model is read at
 _MEMORY = 1 << 30  # bytes
 _MEMORY_PER_BYTE = 20  # of the model's files
 
@@ -22,7 +24,7 @@ _MEMORY_PER_BYTE = 20  # of the model's files
 def main() -> int:
     """Read the model in argv[1], write arrays to argv[2]."""
     end_with_parent()
-    _limit_memory(Path(sys.argv[1]))
+    _limit(Path(sys.argv[1]))
     try:
         model = pycolmap.Reconstruction(sys.argv[1])
         _check_cameras(Path(sys.argv[1]) / "cameras.bin", model)
@@ -54,7 +56,7 @@ def _check_cameras(file: Path, model: pycolmap.Reconstruction) -> None:
         raise ValueError("cameras.bin is truncated")
 
 
-def _limit_memory(folder: Path) -> None:
+def _limit(folder: Path) -> None:
     if sys.platform.startswith("linux"):
         import resource
 
@@ -63,6 +65,9 @@ def _limit_memory(folder: Path) -> None:
         files = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
         limit = held + _MEMORY + _MEMORY_PER_BYTE * files
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        # A cut frames.bin keeps pycolmap counting what is not there for minutes.
+        seconds = int(time.process_time()) + _CPU_SECONDS + files // _BYTES_PER_SECOND
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
 if __name__ == "__main__":
