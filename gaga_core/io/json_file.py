@@ -51,14 +51,6 @@ def decode_json(raw: bytes, kind: type[T], where: str, cure: str) -> T:
         raise GagaError(f"{where} is damaged ({explain_json_error(error)}). {cure}") from error
 
 
-def convert_json(content: object, kind: type[T], where: str, cure: str) -> T:
-    """Check a decoded JSON value as ``kind``, with the errors of `read_json`."""
-    try:
-        return msgspec.convert(content, type=kind)
-    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise GagaError(f"{where} is damaged ({explain_json_error(error)}). {cure}") from error
-
-
 def read_loose_json(path: Path, *, most_bytes: int = MOST_BYTES) -> dict[str, object]:
     """Read the object in a JSON file that other programs may write too, figures NaN included.
 

@@ -149,13 +149,11 @@ def root() -> Path:
     return paths.home() / "recovery"
 
 
-def left_over() -> tuple[Recovery, ...]:
-    """Return what programs that ended without saving left, newest first."""
-    return _look()[0]
+def left_over() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
+    """Return what programs that ended without saving left, newest first, and problems.
 
-
-def _look() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
-    """What was left, newest first, and a sentence for every damaged note, which is set aside."""
+    A problem is a sentence about a damaged note, which is set aside.
+    """
     found, problems = [], []
     for file in root().glob(f"*/{_NOTE}"):
         try:
@@ -176,7 +174,7 @@ def _look() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
 
 def offer(session: Session) -> bool:
     """Ask about the newest project that a crash left; return whether there was one."""
-    waiting, problems = _look()
+    waiting, problems = left_over()
     for problem in problems:
         session.notify(Level.WARNING, problem)
     if not waiting:

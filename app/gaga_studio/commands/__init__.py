@@ -5,7 +5,7 @@ A file each for the menus; a new command is one entry there.
 
 from collections.abc import Mapping
 
-from gaga_studio.commands.base import Command
+from gaga_studio.commands.base import Command as Command
 from gaga_studio.commands.camera import CAMERA_COMMANDS
 from gaga_studio.commands.edit import EDIT_COMMANDS
 from gaga_studio.commands.file import FILE_COMMANDS
@@ -18,19 +18,6 @@ from gaga_studio.commands.view import VIEW_COMMANDS
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import FLY_KEYS
-
-__all__ = [
-    "COMMANDS",
-    "MENUS",
-    "PROFILES",
-    "Command",
-    "command",
-    "for_shortcut",
-    "keys_of",
-    "menu_of",
-    "run",
-    "shortcut_of",
-]
 
 MENUS: Mapping[str, tuple[Command, ...]] = {
     "File": FILE_COMMANDS,

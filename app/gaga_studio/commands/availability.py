@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, masks, quality, search
+from gaga_studio.actions import cleanup, quality, search
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -32,10 +32,9 @@ def not_saveable(session: Session) -> str:
 
 def no_selection(session: Session) -> str:
     """Needs a selection."""
-    reason = no_scene(session)
-    if reason:
-        return reason
-    return "" if len(session.selected_indices()) else str(NothingSelectedError())
+    if session.document is None or len(session.selected_indices()):
+        return no_scene(session)
+    return str(NothingSelectedError())
 
 
 def no_selection_to_clean(session: Session) -> str:
@@ -88,11 +87,6 @@ def no_masks(session: Session) -> str:
     if reason or len(session.masks):
         return reason
     return "This scene has no masks. Use Make masks, or Import masks."
-
-
-def no_photos_for_masks(session: Session) -> str:
-    """Needs photos with poses, and the job runner."""
-    return masks.no_photos(session)
 
 
 def no_views(session: Session) -> str:

@@ -4,7 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gaga_studio.actions import bookmarks, camera_path, photo_compare
-from gaga_studio.commands import availability
+from gaga_studio.commands.availability import (
+    no_keyframe,
+    no_path,
+    no_photos,
+    no_scene,
+    not_filmable,
+)
 from gaga_studio.commands.base import Command, Reason, ask, switch
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -33,7 +39,7 @@ def _compare(mode: PhotoCompareMode, name: str, title: str) -> Command:
         f"camera.{name}",
         title,
         lambda session: photo_compare.set_mode(session, mode),
-        enabled=availability.no_photos,
+        enabled=no_photos,
         is_on=lambda session: session.view.compare is mode,
     )
 
@@ -42,7 +48,7 @@ def _no_bookmark(key: int) -> Reason:
     def reason(session: Session) -> str:
         if bookmarks.index_of(session, key) is not None:
             return ""
-        return availability.no_scene(session) or f"No bookmark has the key {key} yet."
+        return no_scene(session) or f"No bookmark has the key {key} yet."
 
     return reason
 
@@ -72,7 +78,7 @@ def _set(key: int) -> Command:
         f"Set bookmark {key}",
         lambda session: bookmarks.set_key(session, key),
         f"Ctrl+Shift+{key}",
-        enabled=availability.no_scene,
+        enabled=no_scene,
     )
 
 
@@ -82,59 +88,32 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
         "Orthographic",
         _toggle_orthographic,
         "5",
-        enabled=availability.no_scene,
+        enabled=no_scene,
         is_on=lambda session: session.rig.pose.is_orthographic,
     ),
     switch("view.cube", "View cube", "show_cube"),
     Command("camera.faster", "Fly faster", _speed(1.25)),
     Command("camera.slower", "Fly slower", _speed(1 / 1.25)),
-    Command(
-        "camera.add_bookmark",
-        "Bookmark this view",
-        bookmarks.add,
-        "Ctrl+B",
-        enabled=availability.no_scene,
-    ),
+    Command("camera.add_bookmark", "Bookmark this view", bookmarks.add, "Ctrl+B", enabled=no_scene),
     *(_recall(key) for key in bookmarks.KEYS),
     *(_set(key) for key in bookmarks.KEYS),
     _compare(PhotoCompareMode.SWIPE, "swipe", "Swipe between photo and picture"),
     _compare(PhotoCompareMode.DIFFERENCE, "difference", "Difference of photo and picture"),
     Command(
-        "camera.hold_photo",
-        "Photo while held",
-        photo_compare.hold,
-        "Shift+G",
-        enabled=availability.no_photos,
+        "camera.hold_photo", "Photo while held", photo_compare.hold, "Shift+G", enabled=no_photos
     ),
-    Command(
-        "camera.add_keyframe",
-        "Add keyframe",
-        camera_path.add_keyframe,
-        "K",
-        enabled=availability.no_scene,
-    ),
-    Command(
-        "camera.turntable", "Turntable", camera_path.make_turntable, enabled=availability.no_scene
-    ),
+    Command("camera.add_keyframe", "Add keyframe", camera_path.add_keyframe, "K", enabled=no_scene),
+    Command("camera.turntable", "Turntable", camera_path.make_turntable, enabled=no_scene),
     Command(
         "camera.play",
         "Play the path",
         camera_path.toggle_playing,
         "Shift+K",
-        enabled=availability.no_path,
+        enabled=no_path,
         is_on=lambda session: session.view.playback.is_playing,
     ),
-    Command(
-        "camera.clear_path",
-        "Remove all keyframes",
-        camera_path.clear,
-        enabled=availability.no_keyframe,
-    ),
-    Command(
-        "camera.open_path", "Open path…", ask(Request.OPEN_PATH), enabled=availability.no_scene
-    ),
-    Command(
-        "camera.save_path", "Save path…", ask(Request.SAVE_PATH), enabled=availability.no_keyframe
-    ),
-    Command("camera.film", "Save film…", ask(Request.SAVE_FILM), enabled=availability.not_filmable),
+    Command("camera.clear_path", "Remove all keyframes", camera_path.clear, enabled=no_keyframe),
+    Command("camera.open_path", "Open path…", ask(Request.OPEN_PATH), enabled=no_scene),
+    Command("camera.save_path", "Save path…", ask(Request.SAVE_PATH), enabled=no_keyframe),
+    Command("camera.film", "Save film…", ask(Request.SAVE_FILM), enabled=not_filmable),
 )

@@ -1,7 +1,16 @@
 """Edit: undo, duplicate, delete, and what ends a gesture."""
 
 from gaga_studio.actions import cleanup, history, objects, transform
-from gaga_studio.commands import availability, handlers
+from gaga_studio.commands import handlers
+from gaga_studio.commands.availability import (
+    no_cancel,
+    no_redo,
+    no_scene,
+    no_selection,
+    no_selection_to_clean,
+    no_undo,
+    nothing_to_confirm,
+)
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
 
@@ -11,18 +20,13 @@ def _mirror(axis: int) -> Command:
         f"edit.mirror_{'xyz'[axis]}",
         f"Mirror across {'XYZ'[axis]}",
         lambda session: transform.mirror(session, axis),
-        enabled=availability.no_selection,
+        enabled=no_selection,
     )
 
 
 EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
-        "edit.undo",
-        "Undo",
-        history.undo,
-        "Ctrl+Z",
-        enabled=availability.no_undo,
-        describe=handlers.undo_title,
+        "edit.undo", "Undo", history.undo, "Ctrl+Z", enabled=no_undo, describe=handlers.undo_title
     ),
     Command(
         "edit.redo",
@@ -30,38 +34,21 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         history.redo,
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
-        enabled=availability.no_redo,
+        enabled=no_redo,
         describe=handlers.redo_title,
     ),
-    Command(
-        "edit.duplicate",
-        "Duplicate",
-        transform.duplicate,
-        "Shift+D",
-        enabled=availability.no_selection,
-    ),
+    Command("edit.duplicate", "Duplicate", transform.duplicate, "Shift+D", enabled=no_selection),
     Command(
         "edit.delete",
         "Delete",
         cleanup.delete_selected,
         "Delete",
         ("Backspace",),
-        enabled=availability.no_selection_to_clean,
+        enabled=no_selection_to_clean,
     ),
     *(_mirror(axis) for axis in range(3)),
-    Command(
-        "edit.delete_floaters",
-        "Delete floaters",
-        objects.delete_floaters,
-        enabled=availability.no_scene,
-    ),
-    Command(
-        "edit.confirm",
-        "Confirm",
-        handlers.confirm,
-        "Enter",
-        enabled=availability.nothing_to_confirm,
-    ),
-    Command("edit.cancel", "Cancel", handlers.cancel, "Escape", enabled=availability.no_cancel),
+    Command("edit.delete_floaters", "Delete floaters", objects.delete_floaters, enabled=no_scene),
+    Command("edit.confirm", "Confirm", handlers.confirm, "Enter", enabled=nothing_to_confirm),
+    Command("edit.cancel", "Cancel", handlers.cancel, "Escape", enabled=no_cancel),
     Command("edit.preferences", "Preferences…", ask(Request.PREFERENCES), "Ctrl+,"),
 )

@@ -1,7 +1,15 @@
 """File: opening, saving, exporting."""
 
 from gaga_studio.actions import reconstruction
-from gaga_studio.commands import availability
+from gaga_studio.commands.availability import (
+    busy,
+    no_edits,
+    no_scene,
+    not_exportable_masks,
+    not_exportable_objects,
+    not_exportable_selection,
+    not_saveable,
+)
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
 
@@ -21,60 +29,50 @@ FILE_COMMANDS: tuple[Command, ...] = (
         ask(Request.MAKE_SPLATS),
         enabled=reconstruction.why_not,
     ),
+    Command("file.add_splats", "Add splats…", ask(Request.ADD_SPLATS), enabled=not_saveable),
+    Command("file.demo", "Open the demo", lambda s: s.open_demo(), enabled=busy),
+    Command("file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=no_scene),
     Command(
-        "file.add_splats", "Add splats…", ask(Request.ADD_SPLATS), enabled=availability.not_saveable
-    ),
-    Command("file.demo", "Open the demo", lambda s: s.open_demo(), enabled=availability.busy),
-    Command(
-        "file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=availability.no_scene
-    ),
-    Command(
-        "file.save_as",
-        "Save project as…",
-        ask(Request.SAVE_AS),
-        "Ctrl+Shift+S",
-        enabled=availability.no_scene,
+        "file.save_as", "Save project as…", ask(Request.SAVE_AS), "Ctrl+Shift+S", enabled=no_scene
     ),
     Command(
         "file.export_scene",
         "Export scene…",
         ask(Request.EXPORT_SCENE),
         "Ctrl+Shift+E",
-        enabled=availability.not_saveable,
+        enabled=not_saveable,
     ),
     Command(
         "file.export_selected",
         "Export selection…",
         ask(Request.EXPORT_SELECTED),
-        enabled=availability.not_exportable_selection,
+        enabled=not_exportable_selection,
     ),
     Command(
         "file.export_objects",
         "Export objects…",
         ask(Request.EXPORT_OBJECTS),
-        enabled=availability.not_exportable_objects,
+        enabled=not_exportable_objects,
     ),
     Command(
         "file.export_masks",
         "Export masks…",
         ask(Request.EXPORT_MASKS),
-        enabled=availability.not_exportable_masks,
+        enabled=not_exportable_masks,
     ),
     Command(
         "file.save_script",
         "Save the edits as a script…",
         ask(Request.SAVE_SCRIPT),
-        enabled=availability.no_edits,
+        enabled=no_edits,
     ),
     Command(
         "file.save_picture",
         "Save picture…",
         ask(Request.SAVE_PICTURE),
         "Ctrl+Alt+S",
-        enabled=availability.not_saveable,
+        enabled=not_saveable,
     ),
-    Command(
-        "file.close", "Close", lambda s: s.close(), "Ctrl+W", enabled=availability.not_saveable
-    ),
+    Command("file.close", "Close", lambda s: s.close(), "Ctrl+W", enabled=not_saveable),
     Command("file.quit", "Quit", lambda s: s.quit(), "Ctrl+Q"),
 )

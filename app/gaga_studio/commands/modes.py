@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.commands import availability
+from gaga_studio.commands.availability import no_confidence, no_groups, no_scene
 from gaga_studio.commands.base import Command
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, SplatLook
@@ -32,15 +32,15 @@ def _mode(mode: Mode, title: str) -> Command:
         session.view.mode = mode
 
     needs = {
-        Mode.GROUPS: availability.no_groups,
-        Mode.MASK: availability.no_groups,
-        Mode.CONFIDENCE: availability.no_confidence,
+        Mode.GROUPS: no_groups,
+        Mode.MASK: no_groups,
+        Mode.CONFIDENCE: no_confidence,
     }
     return Command(
         f"view.{mode}",
         title,
         run,
-        enabled=needs.get(mode, availability.no_scene),
+        enabled=needs.get(mode, no_scene),
         is_on=lambda session: session.view.mode is mode,
     )
 
@@ -53,7 +53,7 @@ def _look(look: SplatLook, title: str) -> Command:
         f"view.look_{look}",
         title,
         run,
-        enabled=availability.no_scene,
+        enabled=no_scene,
         is_on=lambda session: session.view.look is look,
     )
 
@@ -69,7 +69,7 @@ _MODES = (
 )
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,
-    Command("view.next_mode", "Next render mode", next_mode, "M", enabled=availability.no_scene),
+    Command("view.next_mode", "Next render mode", next_mode, "M", enabled=no_scene),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),
     _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),

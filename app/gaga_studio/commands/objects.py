@@ -10,7 +10,27 @@ from gaga_studio.actions import (
     search,
     selection,
 )
-from gaga_studio.commands import availability, handlers
+from gaga_studio.commands import handlers
+from gaga_studio.commands.availability import (
+    no_bank,
+    no_cleaning,
+    no_confidence,
+    no_detection,
+    no_groups,
+    no_masks,
+    no_quality,
+    no_selection,
+    no_selection_to_clean,
+    no_views,
+    not_cleanable,
+    not_indexable,
+    not_nameable,
+    not_one_object,
+    not_one_object_with_masks,
+    not_several_objects,
+    nothing_hidden,
+    nothing_locked,
+)
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
 
@@ -20,57 +40,45 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Make masks…",
         ask(Request.MAKE_MASKS),
         "Ctrl+M",
-        enabled=availability.no_photos_for_masks,
+        enabled=masks.no_photos,
     ),
     Command(
         "object.masks_quick",
         "Make masks without a model (regions)",
         masks.make,
-        enabled=availability.no_photos_for_masks,
+        enabled=masks.no_photos,
     ),
     Command(
         "object.import_masks",
         "Import masks from a folder…",
         ask(Request.IMPORT_MASK_FOLDER),
-        enabled=availability.no_views,
+        enabled=no_views,
     ),
     Command(
         "object.import_masks_file",
         "Import masks from a file…",
         ask(Request.IMPORT_MASK_FILE),
-        enabled=availability.no_views,
+        enabled=no_views,
     ),
     Command(
         "object.associate",
         "Find objects (associate masks)",
         files.associate,
         "Ctrl+G",
-        enabled=availability.no_masks,
+        enabled=no_masks,
     ),
-    Command(
-        "object.find",
-        "Find an object…",
-        ask(Request.FIND),
-        "Ctrl+F",
-        enabled=availability.no_groups,
-    ),
+    Command("object.find", "Find an object…", ask(Request.FIND), "Ctrl+F", enabled=no_groups),
     Command(
         "object.find_in_view",
         "Find it in this view",
         ask(Request.FIND_IN_VIEW),
-        enabled=availability.no_detection,
+        enabled=no_detection,
     ),
-    Command("object.index", "Index this scene", search.index, enabled=availability.not_indexable),
+    Command("object.index", "Index this scene", search.index, enabled=not_indexable),
+    Command("object.name_all", "Name the objects", search.name_all, enabled=not_nameable),
+    Command("object.hide", "Hide", objects.hide, "H", enabled=no_selection),
     Command(
-        "object.name_all", "Name the objects", search.name_all, enabled=availability.not_nameable
-    ),
-    Command("object.hide", "Hide", objects.hide, "H", enabled=availability.no_selection),
-    Command(
-        "object.isolate",
-        "Isolate",
-        cleanup.isolate_selected,
-        "/",
-        enabled=availability.no_selection_to_clean,
+        "object.isolate", "Isolate", cleanup.isolate_selected, "/", enabled=no_selection_to_clean
     ),
     Command(
         "object.show_all",
@@ -78,59 +86,40 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         objects.show_all,
         "Shift+H",
         ("Alt+H",),
-        enabled=availability.nothing_hidden,
+        enabled=nothing_hidden,
     ),
-    Command(
-        "object.rename", "Rename", ask(Request.RENAME), "F2", enabled=availability.not_one_object
-    ),
-    Command(
-        "object.merge", "Merge into one", objects.merge, enabled=availability.not_several_objects
-    ),
+    Command("object.rename", "Rename", ask(Request.RENAME), "F2", enabled=not_one_object),
+    Command("object.merge", "Merge into one", objects.merge, enabled=not_several_objects),
     Command(
         "object.separate",
         "Separate into an object of its own",
         objects.separate,
         "Shift+P",
-        enabled=availability.no_selection,
+        enabled=no_selection,
     ),
     Command(
-        "object.split",
-        "Split into parts that do not touch",
-        objects.split,
-        enabled=availability.not_one_object,
+        "object.split", "Split into parts that do not touch", objects.split, enabled=not_one_object
     ),
     Command(
         "object.split_masks",
         "Split into the two things that its masks show",
         association_repair.split_by_masks,
-        enabled=availability.not_one_object_with_masks,
+        enabled=not_one_object_with_masks,
     ),
     Command(
         "object.uncertain",
         "Select uncertain splats",
         selection.select_uncertain,
-        enabled=availability.no_confidence,
+        enabled=no_confidence,
     ),
     Command(
-        "object.quality",
-        "Measure the quality of the objects",
-        quality.measure,
-        enabled=availability.no_bank,
+        "object.quality", "Measure the quality of the objects", quality.measure, enabled=no_bank
     ),
-    Command(
-        "object.worst_view",
-        "Go to the worst view",
-        quality.worst_view,
-        enabled=availability.no_quality,
-    ),
-    Command("object.lock", "Lock", objects.lock, enabled=availability.no_selection),
-    Command(
-        "object.unlock_all", "Unlock all", objects.unlock_all, enabled=availability.nothing_locked
-    ),
-    Command("object.clean", "Clean up", cleanup.start, enabled=availability.not_cleanable),
-    Command(
-        "object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=availability.no_cleaning
-    ),
+    Command("object.worst_view", "Go to the worst view", quality.worst_view, enabled=no_quality),
+    Command("object.lock", "Lock", objects.lock, enabled=no_selection),
+    Command("object.unlock_all", "Unlock all", objects.unlock_all, enabled=nothing_locked),
+    Command("object.clean", "Clean up", cleanup.start, enabled=not_cleanable),
+    Command("object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=no_cleaning),
     Command(
         "object.clean_first",
         "Always clean first",

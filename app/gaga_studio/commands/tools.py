@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from gaga_studio.actions import align_ground
-from gaga_studio.commands import availability, handlers
+from gaga_studio.commands import handlers
+from gaga_studio.commands.availability import idle, no_corner, no_scene, nothing_pointed
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -22,7 +23,7 @@ def _tool(tool: ToolName, title: str, shortcut: str = "") -> Command:
         title,
         _take(tool),
         shortcut,
-        enabled=availability.no_scene,
+        enabled=no_scene,
         is_on=lambda session: session.tool is tool,
     )
 
@@ -41,7 +42,7 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "tool.ground",
         "Align to ground by three points",
         align_ground.begin,
-        enabled=availability.no_scene,
+        enabled=no_scene,
         is_on=lambda session: session.tool is ToolName.GROUND,
     ),
     switch("tool.snap", "Handles snap to steps", "snaps"),
@@ -50,13 +51,10 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "tool.set_pivot",
         "Set the pivot at the camera's focus",
         handlers.set_pivot,
-        enabled=availability.no_scene,
+        enabled=no_scene,
     ),
     Command(
-        "tool.pivot_here",
-        "Set the pivot here",
-        handlers.set_pivot_here,
-        enabled=availability.nothing_pointed,
+        "tool.pivot_here", "Set the pivot here", handlers.set_pivot_here, enabled=nothing_pointed
     ),
     Command("tool.reset_pivot", "Pivot in the middle of the selection", handlers.reset_pivot),
     switch("tool.splats", "Select single splats, not objects", "takes_splats"),
@@ -67,13 +65,8 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         "tool.remove_corner",
         "Take back the last corner",
         handlers.remove_corner,
-        enabled=availability.no_corner,
+        enabled=no_corner,
         describe=handlers.remove_title,
     ),
-    Command(
-        "job.cancel",
-        "Cancel the running task",
-        lambda s: s.jobs.cancel(),
-        enabled=availability.idle,
-    ),
+    Command("job.cancel", "Cancel the running task", lambda s: s.jobs.cancel(), enabled=idle),
 )

@@ -1,7 +1,8 @@
 """View: how the scene is shown, and from where."""
 
 from gaga_studio.actions import navigation
-from gaga_studio.commands import availability, handlers
+from gaga_studio.commands import handlers
+from gaga_studio.commands.availability import no_photos, no_scene
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
 
@@ -11,7 +12,7 @@ def _axis(axis: str) -> Command:
         f"view.{axis}",
         f"From the {axis}",
         lambda session: session.rig.look_along(axis),
-        enabled=availability.no_scene,
+        enabled=no_scene,
     )
 
 
@@ -22,7 +23,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "Focus the selection",
         navigation.frame_selected,
         "F",
-        enabled=availability.no_scene,
+        enabled=no_scene,
     ),
     Command(
         "view.frame_all",
@@ -30,7 +31,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         navigation.frame_all,
         "Shift+F",
         ("Home",),
-        enabled=availability.no_scene,
+        enabled=no_scene,
     ),
     *(_axis(axis) for axis in ("front", "back", "left", "right", "top", "bottom")),
     Command(
@@ -38,29 +39,25 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "Next photo",
         lambda s: navigation.next_view(s, 1),
         "Right",
-        enabled=availability.no_photos,
+        enabled=no_photos,
     ),
     Command(
         "view.previous_photo",
         "Previous photo",
         lambda s: navigation.next_view(s, -1),
         "Left",
-        enabled=availability.no_photos,
+        enabled=no_photos,
     ),
     Command(
         "view.fly",
         "Fly",
         handlers.toggle_flying,
         "V",
-        enabled=availability.no_scene,
+        enabled=no_scene,
         is_on=lambda s: s.rig.is_flying,
     ),
-    switch(
-        "view.frusta", "Cameras of the photos", "show_frusta", "C", enabled=availability.no_photos
-    ),
-    switch(
-        "view.outline", "Outline of the selection", "show_outline", enabled=availability.no_scene
-    ),
+    switch("view.frusta", "Cameras of the photos", "show_frusta", "C", enabled=no_photos),
+    switch("view.outline", "Outline of the selection", "show_outline", enabled=no_scene),
     switch("view.panels", "Panels", "show_panels", "Tab"),
     switch("view.info", "Figures", "show_info", "I"),
 )

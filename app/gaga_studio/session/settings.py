@@ -70,11 +70,6 @@ class Settings:
         others = [p for p in self.recent if p != name]
         return replace(self, recent=(name, *others)[:_MOST_RECENT])
 
-    def forgotten(self, path: Path) -> "Settings":
-        """These settings without a recent file that is gone."""
-        names = {str(path), str(path.resolve())}
-        return replace(self, recent=tuple(p for p in self.recent if p not in names))
-
 
 def hex_color(rgb: Sequence[float]) -> str:
     """Red, green, blue in 0..1 as HTML writes them: "#1c1c1f"."""
