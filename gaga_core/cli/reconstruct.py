@@ -24,6 +24,10 @@ class ReconstructCommand:
     """Training steps; default: as the quality says."""
     max_side: int | None = None
     """Longest side of the training pictures in pixels; default: as the quality says."""
+    max_splats: int | None = None
+    """No more splats than this; default: as the quality says."""
+    strategy: Literal["gradient", "mcmc"] = "gradient"
+    """How splats are added: where the gradient is large, or by sampling (MCMC, Kheradmand 2024)."""
     focal: float | None = None
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
     video_fps: float | None = None
@@ -60,6 +64,8 @@ class ReconstructCommand:
             quality=automatic if self.quality == "auto" else self.quality,
             iterations=self.iterations,
             max_side=self.max_side,
+            max_splats=self.max_splats,
+            strategy=self.strategy,
             focal=self.focal,
             video_fps=self.video_fps,
             place_minutes=self.place_minutes,

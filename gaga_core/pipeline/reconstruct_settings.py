@@ -19,6 +19,8 @@ class ReconstructConfig:
     quality: Literal["draft", "standard", "full"] = "draft"
     iterations: int | None = None  # of the training
     max_side: int | None = None  # pixels, longest side of the training pictures
+    max_splats: int | None = None  # no more than this
+    strategy: Literal["gradient", "mcmc"] = "gradient"  # Kerbl 2023 or Kheradmand 2024
     focal: float | None = None  # pixels of the photos as they are; None = EXIF, else estimated
     video_fps: float | None = None  # frames taken of each second; None = as the film moves
     place_minutes: float | None = None  # for all attempts to place the photos; None = by quality
@@ -46,6 +48,8 @@ class ReconstructConfig:
             raise GagaError("--iterations must be at least 1.")
         if self.max_side is not None and self.max_side < 64:
             raise GagaError("--max-side must be at least 64 pixels.")
+        if self.max_splats is not None and self.max_splats < 1000:
+            raise GagaError("--max-splats must be at least 1,000.")
 
     @property
     def object_only(self) -> bool:
@@ -69,4 +73,6 @@ class ReconstructConfig:
             config = replace(config, iterations=self.iterations)
         if self.max_side is not None:
             config = replace(config, longest_side=self.max_side)
-        return config
+        if self.max_splats is not None:
+            config = config.with_cap(self.max_splats)
+        return config.with_mcmc() if self.strategy == "mcmc" else config

@@ -30,6 +30,10 @@ def test_photos_are_placed_and_counted(
     assert len(open_scene_folder(scene).cameras) == 8
     again = answer(capsys, "reconstruct", str(source), str(scene), "--only", "sfm")
     assert again["stages_run"] == []
+    short = ("--iterations", "120", "--max-side", "64", "--max-splats", "1000")
+    trained = answer(capsys, "reconstruct", str(source), str(scene), *short, "--strategy", "mcmc")
+    assert trained["stages_run"] == ["train"]
+    assert trained["train"]["splats"] <= 1000
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:

@@ -181,6 +181,13 @@ def test_too_few_photos_leave_nothing(photos: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "scene").exists()
 
 
+def test_the_strategy_and_the_cap_reach_the_training() -> None:
+    plain, chosen = ReconstructConfig().train(), ReconstructConfig(strategy="mcmc", max_splats=5000)
+    assert (plain.density.strategy, plain.opacity_decay) == ("gradient", 0.0)
+    assert (chosen.train().density.strategy, chosen.train().density.max_splats) == ("mcmc", 5000)
+    assert chosen.train().opacity_decay > 0
+
+
 def test_settings_are_checked() -> None:
     for wrong in ({"focal": -1.0}, {"iterations": 0}, {"max_side": 3}, {"video_fps": 0.0}):
         with pytest.raises(GagaError, match="--"):
