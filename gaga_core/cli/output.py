@@ -1,8 +1,12 @@
 """What the command prints: messages and progress on standard error, results on standard output."""
 
 import json
+import signal
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType
 from typing import Protocol, TypeVar
 
 from rich.console import Console
@@ -36,10 +40,12 @@ def follow(stage: Stage[T]) -> T:
         TextColumn("{task.fields[message]}", style="dim"),
     )
     quiet = not _messages.is_terminal
-    with Progress(*columns, console=_messages, transient=True, disable=quiet) as bar:
+    bars = Progress(*columns, console=_messages, transient=True, disable=quiet)
+    with bars as bar, _interrupt_that_lasts() as raise_if_interrupted:
         tasks: dict[str, TaskID] = {}
 
         def show(step: Step) -> None:
+            raise_if_interrupted()
             if step.stage not in tasks:
                 tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
             bar.update(
@@ -53,6 +59,35 @@ def follow(stage: Stage[T]) -> T:
             return run_stage(stage, show)
         finally:
             stage.close()
+
+
+@contextmanager
+def _interrupt_that_lasts() -> Iterator[Callable[[], None]]:
+    """Yield a function that raises ``KeyboardInterrupt`` once Ctrl-C was pressed.
+
+    Where Ctrl-C meets a callback of a C library, such as a compiler of kernels, Python prints the
+    exception and goes on: it is raised again at the next step.
+    """
+    pressed = False
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed = True
+        signal.default_int_handler(number, frame)
+
+    def raise_if_interrupted() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    is_ours = threading.current_thread() is threading.main_thread()
+    is_ours = is_ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if is_ours:
+        signal.signal(signal.SIGINT, remember)
+    try:
+        yield raise_if_interrupted
+    finally:
+        if is_ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def result(values: Mapping[str, object], *, as_json: bool) -> None:

@@ -6,14 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaga_core.cli.main import main
+from gaga_core.cli.output import follow
 from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
+from gaga_core.progress import Progress, Stage
 from tests.app.folders import write_scene
 from tests.core.cli.calls import Capture, answer, refusal
 
@@ -192,6 +195,24 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert b"Stopped" in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_that_a_callback_swallows_ends_the_command_at_the_next_step() -> None:
+    done = []
+
+    def stage() -> Stage[None]:
+        for i in range(5):
+            yield Progress("Work", i, 5)
+            if i == 1:
+                with suppress(KeyboardInterrupt):  # as a callback of a C library does
+                    signal.raise_signal(signal.SIGINT)
+            done.append(i)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        follow(stage())
+    assert done == [0, 1]
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_version() -> None:

@@ -33,7 +33,9 @@ def test_photos_are_placed_and_counted(
     short = ("--iterations", "120", "--max-side", "64", "--max-splats", "1000")
     trained = answer(capsys, "reconstruct", str(source), str(scene), *short, "--strategy", "mcmc")
     assert trained["stages_run"] == ["train"]
-    assert trained["train"]["splats"] <= 1000
+    figures = trained["train"]
+    assert isinstance(figures, dict)
+    assert figures["splats"] <= 1000
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
