@@ -177,11 +177,20 @@ def test_labels_of_another_model_are_refused(tmp_path: Path, capsys: Capture) ->
     assert "another model" in refusal(capsys, "info", str(root))
 
 
+# Programs in the background ignore Ctrl-C, and hand that on to what they start.
+_HEED_CTRL_C = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from gaga_core.cli.main import main
+sys.exit(main())
+"""
+
+
 @pytest.mark.slow
 def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
     target = tmp_path / "demo"
     process = subprocess.Popen(
-        [sys.executable, "-m", "gaga_core.cli.main", "demo", str(target)],
+        [sys.executable, "-c", _HEED_CTRL_C, "demo", str(target)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
@@ -208,11 +217,14 @@ def test_an_interrupt_that_a_callback_swallows_ends_the_command_at_the_next_step
                     signal.raise_signal(signal.SIGINT)
             done.append(i)
 
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        follow(stage())
-    assert done == [0, 1]
-    assert signal.getsignal(signal.SIGINT) is before
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            follow(stage())
+        assert done == [0, 1]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_version() -> None:
