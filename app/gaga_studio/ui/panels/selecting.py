@@ -141,7 +141,7 @@ def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
 
 
 def _kept(session: Session, held: SelectBy) -> None:
-    widgets.heading("Kept selections")
+    widgets.heading("Named selections")
     imgui.set_next_item_width(-em(4))
     _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", held.name)
     imgui.same_line()
