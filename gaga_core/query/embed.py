@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.models.weights import Weights, weights_id
 from gaga_core.query.model_files import load_model, read_json
-from gaga_core.segmentation.weights import Weights, weights_id
 
 if TYPE_CHECKING:
     import torch

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-from gaga_core.segmentation.known import KNOWN_DETECTORS, KNOWN_EMBEDDERS, KnownModel
-from gaga_core.segmentation.weights import find_model, is_model_folder, models_folder
+from gaga_core.models.catalogue import KNOWN_DETECTORS, KNOWN_EMBEDDERS, KnownModel
+from gaga_core.models.weights import find_model, is_model_folder, models_folder
 
 __all__ = ["KNOWN_DETECTORS", "KNOWN_EMBEDDERS", "find_any", "folder_of", "where_to_put_all"]
 

@@ -11,13 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.segmentation.base import ModelCard, Provider
-from gaga_core.segmentation.flatten import FlattenConfig
-from gaga_core.segmentation.known import KNOWN, KnownModel
-from gaga_core.segmentation.regions import NAME as REGIONS
-from gaga_core.segmentation.regions import RegionsConfig
-from gaga_core.segmentation.settings import Device, GeneratorConfig, UniversalConfig
-from gaga_core.segmentation.weights import (
+from gaga_core.models.catalogue import KNOWN, KnownModel
+from gaga_core.models.weights import (
     Weights,
     find_weights,
     models_folder,
@@ -26,6 +21,11 @@ from gaga_core.segmentation.weights import (
     weights_id,
     where_to_put,
 )
+from gaga_core.segmentation.base import ModelCard, Provider
+from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.regions import NAME as REGIONS
+from gaga_core.segmentation.regions import RegionsConfig
+from gaga_core.segmentation.settings import Device, GeneratorConfig, UniversalConfig
 
 if TYPE_CHECKING:
     from gaga_core.segmentation.model_provider import MaskMaker

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gaga_core.models.weights import family_of, weights_at
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.settings import GeneratorConfig
-from gaga_core.segmentation.weights import family_of, weights_at
 
 Family = Literal["regions", "sam", "universal", ""]
 Part = Literal["regions", "generator", "universal", "flatten"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.models.catalogue import KNOWN
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
-from gaga_core.segmentation.known import KNOWN
 from gaga_core.segmentation.regions import RegionsConfig
 from gaga_studio.actions import files, mask_settings, masks
 from gaga_studio.actions.masks import MaskPreview, MaskRequest

@@ -10,6 +10,7 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
+from gaga_core.models.catalogue import KNOWN_DETECTORS, KNOWN_EMBEDDERS
 from gaga_core.pipeline.search import (
     INDEX_FILE,
     TEXTS_FILE,
@@ -31,7 +32,6 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.segmentation.known import KNOWN_DETECTORS, KNOWN_EMBEDDERS
 from tests.app.folders import write_scene
 from tests.core.query.tiny_query_models import write_clip
 from tests.scenes import Synthetic, objects_scene

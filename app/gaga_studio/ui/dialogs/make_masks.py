@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.models.weights import models_folder
 from gaga_core.segmentation.choose import ProviderEntry
-from gaga_core.segmentation.weights import models_folder
 from gaga_studio.actions import mask_settings, masks
 from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
 from gaga_studio.session.notices import notifies

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.segmentation.known import KnownModel
+from gaga_core.models.catalogue import KnownModel
 
 _SAMPLES, _SAMPLE_BYTES = 16, 1 << 16  # of each weights file that are hashed
 _WEIGHT_SUFFIXES = (".safetensors", ".bin", ".pth", ".pt")

@@ -1,0 +1,1 @@
+"""Weights of models: which are known, where they lie, how they get here."""
