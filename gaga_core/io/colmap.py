@@ -1,6 +1,7 @@
 """COLMAP models: posed views and sparse points, text or binary, through pycolmap."""
 
 import logging
+import signal
 import subprocess
 import sys
 import tempfile
@@ -72,7 +73,7 @@ class ColmapReading:
         try:
             said, _ = self._process.communicate(timeout=_SECONDS)
             if self._process.returncode != 0 or not self._file.is_file():
-                why = said.strip() or f"the reader stopped with {self._process.returncode}"
+                why = said.strip() or _why_ended(self._process.returncode)
                 raise GagaError(
                     f"The COLMAP model in {self._folder} cannot be read ({why}). "
                     "Copy or reconstruct it again."
@@ -94,6 +95,15 @@ class ColmapReading:
         if self._process.stdout is not None:
             self._process.stdout.close()
         self._out.cleanup()
+
+
+def _why_ended(status: int) -> str:
+    """Say why a reader ended that could not say it itself."""
+    if sys.platform != "win32" and status == -signal.SIGXCPU:
+        return "its reader was stopped at the time limit for a model of this size"
+    if status < 0:
+        return f"its reader was ended by signal {-status}"
+    return f"its reader ended with status {status}"
 
 
 def _check_files(folder: Path) -> None:

@@ -67,7 +67,8 @@ def _limit(folder: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         # A cut frames.bin keeps pycolmap counting what is not there for minutes.
         seconds = int(time.process_time()) + _CPU_SECONDS + files // _BYTES_PER_SECOND
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+        # The soft limit ends it with SIGXCPU, which the caller tells from other ends.
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
 
 
 if __name__ == "__main__":

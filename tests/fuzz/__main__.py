@@ -1,4 +1,4 @@
-"""``python -m tests.fuzz SECONDS [SEED ...]``: the long attack; status 1 on a finding."""
+"""``python -m tests.fuzz SECONDS [BATCH [SEED ...]]``: the long attack; status 1 on a finding."""
 
 import sys
 import tempfile
@@ -6,11 +6,14 @@ from pathlib import Path
 
 from tests.fuzz.attack import all_targets, attack
 
+_SEEDS = (1, 2, 3, 4)
+_BATCH = 170  # every reader with four seeds: 20,400 files
 
-def main(seconds: float, seeds: tuple[int, ...]) -> int:
+
+def main(seconds: float, batch: int, seeds: tuple[int, ...]) -> int:
     """Attack all readers and print what was found."""
     with tempfile.TemporaryDirectory() as folder:
-        result = attack(Path(folder), seconds, seeds, all_targets())
+        result = attack(Path(folder), seconds, seeds, all_targets(), batch)
     for finding in result.findings:
         sys.stdout.write(f"{finding}\n")
     sys.stdout.write(f"{result.n_cases:,} files, {len(result.findings)} findings\n")
@@ -18,4 +21,6 @@ def main(seconds: float, seeds: tuple[int, ...]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(float(sys.argv[1]), tuple(int(a) for a in sys.argv[2:]) or (1, 2, 3, 4)))
+    numbers = [int(argument) for argument in sys.argv[1:]]
+    seconds, batch, *seeds = [*numbers, _BATCH][: max(len(numbers), 2)]
+    sys.exit(main(seconds, batch, tuple(seeds) or _SEEDS))

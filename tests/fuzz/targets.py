@@ -27,6 +27,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 from tests.core.io.mask_forms import FORMS
+from tests.core.io.test_splat_bytes import sog_parts, zipped
 from tests.scenes import orbit_cameras, random_gaussians
 
 
@@ -45,6 +46,11 @@ def _splats(suffix: str) -> Target:
         lambda folder: write_splats(folder / name, _gaussians()),
         lambda folder: _used(read_splats(folder / name)),
     )
+
+
+def _sog_folder(folder: Path) -> None:
+    for name, content in sog_parts().items():
+        (folder / name).write_bytes(content)
 
 
 def _gaussians() -> Gaussians:
@@ -144,6 +150,10 @@ def _write_map(path: Path) -> None:
 
 TARGETS: Mapping[str, Target] = {
     **{f"splats{s}": _splats(s) for s in (".ply", ".compressed.ply", ".splat", ".spz")},
+    "splats.sog": Target(
+        lambda f: zipped(f / "a.sog", sog_parts()), lambda f: _used(read_splats(f / "a.sog"))
+    ),
+    "splats in a SOG folder": Target(_sog_folder, read_splats),
     **{f"masks {form}": _masks(form) for form in FORMS},
     "bank": Target(_bank, lambda f: load_bank(f / "bank.npz")),
     "project": Target(

@@ -1,8 +1,7 @@
 """Runs cases of one reader: the part of the attack that may die.
 
-``python -m tests.fuzz.worker TARGET SEED FIRST COUNT FOLDER``: writes each number before its case
-runs, and a line ``! number traceback`` after one that ends in anything but a result or one
-sentence. The memory of the process and the time of a case are limited.
+Sends the number of each case before it runs, and a text after one that ends in anything but a
+result or one sentence; at last `END`. The memory of the process and the time of a case are limited.
 """
 
 import faulthandler
@@ -13,6 +12,8 @@ import shutil
 import sys
 import traceback
 import zlib
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from gaga_core.errors import GagaError
@@ -20,6 +21,18 @@ from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS, Target
 
 MOST_MEMORY, MOST_SECONDS = 4 << 30, 60
+END = -1
+
+
+@dataclass(frozen=True)
+class Cases:
+    """The cases ``first`` to ``first + count - 1`` of the reader ``name`` with a seed."""
+
+    name: str
+    seed: int
+    first: int
+    count: int
+    folder: Path  # holds the good files, the damaged ones and a home
 
 
 def damaged_case(target: Target, name: str, good: Path, place: Path, seed: int) -> Path:
@@ -33,36 +46,30 @@ def damaged_case(target: Target, name: str, good: Path, place: Path, seed: int) 
     return place
 
 
-def main(name: str, seed: int, first: int, count: int, folder: Path) -> None:
-    """Run the cases ``first`` to ``first + count - 1``."""
-    target, good = TARGETS[name], folder / "good"
-    os.environ["GAGA_HOME"] = str(folder / "home")
+def run_cases(cases: Cases, said: Connection) -> None:
+    """Run them, in a process of their own. What it writes to its error stream goes to a file."""
+    target, good = TARGETS[cases.name], cases.folder / "good"
+    os.environ["GAGA_HOME"] = str(cases.folder / "home")
+    errors = (cases.folder / "stderr").open("w", encoding="utf-8")
+    os.dup2(errors.fileno(), sys.stderr.fileno())
     if not good.exists():
         good.mkdir(parents=True)
         target.make(good)
     target.read(good)  # kernels are loaded, and the good files are good
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MOST_MEMORY, used + MOST_MEMORY))
-    for number in range(first, first + count):
-        _say(str(number))
-        place = damaged_case(target, name, good, folder / "case", seed * 1_000_003 + number)
-        faulthandler.dump_traceback_later(MOST_SECONDS, exit=True)
+    for number in range(cases.first, cases.first + cases.count):
+        said.send(number)
+        seed = cases.seed * 1_000_003 + number
+        place = damaged_case(target, cases.name, good, cases.folder / "case", seed)
+        faulthandler.dump_traceback_later(MOST_SECONDS, exit=True, file=errors)
         try:
             target.read(place)
         except GagaError as error:
             if "\n" in str(error):
-                _say(f"! {number} more than one line: {error!r}")
+                said.send(f"more than one line: {error!r}")
         except Exception:  # noqa: BLE001  whatever escapes is what we look for
-            _say(f"! {number} {traceback.format_exc()!r}")
+            said.send(traceback.format_exc())
         finally:
             faulthandler.cancel_dump_traceback_later()
-    _say("end")
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]), Path(sys.argv[5]))
+    said.send(END)

@@ -1,4 +1,6 @@
 import json
+import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -6,7 +8,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.colmap import ColmapReading, read_colmap, write_colmap
 from gaga_core.io.scene_folder import is_scene_folder, open_scene_folder
 from tests.conftest import real_scene
 from tests.scenes import orbit_cameras
@@ -55,6 +57,16 @@ def test_a_truncated_binary_model_ends_no_process(tmp_path: Path) -> None:
         (folder / cut).write_bytes((source / cut).read_bytes()[:100])
         with pytest.raises(GagaError, match="cannot be read"):
             read_colmap(folder)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
+@pytest.mark.parametrize(("name", "why"), [("SIGXCPU", "time limit"), ("SIGKILL", "signal 9")])
+def test_a_reader_that_is_ended_is_one_sentence(tmp_path: Path, name: str, why: str) -> None:
+    """SIGXCPU is what the limit of processor time sends."""
+    reading = ColmapReading(model_in(tmp_path / "0"))
+    reading._process.send_signal(getattr(signal, name))
+    with pytest.raises(GagaError, match=why):
+        reading.result()
 
 
 def test_distorted_cameras_are_used_and_named(caplog: pytest.LogCaptureFixture) -> None:
