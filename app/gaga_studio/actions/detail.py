@@ -1,12 +1,14 @@
-"""Level of detail of objects that no model made: seen while it is dragged, one edit at the end."""
+"""Level of detail of objects that no model made: of all, seen while dragged, and of one object."""
 
 import numpy as np
 
+from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import spread
+from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
 
@@ -46,6 +48,37 @@ def choose(session: Session, level: int) -> None:
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
     document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure))
+
+
+@notifies
+def split_here(session: Session) -> bool:
+    """Make objects of the parts that the selected object has one level finer."""
+    document = session.need()
+    group = _selected_object(session)
+    name = document.name_of(group)
+    edit = edits.split_here(document.settled().scene, group, f"Split {name} here")
+    if edit is None:
+        raise GagaError(f"{name} has no parts at any level. Paint a part of it and use Separate.")
+    return document.do(edit)
+
+
+@notifies
+def join_here(session: Session) -> bool:
+    """Join the selected object with those that are one thing with it one level coarser."""
+    document = session.need()
+    group = _selected_object(session)
+    name = document.name_of(group)
+    edit = edits.join_here(document.settled().scene, group, f"Join {name} here")
+    if edit is None:
+        raise GagaError(f"{name} is one thing at all levels. Select others too, and use Merge.")
+    return document.do(edit)
+
+
+def _selected_object(session: Session) -> int:
+    groups = session.selected_groups()
+    if len(groups) != 1:
+        raise GagaError("Select one object.")
+    return int(groups[0])
 
 
 def _bank(session: Session) -> MemoryBank:

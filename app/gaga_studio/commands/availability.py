@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, quality, search
+from gaga_studio.actions import cleanup, detail, quality, search
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -121,6 +121,14 @@ def not_one_object(session: Session) -> str:
         return reason
     n = len(session.selected_groups())
     return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+def not_one_object_with_levels(session: Session) -> str:
+    """Needs exactly one selected object, in a scene whose objects have levels of detail."""
+    reason = not_one_object(session)
+    if reason or detail.levels_of(session) is not None:
+        return reason
+    return "These objects have no levels of detail: those of regions have (Find objects)."
 
 
 def no_bank(session: Session) -> str:

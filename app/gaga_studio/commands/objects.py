@@ -3,6 +3,7 @@
 from gaga_studio.actions import (
     association_repair,
     cleanup,
+    detail,
     files,
     masks,
     objects,
@@ -26,6 +27,7 @@ from gaga_studio.commands.availability import (
     not_indexable,
     not_nameable,
     not_one_object,
+    not_one_object_with_levels,
     not_one_object_with_masks,
     not_several_objects,
     nothing_hidden,
@@ -99,6 +101,18 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     ),
     Command(
         "object.split", "Split into parts that do not touch", objects.split, enabled=not_one_object
+    ),
+    Command(
+        "object.split_here",
+        "Split here (one level finer)",
+        detail.split_here,
+        enabled=not_one_object_with_levels,
+    ),
+    Command(
+        "object.join_here",
+        "Join here (one level coarser)",
+        detail.join_here,
+        enabled=not_one_object_with_levels,
     ),
     Command(
         "object.split_masks",

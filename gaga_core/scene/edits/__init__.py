@@ -8,6 +8,7 @@ ends in ``values`` hold the edits themselves.
 from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
 from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
+from gaga_core.scene.edits.levels import join_here, split_here
 from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
 from gaga_core.scene.edits.placement import recolor, transform
 from gaga_core.scene.edits.split import separate, split, split_off
@@ -37,6 +38,7 @@ __all__ = [
     "free_group",
     "hide",
     "isolate",
+    "join_here",
     "keep_selection",
     "lock",
     "merge_groups",
@@ -53,6 +55,7 @@ __all__ = [
     "show",
     "show_all",
     "split",
+    "split_here",
     "split_off",
     "together",
     "transform",

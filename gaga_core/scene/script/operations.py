@@ -158,10 +158,7 @@ def _duplicate(scene: Scene, op: Op) -> Edit | None:
 
 
 def _rename(scene: Scene, op: Op) -> Edit | None:
-    groups = groups_of(scene, op)
-    if len(groups) != 1 or groups[0] == 0:
-        raise GagaError(f'Operation {op.at} ("rename"): give one object in "groups".')
-    return edits.rename(scene, groups[0], str(op.fields["name"]))
+    return edits.rename(scene, _one_object(scene, op), str(op.fields["name"]))
 
 
 def _clean(scene: Scene, op: Op) -> Edit | None:
@@ -169,6 +166,21 @@ def _clean(scene: Scene, op: Op) -> Edit | None:
     if not groups:
         raise GagaError(f'Operation {op.at} ("clean"): no object is selected. Give "groups".')
     return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
+
+
+def _split_here(scene: Scene, op: Op) -> Edit | None:
+    return edits.split_here(scene, _one_object(scene, op))
+
+
+def _join_here(scene: Scene, op: Op) -> Edit | None:
+    return edits.join_here(scene, _one_object(scene, op))
+
+
+def _one_object(scene: Scene, op: Op) -> int:
+    groups = groups_of(scene, op)
+    if len(groups) != 1 or groups[0] == 0:
+        raise GagaError(f'Operation {op.at} ("{op.kind}"): give one object in "groups".')
+    return groups[0]
 
 
 GROUPS: Mapping[str, Check] = {"groups": group_list}
@@ -196,6 +208,8 @@ OBJECT_KINDS: Mapping[str, OperationKind] = {
     "duplicate": OperationKind(_duplicate, {}, {**GROUPS, "by": vector, "new_group": flag}),
     "rename": OperationKind(_rename, {"name": name}, GROUPS),
     "merge": OperationKind(lambda s, op: edits.merge_groups(s, groups_of(s, op)), {}, GROUPS),
+    "split_here": OperationKind(_split_here, {}, GROUPS),
+    "join_here": OperationKind(_join_here, {}, GROUPS),
     "clean": OperationKind(_clean, {}, GROUPS),
     "undo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
     "redo": OperationKind(lambda _s, _o: None, {}, {"times": count}),

@@ -121,6 +121,8 @@ _NEEDS_MORE = {
     "tool.pivot_here",
     "object.unlock_all",
     "object.split",
+    "object.split_here",
+    "object.join_here",
     "object.split_masks",
     "object.worst_view",
     "select.alike",

@@ -8,10 +8,31 @@ import numpy as np
 import pytest
 from imgui_bundle import ImVec2
 
-from gaga_studio.actions import detail, files, history
+from gaga_core.scene import edits
+from gaga_studio.actions import detail, files, history, selection
+from gaga_studio.commands import run
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window
+
+
+def _split_and_join(d: Driver) -> None:
+    """From the menu of a right click in the list, and as a command."""
+    session, document = d.session, d.session.need()
+    scene, before = document.scene, document.scene.labels.copy()
+    groups = np.flatnonzero(np.bincount(before)[1:]) + 1
+    group = next(g for g in groups.tolist() if edits.split_here(scene, g) is not None)
+    d.engine.item_click(f"//Objects/**/object {group}/##row", 1)
+    d.engine.item_click("//$FOCUSED/###Split here (one level finer)")
+    d.frames(3)
+    assert len(np.unique(document.scene.labels[before == group])) > 1
+    assert np.array_equal(document.scene.labels[before != group], before[before != group])
+    d.on_main(lambda: selection.select_groups(session, (group,)))
+    assert d.on_main(lambda: run("object.join_here", session))
+    assert (document.scene.labels[before == group] == group).all()
+    for _ in ("join", "select", "split"):
+        history.undo(session)
+    assert np.array_equal(document.scene.labels, before)
 
 
 def test_the_slider_of_detail_is_one_edit(
@@ -44,5 +65,6 @@ def test_the_slider_of_detail_is_one_edit(
         assert session.need().history.cursor == place + 1
         history.undo(session)
         assert np.array_equal(document.scene.labels, before)
+        _split_and_join(d)
 
     drive(walk, path=folder, size=(1280, 720))
