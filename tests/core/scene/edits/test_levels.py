@@ -16,7 +16,7 @@ from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.scenes import random_gaussians
 
-_LEAF = np.repeat(np.arange(8, dtype=np.int32), 30)  # four pairs of leaves under two things, and so on
+_LEAF = np.repeat(np.arange(8, dtype=np.int32), 30)  # in pairs, and those in pairs
 
 
 def _scene() -> Scene:
