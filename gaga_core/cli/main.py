@@ -19,6 +19,7 @@ from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
 from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, ExportCommand, InfoCommand
 from gaga_core.cli.masks import MasksCommand
+from gaga_core.cli.models import ModelsCommand
 from gaga_core.cli.query import QueryCommand
 from gaga_core.cli.reconstruct import ReconstructCommand
 from gaga_core.cli.run import RunCommand
@@ -42,6 +43,7 @@ AnyCommand = (
     | Annotated[BenchmarkCommand, subcommand("benchmark")]
     | Annotated[QueryCommand, subcommand("query")]
     | Annotated[MasksCommand, subcommand("masks")]
+    | Annotated[ModelsCommand, subcommand("models")]
     | Annotated[EditCommand, subcommand("edit")]
     | Annotated[ExportCommand, subcommand("export")]
     | Annotated[RunCommand, subcommand("run")]

@@ -64,6 +64,7 @@ class MasksCommand:
                 "Name a scene folder and a provider of masks (--provider). --list shows them all."
             )
         from gaga_core.io.scene_folder import find_mask_folders, open_scene_folder
+        from gaga_core.models.speed import record
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.segment import SegmentConfig, segment_scene
 
@@ -81,6 +82,8 @@ class MasksCommand:
         )
         draws_depth = "depth" in provider.cues and folder.model_path is not None
         report = out.follow(after_warm_up(stage) if draws_depth else stage)
+        if report.made:
+            record(report.provider, report.seconds / len(report.made))
         for note in report.notes:
             out.say(note)
         others = find_mask_folders(folder.root)

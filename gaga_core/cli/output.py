@@ -30,6 +30,11 @@ def fail(text: str) -> None:
     _messages.print(f"gaga: {text}", markup=False, style="red", soft_wrap=True)
 
 
+def line(text: str) -> None:
+    """One line of the result, for a person or a script."""
+    sys.stdout.write(text + "\n")
+
+
 def follow(stage: Stage[T]) -> T:
     """Run ``stage`` with a progress bar and ETA; Ctrl-C closes it, so nothing half-made stays."""
     columns = (

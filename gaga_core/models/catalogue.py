@@ -1,6 +1,11 @@
 """The models that are known by name."""
 
 from dataclasses import dataclass
+from typing import Literal
+
+from gaga_core.errors import GagaError
+
+Purpose = Literal["masks", "words", "boxes"]  # what `gaga masks`, --index-with, --detector take
 
 
 @dataclass(frozen=True)
@@ -14,6 +19,9 @@ class KnownModel:
     licence: str
     note: str = ""
     file: str = ""  # an original checkpoint that does as well
+    purpose: Purpose = "masks"
+    is_gated: bool = False  # its page asks who you are before it gives the weights
+    gigaflop: float = 0.0  # work for a photo without a graphics card (256 points); 0 = not known
 
     @property
     def page(self) -> str:
@@ -44,7 +52,7 @@ KNOWN = (
     KnownModel("sam-hq-huge", "SAM-HQ ViT-H", "syscv-community/sam-hq-vit-huge", 2570,
                "Apache-2.0", _GPU),
     KnownModel("sam3", "SAM 3 (tracker)", "facebook/sam3", 3440,
-               "SAM License", f"its page asks for your name and consent; {_GPU}"),
+               "SAM License", f"its page asks for your name and consent; {_GPU}", is_gated=True),
     KnownModel("mask2former-tiny", "Mask2Former Swin-T, COCO instances",
                "facebook/mask2former-swin-tiny-coco-instance", 190, "see its page"),
     KnownModel("mask2former-large", "Mask2Former Swin-L, COCO panoptic",
@@ -54,21 +62,31 @@ KNOWN = (
 # Models of words and pictures, for searching groups by meaning (`gaga query --index-with`).
 KNOWN_EMBEDDERS = (
     KnownModel("clip-base", "CLIP ViT-B/32", "openai/clip-vit-base-patch32", 605,
-               "MIT", "the best choice without a graphics card"),
+               "MIT", "the best choice without a graphics card", purpose="words"),
     KnownModel("clip-large", "CLIP ViT-L/14", "openai/clip-vit-large-patch14", 1710,
-               "MIT", _GPU),
+               "MIT", _GPU, purpose="words"),
     KnownModel("siglip-base", "SigLIP B/16", "google/siglip-base-patch16-224", 813,
-               "Apache-2.0"),
+               "Apache-2.0", purpose="words"),
     KnownModel("siglip2-base", "SigLIP 2 B/16", "google/siglip2-base-patch16-224", 1500,
-               "Apache-2.0"),
+               "Apache-2.0", purpose="words"),
 )
 # Detectors of phrases, for finding groups in one view (`gaga query --detector`).
 KNOWN_DETECTORS = (
     KnownModel("grounding-dino-tiny", "Grounding DINO Swin-T", "IDEA-Research/grounding-dino-tiny",
-               690, "Apache-2.0"),
+               690, "Apache-2.0", purpose="boxes"),
     KnownModel("grounding-dino-base", "Grounding DINO Swin-B", "IDEA-Research/grounding-dino-base",
-               933, "Apache-2.0", f"the paper's; {_GPU}"),
+               933, "Apache-2.0", f"the paper's; {_GPU}", purpose="boxes"),
     KnownModel("owlv2-base", "OWLv2 B/16", "google/owlv2-base-patch16-ensemble", 620,
-               "Apache-2.0"),
+               "Apache-2.0", purpose="boxes"),
 )
 # fmt: on
+CATALOGUE = (*KNOWN, *KNOWN_EMBEDDERS, *KNOWN_DETECTORS)
+
+
+def known_model(name: str) -> KnownModel:
+    """The known model called ``name``, by its own name or its repository's; ``GagaError`` else."""
+    for model in CATALOGUE:
+        if name in (model.name, model.hub):
+            return model
+    names = ", ".join(model.name for model in CATALOGUE)
+    raise GagaError(f"There is no known model {name!r}. Choose one of {names}.")

@@ -1,7 +1,8 @@
 """Weights on this machine: where they are searched, and what to say when there are none.
 
-Nothing is ever downloaded. Searched, in this order: a path that the user names, the folder of
-models of this program (`models_folder`), the user's own cache of the Hugging Face hub.
+Nothing is downloaded here (that is `download`, after a person's consent). Searched, in this order:
+a path that the user names, the folder of models of this program (`models_folder`), the user's own
+cache of the Hugging Face hub.
 """
 
 import hashlib
@@ -124,7 +125,8 @@ def where_to_put(model: KnownModel) -> str:
     """One sentence: which files belong where."""
     base = models_folder()
     text = (
-        f"Put config.json, preprocessor_config.json and model.safetensors of {model.page} "
+        f"Get it with gaga models get {model.name}, or under Models in the window. By hand: put "
+        f"config.json, preprocessor_config.json and model.safetensors of {model.page} "
         f"(about {model.megabytes} MB, {model.licence}) into {base / model.name}"
     )
     return text + (f", or {model.file} into {base}." if model.file else ".")

@@ -42,6 +42,7 @@ def find_any(known: tuple[KnownModel, ...], hub_cache: Path | None = None) -> Pa
 def where_to_put_all(model: KnownModel) -> str:
     """One sentence: which files belong where, the words' files included."""
     return (
-        f"Put all files of {model.page} (about {model.megabytes} MB, {model.licence}) into "
-        f"{models_folder() / model.name}."
+        f"Get it with gaga models get {model.name}, or under Models in the window. "
+        f"By hand: put all files of {model.page} (about {model.megabytes} MB, {model.licence}) "
+        f"into {models_folder() / model.name}."
     )

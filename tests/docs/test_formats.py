@@ -12,6 +12,9 @@ import pytest
 
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.models.catalogue import known_model
+from gaga_core.models.hub import Listing
+from gaga_core.models.lock_file import LockedFile, write_lock
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import LiftFigures, lift_scene
 from gaga_core.pipeline.segment import segment_scene
@@ -223,3 +226,13 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
 def test_what_is_read_is_what_the_page_lists(heading: str) -> None:
     required, optional = fields(_PAGE, heading)
     assert set(_STRUCTS[heading].__struct_fields__) == required | optional
+
+
+def test_what_a_lock_of_a_model_holds(tmp_path: Path) -> None:
+    listing = Listing(known_model("sam2.1-tiny"), "https://hub", "main", "5c3e", "apache-2.0", ())
+    file = LockedFile("config.json", 2, "0" * 64, "git")
+    write_lock(tmp_path, listing, "Apache-2.0", "2026-11-22T11:00:00+00:00", [file])
+    lock = _json(tmp_path / "model.lock.json")
+    _check("model.lock.json", lock)
+    (written,) = lock["files"]
+    _check("File of a model", written)

@@ -82,9 +82,18 @@ def test_every_operation_of_edit_scripts_is_listed_with_its_fields() -> None:
 
 @cache
 def _help(command: str) -> str:
+    """The help of a command, and of its actions ("gaga models get") where it has some."""
+    text = _printed(command, "--help")
+    actions = re.search(r"\{([a-z,]+)\}\n", text)
+    if actions is None:
+        return text
+    return text + "".join(_printed(command, name, "--help") for name in actions[1].split(","))
+
+
+def _printed(*arguments: str) -> str:
     out = io.StringIO()
     with redirect_stdout(out), pytest.raises(SystemExit):
-        main([command, "--help"])
+        main(list(arguments))
     return out.getvalue()
 
 
