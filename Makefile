@@ -4,12 +4,13 @@
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
+# make soak COMMANDS=20000  random commands, saves and crashes of the session; nothing may be lost
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test fuzz captures check docs setup bench screenshots clean
+.PHONY: studio test fuzz soak captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -25,6 +26,9 @@ captures: setup
 
 fuzz: setup
 	@$(BIN)/python -m tests.fuzz $(or $(SECONDS),600)
+
+soak: setup
+	@$(BIN)/python -m tests.soak.walk $(or $(COMMANDS),20000)
 
 check: setup
 	@$(BIN)/ruff check .

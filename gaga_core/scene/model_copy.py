@@ -1,5 +1,6 @@
 """Files of splats that other programs change: noticed at every save, and replaced by a copy."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from uuid import uuid4
 
@@ -11,7 +12,14 @@ from gaga_core.io.ply import write_ply
 from gaga_core.scene.scene import Scene
 
 File = tuple[Path, str]  # and the fingerprint of its content
-Copies = dict[tuple[Path, str], File]  # by the folder with the copy, and the former fingerprint
+
+
+@dataclass(eq=False)
+class KnownCopies:
+    """Copies that saves have written, and a folder of files that will be removed."""
+
+    files: dict[tuple[Path, str], File] = field(default_factory=dict)  # by folder, fingerprint
+    leaving: Path | None = None  # an autosave: files of splats in it are copied as if changed
 
 
 class ModelChangedError(GagaError):
@@ -33,16 +41,18 @@ def has_changed(wanted: File) -> bool:
 
 
 def current_file(
-    wanted: File, target: Path, scene: Scene, rows: tuple[int, int] | None, copies: Copies
+    wanted: File, target: Path, scene: Scene, rows: tuple[int, int] | None, known: KnownCopies
 ) -> File:
     """The file that a project in ``target`` must name, where ``wanted`` was opened.
 
-    The file itself when it is as it was, else a copy of it in ``target``: one that ``copies``
-    knows, or a new .ply of the splats ``rows`` (first, end; rows of all files, `Scene.source`).
+    The file itself when it is as it was and stays, else a copy of it in ``target``: one that
+    ``known`` has, or a new .ply of the splats ``rows`` (first, end; rows of all files,
+    `Scene.source`).
     Raises ``ModelChangedError`` when a copy is needed and ``rows`` is None.
     """
-    copied = copies.get((target, wanted[1]))
-    for file in (wanted, copied):
+    copied = known.files.get((target, wanted[1]))
+    leaves = known.leaving is not None and wanted[0].is_relative_to(known.leaving)
+    for file in (None if leaves else wanted, copied):
         if file is not None and not has_changed(file):
             return file
     if rows is None:
@@ -51,5 +61,5 @@ def current_file(
     first, end = np.searchsorted(sources, rows)
     path = target / f"model-{uuid4().hex[:12]}.ply"
     write_ply(path, scene.gaussians.take(places[first:end]))
-    copies[target, wanted[1]] = path, fingerprint(path)
-    return copies[target, wanted[1]]
+    known.files[target, wanted[1]] = path, fingerprint(path)
+    return known.files[target, wanted[1]]

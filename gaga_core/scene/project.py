@@ -38,7 +38,7 @@ from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entr
 from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.edits.append import with_added_stage
 from gaga_core.scene.edits.groups import as_bytes
-from gaga_core.scene.model_copy import Copies, current_file
+from gaga_core.scene.model_copy import KnownCopies, current_file
 from gaga_core.scene.project_file import (
     FILE,
     FORMAT,
@@ -70,7 +70,7 @@ class Project:
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
     # Both are shared by copies of this value, which are what a save works on.
     known_saves: set[str] = field(default_factory=set)  # scene files read or written by this one
-    copies: Copies = field(default_factory=dict)  # copies of files that changed
+    copies: KnownCopies = field(default_factory=KnownCopies)  # of files that changed
 
     @property
     def default_path(self) -> Path:

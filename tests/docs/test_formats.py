@@ -162,12 +162,17 @@ def test_what_autosave_leaves(
     monkeypatch.setenv("GAGA_HOME", str(tmp_path))
     session = Session(Settings())
     session.take(run_stage(open_path_stage(made.root)))
-    session.need().do(edits.delete(session.need().scene, np.arange(3)))
+    scene = session.need().scene
+    session.need().do(edits.delete(scene, np.arange(3)))
+    sure = np.ones(scene.n_opened, np.float32)
+    edit = edits.set_grouping(scene, np.ones(len(scene), np.int32), scene.bank, confidence=sure)
+    session.need().do(edit)
     saver = Autosave(every_s=0.0)
     saver.tick(session)
     saver.wait()
     (note,) = (tmp_path / "recovery").glob("*/recovery.json")
     _check("recovery.json", _json(note))
+    _check("history.npz", _names(note.with_name("history.npz")))
     saver.finish()
 
 

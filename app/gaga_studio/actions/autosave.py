@@ -1,8 +1,9 @@
 """Autosave in a folder of its own, and what is left after a crash.
 
-Every minute with unsaved edits the project is written to a folder under `paths.home`; saving,
-discarding or closing removes it. A folder whose program does not run any more was left by a crash.
-What was recovered from it stays there until the edits are autosaved again, saved or discarded.
+Every minute with unsaved edits the project is written to a folder under `paths.home`, with the undo
+history and the measured quality; saving, discarding or closing removes it. A folder whose program
+does not run any more was left by a crash. What was recovered from it stays there until the edits
+are autosaved again, saved or discarded.
 """
 
 import logging
@@ -22,8 +23,16 @@ import msgspec
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.project_file import FILE, saved_scene
+from gaga_studio.session.history_copy import (
+    HistoryCopy,
+    copy_history,
+    read_history,
+    resume_history,
+    write_history,
+)
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
@@ -102,11 +111,12 @@ class Autosave:
         self._written = now
         project = replace(document.project, scene=replace(document.scene))
         place = str(project.path) if project.path is not None else None
-        quality = dict(document.quality)
+        quality, history = dict(document.quality), copy_history(document)
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
             save_project(project, self._folder, copies_model=True)
+            write_history(self._folder, history, saved_scene(self._folder))
             if quality:
                 with atomic_write(self._folder / _QUALITY) as temporary:
                     temporary.write_bytes(msgspec.json.encode(quality))
@@ -203,19 +213,31 @@ def _recover(session: Session, found: Recovery) -> None:
     The autosave stays until `Autosave` has written or removed the edits; it is this program's now.
     """
 
-    def opened(project: Project) -> None:
-        project.path = found.project
+    def opened(found_there: tuple[Project, HistoryCopy | None]) -> None:
+        project, history = found_there
+        project.path, project.copies.leaving = found.project, found.folder
         if found.project is not None and _is_older(found.project, found.saved_at):
             project.known_saves.add(saved_scene(found.project))
         session.take(project)
         document = session.need()
+        if history is not None:
+            resume_history(document, history)
         document.save_state.saved(None)  # nothing of it is on disk
         document.recovered_from = found.folder
+        names = [project.model_path, *(Path(item.path) for item in project.scene.added)]
+        document.copies_model = any(name.is_relative_to(found.folder) for name in names)
         document.quality = _read_quality(found.folder / _QUALITY)
         place = str(found.project) if found.project is not None else None
         _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 
-    session.jobs.start("Recover", open_path_stage(found.folder), on_done=opened)
+    session.jobs.start("Recover", _open_stage(found.folder), on_done=opened)
+
+
+def _open_stage(folder: Path) -> Stage[tuple[Project, HistoryCopy | None]]:
+    """Open the project of an autosave and its undo history."""
+    project = yield from open_path_stage(folder)
+    yield Progress("Read the undo history", 0, 0)
+    return project, read_history(folder, saved_scene(folder), project.scene)
 
 
 def _read_quality(file: Path) -> "dict[str, Quality]":

@@ -1,6 +1,6 @@
 """The open scene: its history, previews, its selection, and what panels read of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +73,16 @@ class Document:
 
         The same array as long as it was not turned again.
         """
-        return self._worlds.get(self.history.state_id, self._worlds[0])
+        return self.world_of(self.history.state_id)
+
+    def world_of(self, state: int) -> DoubleArray:
+        """`world` in a state of the history."""
+        return self._worlds.get(state, self._worlds[0])
+
+    def resume_worlds(self, worlds: Sequence[DoubleArray], now: int) -> None:
+        """Take ``worlds`` as those of the states 0, 1, 2 and so on; the present one is ``now``."""
+        known = {worlds[now].tobytes(): self.world}
+        self._worlds = {i: known.setdefault(w.tobytes(), w) for i, w in enumerate(worlds)}
 
     def do(
         self, edit: Edit | None, *, is_content: bool = True, turned: DoubleArray | None = None

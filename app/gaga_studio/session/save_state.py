@@ -1,5 +1,7 @@
 """Whether there is something to save: which states of the history hold the same content."""
 
+from collections.abc import Sequence
+
 from gaga_core.scene.edits.history import History
 
 Content = tuple[int, int]
@@ -28,6 +30,11 @@ class SaveState:
     def content(self, state: int) -> Content:
         """Return the content of a state, and the count of changes outside the history."""
         return self._content.get(state, 0), self._outside
+
+    def resume(self, contents: Sequence[int]) -> None:
+        """Take ``contents`` as those of the states 0, 1, 2 and so on."""
+        self._content = dict(enumerate(contents))
+        self._newest = max(contents)
 
     def saved(self, content: Content | None) -> None:
         """Note that ``content`` is on disk now; None: nothing is."""

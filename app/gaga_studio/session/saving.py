@@ -47,6 +47,8 @@ def save(
     def done(where: Path) -> None:
         document.project.path = where
         document.copies_model |= how.copies_model
+        if how.copies_model:
+            document.stamps = stamps(document.project)
         document.save_state.saved(content)
         session.notify(Level.INFO, f"Saved to {where}.")
         if session.document is document:
@@ -127,9 +129,12 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 def _files(project: Project) -> list[tuple[Path, str]]:
-    """Files of splats and their fingerprints."""
+    """Files of splats, or the copies that a save has made of them, and their fingerprints."""
     added = [(Path(item.path), item.fingerprint) for item in project.scene.added]
-    return [(project.model_path, project.model_fingerprint), *added]
+    opened = [(project.model_path, project.model_fingerprint), *added]
+    if project.path is None:
+        return opened
+    return [project.copies.files.get((project.path, file[1]), file) for file in opened]
 
 
 def _question(

@@ -26,6 +26,15 @@ class _Step:
     serial: int  # names the state after it
 
 
+@dataclass(frozen=True, eq=False)
+class HistoryRecord:
+    """A history as values, which a worker may write to a file."""
+
+    edits: tuple[Edit, ...]  # oldest first
+    cursor: int  # how many of them are done
+    forgotten: tuple[dict[str, object], ...]  # recorded form of what undo has forgotten
+
+
 class History:
     """The only one who applies edits to ``scene``.
 
@@ -113,6 +122,16 @@ class History:
         """The scene without the preview (a snapshot while one is on, else the scene itself)."""
         return self._scene if self._base is None else self._base
 
+    @property
+    def state_ids(self) -> tuple[int, ...]:
+        """`state_id` before the oldest entry and after each one."""
+        return (self._base_serial, *(step.serial for step in self._steps))
+
+    def record(self) -> HistoryRecord:
+        """The entries and the cursor as values, for `resume`."""
+        edits = tuple(step.edit for step in self._steps)
+        return HistoryRecord(edits, self._cursor, tuple(self._dropped))
+
     def entries(self) -> tuple[HistoryEntry, ...]:
         """All entries, oldest first."""
         return tuple(
@@ -167,6 +186,18 @@ class History:
             self.undo()
         while self._cursor < cursor:
             self.redo()
+
+    def resume(self, record: HistoryRecord) -> None:
+        """Take the entries of another history, whose scene was what this one is now, bit for bit.
+
+        `state_ids` are 0, 1, 2 and so on then. Raises ``ValueError`` when there are entries here.
+        """
+        if self._serial:
+            raise ValueError("resume: expected a history without entries")
+        self._steps = [_Step(edit, i + 1) for i, edit in enumerate(record.edits)]
+        self._cursor, self._serial = record.cursor, len(record.edits)
+        self._dropped = list(record.forgotten)
+        self.set_budget(self._budget)
 
     def clear(self) -> None:
         """Forget all entries; the scene stays as it is, and so does the recording."""

@@ -63,11 +63,11 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
         return {"kind": "together", "title": edit.title, "edits": parts} if parts else None
     head = {"kind": _kind(edit), "title": edit.title}
     if isinstance(edit, FlipState):
-        flips = [[bits, _set(splats)] for bits, splats in edit.flips]
+        flips = [[bits, encode_set(splats)] for bits, splats in edit.flips]
         return {**head, "n": edit.n, "flips": flips}
     if isinstance(edit, SetLabels):
         ints = {"before": _ints(edit.before), "after": _ints(edit.after)}
-        return {**head, "splats": _set(edit.splats), **ints}
+        return {**head, "splats": encode_set(edit.splats), **ints}
     if isinstance(edit, SetNames):
         return {
             **head,
@@ -83,7 +83,7 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
             "rows": edit.rows.tolist(),
             "before": _table(edit.before),
             "after": _table(edit.after),
-            "moved": _set(edit.moved),
+            "moved": encode_set(edit.moved),
             "rows_from": edit.rows_from.tolist(),
             "rows_to": edit.rows_to.tolist(),
         }
@@ -91,7 +91,7 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
         return {**head, **_appended(edit)}
     assert isinstance(edit, AppendCopies)
     ints = {"labels": _ints(edit.labels), "rows": _ints(edit.rows)}
-    return {**head, "splats": _set(edit.splats), **ints, "state": int(edit.state)}
+    return {**head, "splats": encode_set(edit.splats), **ints, "state": int(edit.state)}
 
 
 def decode_edit(content: object, most_rows: int = MOST_ROWS) -> Edit:
@@ -119,7 +119,7 @@ def _decoded(content: EditJson, most: int) -> Edit:
         return FlipState(
             title,
             _count(content["n"], most),
-            tuple((_count(bits, _MOST_BITS), _set_of(splats, most)) for bits, splats in flips),
+            tuple((_count(bits, _MOST_BITS), decode_set(splats, most)) for bits, splats in flips),
         )
     if kind == "names":
         return SetNames(title, _names(content["before"]), _names(content["after"]))
@@ -129,14 +129,14 @@ def _decoded(content: EditJson, most: int) -> Edit:
     if kind == "labels":
         return SetLabels(
             title,
-            _set_of(content["splats"], most),
+            decode_set(content["splats"], most),
             _ints_of(content["before"], most),
             _ints_of(content["after"], most),
         )
     if kind == "copies":
         return AppendCopies(
             title,
-            _set_of(content["splats"], most),
+            decode_set(content["splats"], most),
             _ints_of(content["labels"], most),
             _ints_of(content["rows"], most),
             State(_count(content["state"], _MOST_BITS)),
@@ -150,7 +150,7 @@ def _decoded(content: EditJson, most: int) -> Edit:
             rows=_rows(content["rows"]),
             before=_table_of(content["before"]),
             after=_table_of(content["after"]),
-            moved=_set_of(content["moved"], most),
+            moved=decode_set(content["moved"], most),
             rows_from=_rows(content["rows_from"]),
             rows_to=_rows(content["rows_to"]),
         )
@@ -229,12 +229,17 @@ def _unpacked(text: object, dtype: str, count: int) -> AnyArray:
     return array
 
 
-def _set(splats: IndexSet) -> dict[str, object]:
+def encode_set(splats: IndexSet) -> dict[str, object]:
+    """A set of splats as it is stored."""
     values: object = splats.data.tolist() if splats.form is Storage.RUNS else _packed(splats.data)
     return {"n": splats.n, "count": splats.count, splats.form.value: values}
 
 
-def _set_of(content: object, most: int) -> IndexSet:
+def decode_set(content: object, most: int) -> IndexSet:
+    """The set of `encode_set`, of a scene of at most ``most`` splats.
+
+    Raises ``ValueError``, ``KeyError`` or ``TypeError`` when it is damaged.
+    """
     values = cast(EditJson, content)
     n = _count(values["n"], most)
     count = _count(values["count"], n)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from gaga_studio.actions import autosave as autosave_actions
-from gaga_studio.actions import objects, quality, selection, transform
+from gaga_studio.actions import history, objects, quality, selection, transform
 from gaga_studio.actions.autosave import Autosave, left_over, offer
 from gaga_studio.session.session import Session
-from tests.app.looks import finish
+from tests.app.looks import finish, snapshot
 
 
 @pytest.fixture(autouse=True)
@@ -218,3 +218,73 @@ def test_what_was_measured_of_the_objects_comes_back(
     assert after is not None
     assert before is not None
     assert dict(after.groups) == dict(before.groups)
+
+
+def test_undo_and_redo_come_back(associated: Session, new_session: Callable[[], Session]) -> None:
+    _edit(associated)
+    _edit(associated)
+    history.undo(associated)
+    document = associated.need()
+    entries, script = document.history.entries(), document.history.recorded()
+    _saved(associated)
+    states = []
+    for cursor in range(len(entries) + 1):
+        document.go_to(cursor)
+        states.append(snapshot(document.scene))
+    _crash()
+    fresh = new_session()
+    offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    again = fresh.need()
+    assert again.history.entries() == entries
+    assert again.history.recorded() == script
+    for cursor in range(len(entries) + 1):
+        again.go_to(cursor)
+        assert snapshot(again.scene) == states[cursor]
+    assert fresh.unsaved
+
+
+def test_a_recovery_record_of_an_older_version_is_read(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    _edit(associated)
+    _saved(associated)
+    next(autosave_actions.root().glob("*/history.npz")).unlink()
+    _crash()
+    fresh = new_session()
+    offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    assert fresh.unsaved
+    assert fresh.need().history.entries() == ()
+
+
+def test_a_model_that_was_gone_is_kept_with_what_is_saved_after_recovery(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    """The autosave holds the only copy of the splats, and is removed after the save."""
+    associated.save()
+    finish(associated)
+    _edit(associated)
+    associated.need().project.model_path.unlink()
+    _saved(associated)
+    state = associated.need().scene.state.copy()
+    associated.shut_down()
+    _crash()
+    fresh = new_session()
+    assert offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    fresh.save()
+    finish(fresh)
+    assert not fresh.unsaved
+    saver = _saved(fresh)
+    saver.finish()
+    assert not list(autosave_actions.root().iterdir())
+    place = fresh.need().project.path
+    assert place is not None
+    again = new_session()
+    again.open(place)
+    finish(again)
+    assert np.array_equal(again.need().scene.state, state)

@@ -1,0 +1,330 @@
+"""The session as a state machine: commands, undo, save, reopen, autosave and crashes in any order.
+
+After each step the scene is compared, bit for bit, with what it was when the history was in the
+same state before. What comes back after a crash is compared with what the autosave was made of.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.io.splat_files import write_splats
+from gaga_core.scene import edits
+from gaga_core.scene.project_file import saved_scene
+from gaga_core.scene.project_scene import scene_arrays
+from gaga_core.scene.scene import Scene
+from gaga_studio import commands
+from gaga_studio.actions import (
+    autosave,
+    color_grade,
+    files,
+    history,
+    named_selections,
+    objects,
+    selection,
+    transform,
+)
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from tests.scenes import objects_scene, random_gaussians
+
+COMMANDS = (
+    "edit.undo", "edit.redo", "edit.duplicate", "edit.delete", "edit.mirror_x", "edit.cancel",
+    "edit.delete_floaters", "select.all", "select.none", "select.invert", "select.grow",
+    "select.shrink", "select.keep", "object.hide", "object.isolate", "object.show_all",
+    "object.merge", "object.separate", "object.split", "object.lock", "object.unlock_all",
+    "camera.add_bookmark", "camera.add_keyframe", "camera.clear_path",
+)  # fmt: skip
+MOST_SPLATS = 4000  # duplicates of everything would double the scene for ever
+_NEVER_S = 1e6
+Snapshot = dict[str, str]  # digest of each column and table
+
+
+def snapshot(scene: Scene) -> Snapshot:
+    """Digests of everything that edits change."""
+    g = scene.gaussians
+    columns = {"means": g.means, "quats": g.quats, "scales": g.log_scales, "sh": g.sh}
+    columns |= {"opacities": g.logit_opacities, **scene_arrays(scene)}
+    digests = {
+        name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest()
+        for name, a in columns.items()
+    }
+    tables = {"names": scene.names, "colors": scene.colors, "sets": list(scene.named_selections)}
+    return digests | {name: repr(table) for name, table in tables.items()}
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What an autosave was made of."""
+
+    states: tuple[Snapshot, ...]  # before the oldest entry, and after each
+    cursor: int
+    titles: tuple[str, ...]
+
+
+@cache
+def _ended_process() -> int:
+    """The number of a process that has ended."""
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    return ended.pid
+
+
+@cache
+def _good_files() -> Path:
+    """Two files of splats, made once in a process."""
+    folder = Path(tempfile.mkdtemp(prefix="gaga-machine-"))
+    made = objects_scene(4, 60)
+    groups = MappingProxyType({"group": made.labels.astype(np.int32)})
+    write_splats(folder / "a.ply", replace(made.gaussians, extra=groups))
+    write_splats(folder / "more.ply", random_gaussians(40, sh_degree=1))
+    return folder
+
+
+class SessionMachine(RuleBasedStateMachine):
+    """One person at the program, who also loses power."""
+
+    n_steps = 0  # of all machines of the process
+
+    @initialize()
+    def begin(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="gaga-machine-"))
+        self._home = os.environ.get("GAGA_HOME")
+        os.environ["GAGA_HOME"] = str(self.folder / "home")
+        for file in _good_files().iterdir():
+            shutil.copyfile(file, self.folder / file.name)
+        self.kept: _Kept | None = None  # what the autosave on disk was made of
+        self.place = self.folder / "a.ply"  # what a new program opens
+        self._start()
+        self.session.open(self.place)
+        self._opened()
+        self.saved = snapshot(self.scene)  # what is in that place
+
+    def teardown(self) -> None:
+        if not hasattr(self, "session"):
+            return
+        self.saver.finish()
+        self.session.shut_down()
+        shutil.rmtree(self.folder)
+        if self._home is None:
+            del os.environ["GAGA_HOME"]
+        else:
+            os.environ["GAGA_HOME"] = self._home
+
+    # --- edits
+
+    @rule(name=st.sampled_from(COMMANDS))
+    def command(self, name: str) -> None:
+        commands.run(name, self.session)
+        self._settle()
+
+    @rule(at=st.integers(0, 9), how=st.sampled_from(["set", "add", "remove", "intersect"]))
+    def select(self, at: int, how: edits.How) -> None:
+        selection.select_groups(self.session, (self._group(at),), how)
+
+    @rule(by=st.tuples(*[st.floats(-2, 2, width=32)] * 3), keeps=st.booleans())
+    def drag(self, by: tuple[float, float, float], keeps: bool) -> None:
+        if not len(self.session.selected_indices()):
+            return
+        for part in (0.5, 1.0):
+            matrix = np.c_[np.eye(3), part * np.array(by)]
+            transform.preview_move(self.session, matrix)
+        (history.commit_preview if keeps else history.cancel_preview)(self.session)
+
+    @rule(rgb=st.tuples(*[st.floats(0, 1, width=32)] * 3), opacity=st.floats(0, 1, width=32))
+    def recolor(self, rgb: tuple[float, float, float], opacity: float) -> None:
+        color_grade.recolor(self.session, rgb, opacity)
+
+    @rule(at=st.integers(0, 9), name=st.text(max_size=12))
+    def rename(self, at: int, name: str) -> None:
+        objects.rename(self.session, self._group(at), name)
+
+    @rule(at=st.integers(0, 9), rgb=st.none() | st.tuples(*[st.floats(0, 1, width=32)] * 3))
+    def color_in_the_list(self, at: int, rgb: tuple[float, float, float] | None) -> None:
+        objects.set_color(self.session, self._group(at), rgb)
+
+    @rule(at=st.integers(0, 9))
+    def assign(self, at: int) -> None:
+        objects.assign(self.session, self._group(at))
+
+    @rule(name=st.sampled_from("abc"), forgets=st.booleans())
+    def name_selection(self, name: str, forgets: bool) -> None:
+        change = named_selections.forget if forgets else named_selections.keep
+        change(self.session, name)
+
+    @rule(seed=st.integers(0, 99))
+    def associate(self, seed: int) -> None:
+        """What an association gives, of labels that only a seed knows."""
+        rng, n = np.random.default_rng(seed), len(self.scene)
+        log = (Decision("a.jpg", seed, 1, True, 0.5, 0, 0.0, 9),)
+        bank = MemoryBank(
+            rng.integers(-1, 4, self.scene.n_opened, np.int32), 4, log, preset="paper"
+        )
+        labels = rng.integers(0, 5, n, np.int32)
+        confidence = rng.random(self.scene.n_opened).astype(np.float32)
+        document = self.session.need()
+        edit = edits.set_grouping(document.settled().scene, labels, bank, confidence=confidence)
+        document.do(edit)
+
+    @rule()
+    def add_splats(self) -> None:
+        if len(self.scene) < MOST_SPLATS:
+            files.add_splats(self.session, self.folder / "more.ply")
+            self._settle()
+
+    # --- history
+
+    @rule(back=st.booleans(), times=st.integers(1, 4))
+    def undo_or_redo(self, back: bool, times: int) -> None:
+        for _ in range(times):
+            (history.undo if back else history.redo)(self.session)
+            self._same_as_before()
+
+    @rule(share=st.floats(0, 1))
+    def go_to(self, share: float) -> None:
+        document = self.session.need()
+        document.go_to(int(share * len(document.history.entries())))
+
+    # --- files
+
+    @rule(elsewhere=st.booleans())
+    def save(self, elsewhere: bool) -> None:
+        target = self.folder / "else.gaga" if elsewhere else None
+        self.session.save(target)
+        self._settle()
+        assert not self.session.unsaved, self._texts()
+        path = self.session.need().project.path
+        assert path is not None
+        self.place, self.saved = path, snapshot(self.scene)
+
+    @rule()
+    def reopen(self) -> None:
+        self.session.close()
+        if self.session.pending_question is not None:
+            self.session.answer("Discard")
+        self._tick()
+        self.session.open(self.place)
+        self._opened()
+        assert snapshot(self.scene) == self.saved
+        assert not self.session.unsaved
+
+    @rule()
+    def autosave(self) -> None:
+        document, before = self.session.need(), self._autosaved()
+        self.saver._next = 0.0
+        self._tick()
+        self.saver._next = time.monotonic() + _NEVER_S
+        if self._autosaved() not in (before, ""):
+            self.kept = _Kept(
+                tuple(self.states[state] for state in document.history.state_ids),
+                document.history.cursor,
+                tuple(entry.title for entry in document.history.entries()),
+            )
+
+    @rule()
+    def lose_power(self) -> None:
+        """The program ends at once; the next one recovers, or opens what was saved."""
+        self.session.shut_down()  # of its threads nothing is left either
+        self.saver._writer.shutdown()
+        for note in autosave.root().glob("*/recovery.json"):
+            content = json.loads(note.read_text())
+            note.write_text(json.dumps(content | {"pid": _ended_process()}))
+        self._start()
+        assert autosave.offer(self.session) == (self.kept is not None)
+        if self.kept is None:
+            self.session.open(self.place)
+            self._opened()
+            assert snapshot(self.scene) == self.saved
+            return
+        self.session.answer("Recover")
+        self._opened()
+        assert self.session.unsaved
+        self._walk(self.kept)
+
+    # --- always
+
+    @invariant()
+    def same_as_before(self) -> None:
+        if hasattr(self, "session"):
+            type(self).n_steps += 1
+            self._same_as_before()
+            self._tick()
+            assert not [text for text in self._texts() if "went wrong" in text]
+            while len(self.scene) > MOST_SPLATS and history.undo(self.session) is not None:
+                pass
+
+    def _same_as_before(self) -> None:
+        now = self.session.need().history.state_id
+        assert self.states.setdefault(now, snapshot(self.scene)) == snapshot(self.scene)
+
+    def _walk(self, kept: _Kept) -> None:
+        """Undo and redo everything that came back."""
+        document = self.session.need()
+        entries = document.history.entries()
+        assert tuple(entry.title for entry in entries) == kept.titles
+        assert document.history.cursor == kept.cursor
+        for cursor in (kept.cursor, *range(len(entries) + 1), kept.cursor):
+            document.go_to(cursor)
+            assert snapshot(document.scene) == kept.states[cursor]
+        ids = document.history.state_ids
+        self.states = dict(zip(ids, kept.states, strict=True))
+
+    # --- the program
+
+    @property
+    def scene(self) -> Scene:
+        assert self.session.scene is not None, self._texts()
+        return self.session.scene
+
+    def _start(self) -> None:
+        self.session = Session(Settings(preset="paper"))
+        self.saver = autosave.Autosave(_NEVER_S)
+
+    def _opened(self) -> None:
+        self._settle()
+        self.states: dict[int, Snapshot] = {0: snapshot(self.scene)}
+        ids = self.session.need().history.state_ids
+        if len(ids) > 1:  # recovered
+            self.states = {}
+
+    def _settle(self) -> None:
+        assert self.session.jobs.wait()
+        if self.session.pending_question is not None:
+            self.session.answer(self.session.pending_question.choices[-1])
+        self.session.take_request()
+
+    def _tick(self) -> None:
+        """A frame of the window, as far as the autosave sees it."""
+        self.saver.tick(self.session)
+        self.saver.wait()
+        self.saver.tick(self.session)
+        self.saver.wait()
+        if not self._autosaved():
+            self.kept = None
+
+    def _autosaved(self) -> str:
+        """The scene file of the autosave on disk, if there is one."""
+        root = autosave.root()
+        found = [saved_scene(folder) for folder in root.iterdir()] if root.exists() else []
+        return next(iter(found), "")
+
+    def _group(self, at: int) -> int:
+        groups = [int(group) for group in self.session.objects().ids if group > 0]
+        return groups[at % len(groups)] if groups else 1
+
+    def _texts(self) -> list[str]:
+        return [notice.text for notice in self.session.notices]
