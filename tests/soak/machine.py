@@ -280,8 +280,7 @@ class SessionMachine(RuleBasedStateMachine):
         for cursor in (kept.cursor, *range(len(entries) + 1), kept.cursor):
             document.go_to(cursor)
             assert snapshot(document.scene) == kept.states[cursor]
-        ids = document.history.state_ids
-        self.states = dict(zip(ids, kept.states, strict=True))
+        self.states.update(zip(document.history.state_ids, kept.states, strict=True))
 
     # --- the program
 
@@ -296,10 +295,9 @@ class SessionMachine(RuleBasedStateMachine):
 
     def _opened(self) -> None:
         self._settle()
-        self.states: dict[int, Snapshot] = {0: snapshot(self.scene)}
         ids = self.session.need().history.state_ids
-        if len(ids) > 1:  # recovered
-            self.states = {}
+        now = {} if len(ids) > 1 else {0: snapshot(self.scene)}  # with more it is recovered
+        self.states: dict[int, Snapshot] = now
 
     def _settle(self) -> None:
         assert self.session.jobs.wait()
