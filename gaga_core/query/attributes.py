@@ -8,19 +8,26 @@ from gaga_core.query.colors import HUES, NAMES, kinship
 from gaga_core.query.grammar import words_of
 from gaga_core.query.group_facts import GroupFacts
 
+_NOT_IN_BROWN = ("brown", "yellow", "gold")  # brown is the shade of all other warm colors
+_MIXED = 0.5  # of all other colors together against the greatest of them
+
 
 def color_scores(facts: GroupFacts, color: str) -> DoubleArray:
     """How much groups (G,) have a color, one of `colors.NAMES`, 0..1.
 
-    By the share of it in what is seen, and how typical of it that is; less when another color
-    prevails. For hues only hues compete: neutral parts of an object do not change its hue.
+    By the share of it in what is seen, and how typical of it that is; less when another color, or
+    a mixture of many, prevails. For hues only hues compete: neutral parts of an object do not
+    change its hue.
     """
     kin = kinship(color)
     share = 0.6 * facts.colors @ kin + 0.4 * facts.vivid @ kin
     rivals = [n for n in (HUES if color in HUES else NAMES) if n != color]
-    rivals = [n for n in rivals if kin[NAMES.index(n)] < 0.3 and (n != "brown" or color == "brown")]
+    rivals = [n for n in rivals if kin[NAMES.index(n)] < 0.3]
+    if color not in _NOT_IN_BROWN:
+        rivals = [n for n in rivals if n != "brown"]
     columns = [NAMES.index(n) for n in rivals]
-    rival = (0.6 * facts.colors[:, columns] + 0.4 * facts.vivid[:, columns]).max(axis=1)
+    others = 0.6 * facts.colors[:, columns] + 0.4 * facts.vivid[:, columns]
+    rival = np.maximum(others.max(axis=1), _MIXED * others.sum(axis=1))
     prevails = np.clip(share / np.maximum(rival, 1e-9), 0, 1) ** 3
     result: DoubleArray = (1 - np.exp(-share / 0.22)) * (0.25 + 0.75 * prevails)
     return result

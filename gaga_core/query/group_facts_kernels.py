@@ -5,6 +5,9 @@ import math
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.kernels import kernel
 
+BEHIND_CELLS = 1.5  # this far behind the nearest splat, in cells of a view, is still its surface
+HIDDEN_SHARE = 0.05  # weight of splats that no view sees, against those that all see
+
 
 @kernel
 def weigh_splats(
@@ -77,11 +80,76 @@ def tally_axes(
 
 
 @kernel
+def nearest_depths(
+    rows: IntArray,  # (N,)
+    points: FloatArray,  # (N, 3)
+    area: FloatArray,  # (N,) negative = does not count
+    axes: DoubleArray,  # (3, 3) rows: right, down and forward of an orthographic view
+    centre: DoubleArray,  # (G, 3) of each group's picture
+    per_unit: DoubleArray,  # (G,) cells by length
+    depths: FloatArray,  # (G, C, C) out: depth of the nearest splat of the group
+) -> None:
+    """Draw each group alone as a small picture of depths; what lies outside is left out."""
+    n = depths.shape[1]
+    for i in range(rows.shape[0]):
+        if area[i] < 0:
+            continue
+        g = rows[i]
+        x = points[i, 0] - centre[g, 0]
+        y = points[i, 1] - centre[g, 1]
+        z = points[i, 2] - centre[g, 2]
+        u = (axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z) * per_unit[g] + 0.5 * n
+        v = (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z) * per_unit[g] + 0.5 * n
+        if 0 <= u < n and 0 <= v < n:
+            depth = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+            depths[g, int(v), int(u)] = min(depths[g, int(v), int(u)], depth)
+
+
+@kernel
+def add_seen(
+    rows: IntArray,  # (N,)
+    placement: IntArray,  # (N,)
+    points: FloatArray,  # (N, 3)
+    area: FloatArray,  # (N,)
+    axes: DoubleArray,  # (3, 3) as in `nearest_depths`
+    centre: DoubleArray,  # (G, 3)
+    per_unit: DoubleArray,  # (G,)
+    depths: FloatArray,  # (G, C, C)
+    sh: FloatArray,  # (N, S, 3)
+    basis: DoubleArray,  # (P, B) of the view's direction in each placement's frame, B <= S
+    seen: FloatArray,  # (N, 4) in and out: sum of colors, and number of views
+) -> None:
+    """Add the color of each splat that nothing of its own group hides in one view."""
+    n = depths.shape[1]
+    for i in range(rows.shape[0]):
+        if area[i] < 0:
+            continue
+        g = rows[i]
+        x = points[i, 0] - centre[g, 0]
+        y = points[i, 1] - centre[g, 1]
+        z = points[i, 2] - centre[g, 2]
+        u = (axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z) * per_unit[g] + 0.5 * n
+        v = (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z) * per_unit[g] + 0.5 * n
+        if not (0 <= u < n and 0 <= v < n):
+            continue
+        depth = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+        if depth > depths[g, int(v), int(u)] + BEHIND_CELLS / per_unit[g]:
+            continue
+        b = basis[placement[i]]
+        for c in range(3):
+            value = 0.5
+            for k in range(b.shape[0]):
+                value += b[k] * sh[i, k, c]
+            seen[i, c] += max(0.0, min(1.0, value))
+        seen[i, 3] += 1.0
+
+
+@kernel
 def tally_looks(
     rows: IntArray,  # (N,)
     placement: IntArray,  # (N,)
     recolor: DoubleArray,  # (P, 3, 4) affine in RGB
-    dc: FloatArray,  # (N, 3) SH coefficients of degree 0
+    seen: FloatArray,  # (N, 4) color as seen from outside, and the share of directions that see it
     points: FloatArray,  # (N, 3)
     area: FloatArray,  # (N,)
     weight: FloatArray,  # (N,)
@@ -101,9 +169,9 @@ def tally_looks(
         g = rows[i]
         w = weight[i] * min(area[i], area_max[g])
         m = recolor[placement[i]]
-        r0 = 0.5 + 0.28209479177387814 * dc[i, 0]
-        g0 = 0.5 + 0.28209479177387814 * dc[i, 1]
-        b0 = 0.5 + 0.28209479177387814 * dc[i, 2]
+        r0 = seen[i, 0]
+        g0 = seen[i, 1]
+        b0 = seen[i, 2]
         red = max(0.0, min(1.0, m[0, 0] * r0 + m[0, 1] * g0 + m[0, 2] * b0 + m[0, 3]))
         green = max(0.0, min(1.0, m[1, 0] * r0 + m[1, 1] * g0 + m[1, 2] * b0 + m[1, 3]))
         blue = max(0.0, min(1.0, m[2, 0] * r0 + m[2, 1] * g0 + m[2, 2] * b0 + m[2, 3]))
@@ -111,7 +179,7 @@ def tally_looks(
         ig = min(levels - 1, int(green * levels))
         ib = min(levels - 1, int(blue * levels))
         # What lies in shade says less of an object's color than its lit side.
-        w *= 0.1 + max(red, green, blue)
+        w *= (0.1 + max(red, green, blue)) * (HIDDEN_SHARE + seen[i, 3])
         entry = table[(ir * levels + ig) * levels + ib]
         s = looks[g]
         for c in range(n_columns):

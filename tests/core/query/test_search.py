@@ -8,6 +8,7 @@ from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.pipeline.search import search
+from gaga_core.query.colors import NAMES
 from gaga_core.query.grammar import parse
 from gaga_core.query.group_facts import compact_rows, facts_of, group_facts
 from gaga_core.query.name_matching import name_scores
@@ -99,6 +100,55 @@ def test_strays_do_not_change_a_group_much(table: Scene) -> None:
     facts = group_facts(strayed, (FRONT, BACK))
     assert np.allclose(facts.extents[0], clean.extents[0], rtol=0.2)
     assert np.allclose(facts.centre[0], clean.centre[0], atol=0.03)
+
+
+def ball(n: int, radius: float) -> Scene:
+    """Grey splats all over a sphere, as group 1."""
+    out = np.random.default_rng(0).normal(size=(n, 3))
+    out *= radius / np.linalg.norm(out, axis=1, keepdims=True)
+    scene = boxes_scene([((0, 0, 0), (1.0,) * 3, "808080")], n)
+    g = scene.gaussians
+    moved = Gaussians(out.astype(np.float32), g.quats, g.log_scales, g.logit_opacities, g.sh)
+    return Scene.of(moved, scene.labels)
+
+
+@pytest.mark.parametrize("cameras", [(), (FRONT, BACK)], ids=["alone", "views"])
+def test_what_is_inside_a_thing_does_not_color_it(cameras: tuple[Camera, ...]) -> None:
+    scene = ball(3000, 1.0)
+    g = scene.gaussians
+    inside = np.arange(3000) % 2 == 0
+    g.means[inside] *= 0.6
+    g.sh[:, 0] = dc_from_rgb(np.where(inside[:, None], (1, 1, 1), (0.1, 0.3, 0.8)))
+    facts = group_facts(scene, cameras)
+    assert facts.colors[0, NAMES.index("blue")] > 0.7
+
+
+def test_the_color_of_a_thing_is_the_one_that_it_has_from_outside() -> None:
+    """A red ball that shines white towards its own middle, from where nobody looks."""
+    scene = ball(3000, 1.0)
+    g, out = scene.gaussians, scene.gaussians.means
+    sh = np.zeros((3000, 4, 3), np.float32)
+    sh[:, 0] = dc_from_rgb(np.tile(np.float32([0.85, 0.55, 0.55]), (3000, 1)))
+    sh[:, 1:, 1:] = np.stack([-out[:, 1], out[:, 2], -out[:, 0]], axis=1)[:, :, None]
+    shining = Gaussians(g.means, g.quats, g.log_scales, g.logit_opacities, sh)
+    facts = group_facts(Scene.of(shining, scene.labels))
+    assert facts.colors[0, NAMES.index("red")] > 0.5
+
+
+def test_wood_is_brown_and_not_yellow() -> None:
+    scene = boxes_scene([((0, 0, 0), (0.2,) * 3, "9a6a3a"), ((0, 0, 0), (0.2,) * 3, "c8981e"),
+                         ((1, 0, 0), (0.2,) * 3, "f0d010")])  # fmt: skip
+    scene.labels[:600] = 1
+    scene.gaussians.sh[300:400] = scene.gaussians.sh[0]  # the grain: more brown than gold
+    assert meant(ask(scene, "yellow")) == {3}
+    assert meant(ask(scene, "brown")) == {1}
+
+
+def test_a_thing_of_many_colors_has_none_of_them() -> None:
+    scene = boxes_scene([((0, 0, 0.1 * k), (0.3, 0.3, 0.1), c) for k, c in enumerate(
+        ("c81414", "1e50c8", "209030", "f57c14", "f0d010"))])  # fmt: skip
+    scene.labels[:] = 1
+    assert not len(meant(ask(scene, "red")) | meant(ask(scene, "blue")))
 
 
 def test_one_huge_splat_does_not_color_a_group() -> None:
