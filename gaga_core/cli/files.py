@@ -80,6 +80,7 @@ class ExportCommand:
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
         from gaga_core.io.splat_files import SplatFormat, form_of
+        from gaga_core.pipeline.describe import describe_project
         from gaga_core.scene.export import (
             export_losses,
             export_objects_stage,
@@ -104,6 +105,7 @@ class ExportCommand:
             written = out.follow(stage)
             out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
             return 0
+        describe_project(project)
         _say(objects_losses(scene, form, self.only or None))
         objects = export_objects_stage(
             scene, self.out, self.only or None, source=str(self.scene), form=form
@@ -142,7 +144,10 @@ class InfoCommand:
         """Print counts, columns, views and groups."""
         from gaga_core.cli.info import describe
 
-        out.result(out.follow(describe(self.file)), as_json=self.json)
+        values = out.follow(describe(self.file))
+        if not self.json:
+            values["objects"] = out.object_names(values["objects"])
+        out.result(values, as_json=self.json)
         return 0
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.pipeline.describe import list_objects
 from gaga_core.progress import Stage
-from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project, open_path_stage
 
 
@@ -22,7 +22,9 @@ def describe(path: Path) -> Stage[dict[str, object]]:
         values["masks"] = list(folder.mask_folders)
     if project.scene.added:
         values["added_files"] = [item.path for item in project.scene.added]
-    values["groups"] = int((object_table(project.scene).ids > 0).sum())
+    objects = list_objects(project)
+    values["groups"] = len(objects)
+    values["objects"] = objects
     values["saved_project"] = str(project.path) if project.path else "none"
     return values
 

@@ -105,6 +105,13 @@ def result(values: Mapping[str, object], *, as_json: bool) -> None:
         sys.stdout.write(f"{key.replace('_', ' '):<{width}}  {_readable(value)}\n")
 
 
+def object_names(objects: object) -> str:
+    """The names in a list of objects (`pipeline.describe.list_objects`), background last."""
+    assert isinstance(objects, list)
+    ordered = sorted(objects, key=lambda entry: bool(entry["background"]))
+    return "; ".join(str(entry["name"]) for entry in ordered) or "none"
+
+
 class Scores(Protocol):
     """A report that can be a table or plain values."""
 

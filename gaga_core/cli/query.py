@@ -44,6 +44,7 @@ class QueryCommand:
         """Print the groups that are meant, the best first, and what was understood."""
         from gaga_core.pipeline import search
         from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.describe import describe_project
         from gaga_core.scene.project import open_path_stage
 
         self._check()
@@ -69,10 +70,13 @@ class QueryCommand:
             answer = out.follow(after_warm_up(stage))
         else:
             views = search.train_views(project)
+            describe_project(project)
             words = search.search_stage(
                 project.scene, self.text, cameras=views, camera=view, pictures=pictures
             )
             answer = out.follow(after_warm_up(words))
+            if answer.unknown and pictures is None:
+                out.say("Index it with --index-with clip-base, or another CLIP or SigLIP.")
         self._print(project, answer, values)
         return 0
 

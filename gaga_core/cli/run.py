@@ -61,9 +61,11 @@ class RunCommand:
     def run(self) -> int:
         """Bring the folder to the state that the window needs."""
         from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.describe import list_objects
         from gaga_core.pipeline.photo_source import source_of
         from gaga_core.pipeline.reconstruct import read_entry
         from gaga_core.pipeline.run import run_folder
+        from gaga_core.scene.project import open_path_stage
 
         config = self._config()
         if self.executor != "none":
@@ -78,7 +80,13 @@ class RunCommand:
         done = out.follow(after_warm_up(stage))
         for note in _new_notes(before, read_entry(scene)):
             out.say(note)
-        values = {"scene": str(scene), "stages_run": list(done), "groups": _n_groups(scene)}
+        objects = list_objects(out.follow(open_path_stage(scene)))
+        values: dict[str, object] = {
+            "scene": str(scene),
+            "stages_run": list(done),
+            "groups": _n_groups(scene),
+            "objects": objects if self.json else out.object_names(objects),
+        }
         out.result(values, as_json=self.json)
         return 0
 

@@ -72,7 +72,15 @@ def search(
     """
     facts = facts_of(scene, cameras)
     look_up = None if pictures is None else noun_scorer(facts.ids, pictures)
-    return search_words(text, facts, scene.names, camera=camera, cameras=cameras, look_up=look_up)
+    return search_words(
+        text,
+        facts,
+        scene.names,
+        described=scene.described,
+        camera=camera,
+        cameras=cameras,
+        look_up=look_up,
+    )
 
 
 def search_stage(

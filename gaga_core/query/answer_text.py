@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from gaga_core.query import lexicon as lex
 from gaga_core.query.grammar import Phrase, Relation, Trait
 
+_CURE = "name it, or index the scene with a model."
 _HINT = "Try a name, a color, a size or a place."
 
 
@@ -30,8 +31,13 @@ def sentence_of(
         said += f", as seen from {view}." if view and _uses_view(phrase) and n_fit else "."
     notes = []
     if lost:
-        words = ", ".join(f"“{word}”" for word in lost)
-        notes.append(f"Not understood: {words}." + ("" if said else f" {_HINT}"))
+        nouns = [word for word in lost if not set(word.split()) <= lex.VOCABULARY]
+        rest = [word for word in lost if word not in nouns]
+        if nouns:
+            notes.append(f"Nothing here is called {_quoted(nouns)}: {_CURE}")
+        if rest:
+            notes.append(f"Not understood: {_quoted(rest)}.")
+        notes += [] if said else [_HINT]
     if _uses_view(phrase) and not has_view:
         notes.append("Places need a view.")
     if not said and not lost:
@@ -68,6 +74,10 @@ def _said(phrase: Phrase, lost: list[str], n_fit: int) -> str:
     if n_fit == 1:
         return f"The only {thing}"
     return f"The {best} of the {n_fit} {thing}"
+
+
+def _quoted(words: Sequence[str]) -> str:
+    return ", ".join(f"“{word}”" for word in words)
 
 
 def _adjective(trait: Trait) -> str:

@@ -22,6 +22,7 @@ from gaga_core.query.spatial_relations import Sight, canonical_view, measure, re
 FITS = 0.5  # a group that scores this is one of those meant
 _SHOWN = 0.05  # groups under this are not in an answer
 _NAMED = 0.6  # under this a name is none of those meant
+_DESCRIBED = 0.8  # worth of a word of a description
 _ENDS = ("nearest", "farthest")  # relations that mean one group
 _SOME, _TELLS = 0.1, 0.75  # a color scored the first among groups of a name is raised to the second
 _ALMOST = 0.9  # an anchor that fits this much less well than the best is one of several
@@ -49,6 +50,7 @@ class Searched:
     seen: Sight | None  # None: no view to take places from
     view: str = ""  # which view that is, for the sentence
     look_up: NounScorer | None = None
+    described: tuple[str, ...] = ()  # by row of facts, "" where there is none
 
 
 def search_words(
@@ -56,22 +58,25 @@ def search_words(
     facts: GroupFacts,
     names: Mapping[int, str],
     *,
+    described: Mapping[int, str] | None = None,
     camera: Camera | None = None,
     cameras: Sequence[Camera] = (),
     look_up: NounScorer | None = None,
 ) -> Answer:
     """Rank the groups of ``facts`` by what ``text`` says.
 
-    ``names`` are those that people gave, by group. Places are those of ``camera``; without one, of
-    the train view that sees most (`canonical_view` of ``cameras``). ``look_up`` scores nouns that
-    are in no name; without it they are reported as not understood.
+    ``names`` are those that people gave, by group; ``described`` are words for other groups, which
+    answer what neither a name nor ``look_up`` does ("box"). Places are those of ``camera``;
+    without one, of the train view that sees most (`canonical_view` of ``cameras``). ``look_up``
+    scores nouns that are in no name; without it they are reported as not understood.
     """
     view = camera or canonical_view(facts, cameras)
     shown = tuple(names.get(int(g), f"group {g}" if g else "") for g in facts.ids)
     seen = None if view is None else sight(facts, view)
     by = "" if view is None else ("this view" if camera is not None else view.name)
     known = frozenset(word for name in shown for word in words_of(name))
-    around = Searched(facts, shown, seen, by, look_up)
+    words = tuple((described or {}).get(int(g), "") for g in facts.ids)
+    around = Searched(facts, shown, seen, by, look_up, words)
     return _answer(parse(text, known), around)
 
 
@@ -195,6 +200,9 @@ def _noun_scores(noun: str, around: Searched) -> DoubleArray | None:
         return np.maximum(named, looked)
     if named.any():
         return named
+    described = name_scores(noun, around.described) if around.described else named
+    if (described >= _NAMED).any():
+        return np.where(described >= _NAMED, np.maximum(described, _DESCRIBED), 0)
     return background_scores(noun, around.facts)
 
 

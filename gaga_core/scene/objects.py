@@ -26,7 +26,7 @@ class ObjectTable:
     n_hidden: LongArray  # (G,)
     n_locked: LongArray  # (G,)
     colors: FloatArray  # (G, 3) swatch
-    names: tuple[str, ...]  # the user's, else "group 12"
+    names: tuple[str, ...]  # see `group_name`
     centre: DoubleArray  # (G, 3) mean position, world, placements applied
     radius: DoubleArray  # (G,) twice the root mean square distance from it
     lo: DoubleArray  # (G, 3) bounding box of centres, world
@@ -91,10 +91,10 @@ def object_table(scene: Scene) -> ObjectTable:
 
 
 def group_name(scene: Scene, group: int) -> str:
-    """The name a person gave, else "group 12"; group 0 is "unassigned"."""
+    """The name a person gave, else its description, else "group 12"; group 0 is "unassigned"."""
     if group == 0:
         return UNASSIGNED
-    return scene.names.get(group, f"group {group}")
+    return scene.names.get(group) or scene.described.get(group) or f"group {group}"
 
 
 def group_indices(scene: Scene, groups: Iterable[int] | int) -> IntArray:

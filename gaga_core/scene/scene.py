@@ -111,6 +111,8 @@ class Scene:
     source: LongArray
     placements: Placements
     names: dict[int, str] = field(default_factory=dict)  # only of groups that a person named
+    # What other groups are called meanwhile: measured (`query.descriptions`), no edit, never saved.
+    described: dict[int, str] = field(default_factory=dict)
     colors: dict[int, RGB] = field(default_factory=dict)  # ... that a person colored in the list
     bank: MemoryBank | None = None  # log of the association that gave the labels
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.

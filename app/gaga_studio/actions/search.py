@@ -38,23 +38,42 @@ EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
 def tick(session: Session) -> None:
-    """Measure what has changed, look up nouns, and update the answer."""
+    """Measure what has changed, describe objects, look up nouns, and update the answer."""
     document = session.document
-    if document is None or session.live is not None:
+    if document is None or session.live is not None or session.is_previewing:
+        return
+    if not document.read.has_groups():
         return
     search = document.search
-    if not search.text.strip() or session.is_previewing:
-        return
+    is_asked = bool(search.text.strip())
     cameras = train_views(document.project)
     key = search.key(document.scene, cameras)
+    is_new = search.measured is None or search.measured.key != key
+    rests = search.rests(key)
+    if not is_new:
+        _describe(document)
     if session.jobs.quiet is None:
         nouns = search.nouns_to_look_up()
-        if search.measured is None or search.measured.key != key:
-            _measure(session, document, cameras, key)
-        elif nouns and search.measured.pictures is not None:
+        if is_new:
+            if is_asked or (rests and session.jobs.running is None):
+                _measure(session, document, cameras, key)
+        elif nouns and search.measured is not None and search.measured.pictures is not None:
             stage = look_up_stage(search.measured.pictures, nouns, search.know)
             session.jobs.start_quiet("Look up words", stage)
-    search.answer(document.scene, session.objects(), cameras)
+    if is_asked:
+        search.answer(document.scene, session.objects(), cameras)
+
+
+def _describe(document: Document) -> None:
+    """Call groups without a name by what was measured of them."""
+    measured = document.search.measured
+    if measured is None or document.search.described is measured:
+        return
+    document.search.described = measured
+    scene = document.scene
+    if scene.described != measured.description.words:
+        scene.described = dict(measured.description.words)
+        scene.revision.names += 1
 
 
 def _measure(session: Session, document: Document, cameras: Sequence[Camera], key: object) -> None:

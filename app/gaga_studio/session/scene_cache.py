@@ -47,8 +47,8 @@ class SceneCache:
         if live is None:
             return self._once("objects", key, lambda: objects.object_table(scene))
         labels, bank = self.live_labels(live), live.bank
-        names = scene.names if live.keeps_ids else {}
-        shown = replace(scene, labels=labels, bank=bank, names=names)
+        names, words = (scene.names, scene.described) if live.keeps_ids else ({}, {})
+        shown = replace(scene, labels=labels, bank=bank, names=names, described=words)
         return self._once("objects", key, lambda: objects.object_table(shown))
 
     def live_labels(self, live: BankSnapshot) -> IntArray:

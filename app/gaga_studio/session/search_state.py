@@ -14,6 +14,7 @@ import numpy as np
 from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.pipeline.describe import Description, describe
 from gaga_core.pipeline.search import Pictures, noun_scorer
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.detector import Detector
@@ -36,6 +37,7 @@ class SceneMeasurements:
     groups: IntArray  # (G,)
     digests: LongArray  # (G,) of what they look like now
     pictures: Pictures | None  # the index next to the project file
+    description: Description  # what groups without a name are called, and which are background
     problem: str = ""  # why the index cannot be used
 
     @property
@@ -61,8 +63,10 @@ class SearchState:
         self.at = 0  # line of the answer that Enter takes
         self.hits: tuple[SearchHit, ...] = ()
         self.sentence = ""  # what was understood
+        self.unknown: tuple[str, ...] = ()  # words that were not
         self.problem = ""  # why a noun could not be looked up
         self.measured: SceneMeasurements | None = None
+        self.described: SceneMeasurements | None = None  # by which objects are called now
         self.detector: Detector | None = None  # the one that was used last, loaded
         self.in_view = ""  # text whose answer came from a detector; "" = from words
         self._camera: Camera | None = None  # from where the text was typed
@@ -72,6 +76,7 @@ class SearchState:
         self._typed_at = 0.0
         self._state: tuple[object, object] = (None, None)
         self._new_index = 0
+        self._newest: tuple[object, float] = (None, 0.0)  # state of the scene, and since when
 
     def type(self, text: str, camera: Camera | None) -> None:
         """Take a new text; left, right and the like are those of ``camera``."""
@@ -106,6 +111,13 @@ class SearchState:
             self._state = (state, zlib.crc32(gone.tobytes()))
         looks = (r.splats, r.labels, r.placement, r.placements)
         return (looks, self._state[1], len(cameras), self._new_index)
+
+    def rests(self, key: object) -> bool:
+        """Whether the scene has been in the state ``key`` for a moment: a drag may be over."""
+        now = time.monotonic()
+        if self._newest[0] != key:
+            self._newest = key, now
+        return now - self._newest[1] > _PAUSE_S
 
     def forget_index(self) -> None:
         """Read the file of the index again at the next measurement."""
@@ -166,6 +178,7 @@ class SearchState:
             self.text,
             found.facts,
             scene.names,
+            described=scene.described,
             camera=self._camera,
             cameras=cameras,
             look_up=self._look_up(found.facts, found.pictures),
@@ -186,7 +199,7 @@ class SearchState:
             for k, (group, score) in enumerate(pairs)
             if group in there
         ]
-        self.sentence = answer.sentence
+        self.sentence, self.unknown = answer.sentence, answer.unknown
         if not self.in_view:
             shown = {hit.group for hit in hits}
             called = [g for g in _called(table, self.text) if g not in shown]
@@ -215,7 +228,8 @@ def measure_stage(
         pictures, problem = load(), ""
     except GagaError as error:
         pictures, problem = None, str(error)
-    take(SceneMeasurements(key, facts, groups, digests, pictures, problem))
+    words = describe(scene, facts, cameras, kept=scene.described)
+    take(SceneMeasurements(key, facts, groups, digests, pictures, words, problem))
 
 
 def look_up_stage(

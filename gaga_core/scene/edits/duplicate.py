@@ -1,5 +1,8 @@
 """Builder of the edit that duplicates splats."""
 
+import re
+from collections.abc import Set
+
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
@@ -21,7 +24,8 @@ def duplicate(
     """Append copies of these splats, moved by ``matrix`` (3, 4) world; the copies get selected.
 
     With ``new_group`` each group that is copied whole becomes a new group, named after the
-    original ("mug copy"); copies of a part of a group stay in it. Deleted splats are not copied.
+    original ("mug 2") where that has a name; copies of a part of a group stay in it. Deleted
+    splats are not copied.
     """
     splats = sorted_indices(indices, len(scene))
     splats = splats[~scene.has(State.DELETED)[splats]]
@@ -77,12 +81,24 @@ def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, SetNames |
     fresh = free_group(scene) + np.arange(len(whole), dtype=np.int32)
     target = np.arange(n_labels, dtype=np.int32)
     target[whole] = fresh
-    after = [
-        (int(new), f"{scene.names.get(int(old), f'group {old}')} copy")
-        for old, new in zip(whole, fresh, strict=True)
-    ]
+    used = set(scene.names.values())
+    after = []
+    for old, new in zip(whole, fresh, strict=True):
+        if int(old) in scene.names:
+            name = _next_name(scene.names[int(old)], used)
+            used.add(name)
+            after.append((int(new), name))
     names = SetNames("Rename", tuple((group, None) for group, _ in after), tuple(after))
-    return target[labels], names
+    return target[labels], names if after else None
+
+
+def _next_name(name: str, used: Set[str]) -> str:
+    """The first free of "mug 2", "mug 3" for a copy of "mug", and of "mug 2" if there is a mug."""
+    base = re.sub(r" \d+$", "", name)
+    stem, k = base if base in used else name, 2
+    while f"{stem} {k}" in used:
+        k += 1
+    return f"{stem} {k}"
 
 
 def free_group(scene: Scene) -> int:

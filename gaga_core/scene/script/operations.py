@@ -12,7 +12,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.objects import group_indices, group_name, selected_groups, selected_indices
+from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.fields import (
     Check,
@@ -64,7 +64,8 @@ def groups_of(scene: Scene, op: Op) -> list[int]:
         return [int(g) for g in selected_groups(scene)]
     assert isinstance(wanted, tuple)
     present = {int(g) for g in np.unique(scene.labels)}
-    by_name = {group_name(scene, g): g for g in sorted(present, reverse=True)}
+    by_name = {f"group {g}": g for g in present}  # a description may change: scripts do not use it
+    by_name |= {scene.names[g]: g for g in sorted(present, reverse=True) if g in scene.names}
     found: list[int] = []
     for item in wanted:
         group = by_name.get(item) if isinstance(item, str) else item

@@ -70,7 +70,7 @@ def test_the_whole_walk(
     np.testing.assert_allclose(moved - start, np.tile([0, 0, 0.5], (len(start), 1)), atol=1e-6)
     transform.duplicate(session)
     (copy,) = session.selected_groups()
-    assert session.need().name_of(copy) == "red mug copy"
+    assert session.need().name_of(copy) == "red mug 2"
     selection.select_groups(session, (doomed,))
     objects.delete(session)
     selection.select_groups(session, (bowl,))

@@ -128,7 +128,7 @@ def test_the_color_of_a_thing_is_the_one_that_it_has_from_outside() -> None:
     scene = ball(3000, 1.0)
     g, out = scene.gaussians, scene.gaussians.means
     sh = np.zeros((3000, 4, 3), np.float32)
-    sh[:, 0] = dc_from_rgb(np.tile(np.float32([0.85, 0.55, 0.55]), (3000, 1)))
+    sh[:, 0] = dc_from_rgb(np.tile(np.array([0.85, 0.55, 0.55], np.float32), (3000, 1)))
     sh[:, 1:, 1:] = np.stack([-out[:, 1], out[:, 2], -out[:, 0]], axis=1)[:, :, None]
     shining = Gaussians(g.means, g.quats, g.log_scales, g.logit_opacities, sh)
     facts = group_facts(Scene.of(shining, scene.labels))
@@ -360,7 +360,9 @@ def test_sentences_say_what_was_understood(table: Scene) -> None:
     assert front == "The leftmost of the 5 objects, as seen from front.png."
     answer = ask(table, "red zebra")
     assert answer.unknown == ("zebra",)
-    assert answer.sentence == "2 red objects. Not understood: “zebra”."
+    assert answer.sentence == (
+        "2 red objects. Nothing here is called “zebra”: name it, or index the scene with a model."
+    )
     lost = ask(table, "zebra")
     assert (len(lost.groups), lost.n_meant) == (0, 0)
     assert "Try a name, a color, a size or a place." in lost.sentence

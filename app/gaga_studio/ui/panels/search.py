@@ -157,12 +157,13 @@ def _understood(session: Session, search: SearchState) -> None:
         "Select all that fit", Face(f"Select all {n:,}"), hint="Add them", shortcut="Shift+Enter"
     ):
         search_actions.take_all(session)
-    if not search.hits and not search.in_view and not search.is_looking_up:
+    is_short = not search.hits or search.unknown
+    if is_short and not search.in_view and not search.is_looking_up:
         _ways_out(session)
 
 
 def _ways_out(session: Session) -> None:
-    """Nothing was found: what else understands more."""
+    """Show what else understands more: nothing was found, or a word is not known."""
     for command_id in _ASKING[:2]:
         command = commands.command(command_id)
         why_not = command.enabled(session)

@@ -179,7 +179,7 @@ def test_a_duplicate_is_a_new_named_group_and_becomes_the_selection() -> None:
     fresh = 8  # the bank of walk_scene knows 7 groups
     assert selected_indices(scene).tolist() == new.tolist()
     assert (scene.labels[new] == fresh).all()
-    assert scene.names == {2: "mug", fresh: "mug copy"}
+    assert scene.names == {2: "mug", fresh: "mug 2"}
     assert scene.source[new].tolist() == splats.tolist()
     assert np.allclose(world_means(scene)[new], world_means(scene)[splats] + [0, 0, 1], atol=1e-5)
     now = scene.gaussians

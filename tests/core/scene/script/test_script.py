@@ -36,7 +36,7 @@ def test_a_script_does_what_the_window_does() -> None:
             {"op": "delete", "groups": [5]},
             {"op": "rename", "groups": [3], "name": "bowl"},
             {"op": "merge", "groups": [6, 1]},
-            {"op": "isolate", "groups": ["bowl", "mug copy"]},
+            {"op": "isolate", "groups": ["bowl", "mug 2"]},
         ],
         history,
     )

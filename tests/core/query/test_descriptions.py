@@ -1,0 +1,104 @@
+"""What groups are called that nobody has named."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gaga_core.query.descriptions import describe_groups
+from gaga_core.query.group_facts import group_facts
+from gaga_core.query.shapes import shapes_of
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.objects import group_indices, object_table
+from gaga_core.scene.scene import Scene
+from tests.core.query.test_search import BACK, FRONT, TABLE, Boxes, ball, boxes_scene
+
+VIEWS = (FRONT, BACK)
+
+
+def shells(boxes: Boxes, per_box: int = 400) -> Scene:
+    """`boxes_scene` with the splats on the faces."""
+    scene = boxes_scene(boxes, per_box)
+    rng = np.random.default_rng(1)
+    for k, (centre, sides, _) in enumerate(boxes, start=1):
+        means = scene.gaussians.means
+        own = np.flatnonzero(scene.labels == k)
+        axis = rng.integers(0, 3, len(own))
+        out = rng.choice((-0.5, 0.5), len(own))
+        means[own, axis] = np.array(centre)[axis] + out * np.array(sides)[axis]
+    return scene
+
+
+def described(scene: Scene, kept: dict[int, str] | None = None) -> dict[int, str]:
+    return describe_groups(scene, group_facts(scene, VIEWS), VIEWS, kept)
+
+
+@pytest.fixture
+def table() -> Scene:
+    return shells(TABLE)
+
+
+def test_things_are_called_by_color_shape_and_size() -> None:
+    words = described(shells([TABLE[0], ((0, 0, 0.4), (0.8, 0.8, 0.8), "1e50c8"), *TABLE[2:]]))
+    assert words[1] == "red box"
+    assert words[2] == "blue box, large"
+    assert words[3] == "yellow box"
+    assert words[5] == "red flat thing"
+    assert words[6] == "grey floor"
+
+
+def test_a_place_tells_apart_what_would_be_called_the_same() -> None:
+    row: Boxes = [((x, 0, 0), (0.2,) * 3, "c81414") for x in (-1.2, -0.4, 0.4, 1.2)]
+    words = described(shells(row))
+    assert words[1] == "red box on the left"
+    assert words[4] == "red box on the right"
+
+
+def test_words_are_unique_and_never_those_of_a_name(table: Scene) -> None:
+    many: Boxes = [((0.01 * k, 0.3 * k, 0), (0.2,) * 3, "c81414") for k in range(9)]
+    scene = boxes_scene(many, 100)
+    scene.names = {4: "red box", 5: "red box 2"}
+    words = described(scene)
+    assert sorted(words) == [1, 2, 3, 6, 7, 8, 9]
+    assert len({*words.values(), *scene.names.values()}) == 9
+
+
+def test_words_that_are_still_true_stay(table: Scene) -> None:
+    """Through edits of other groups, in any order; a name always stays."""
+    many: Boxes = [((0.01 * k, 0.3 * k, 0), (0.2,) * 3, "c81414") for k in range(9)]
+    scene = boxes_scene(many, 100)
+    history, before = History(scene), described(scene)
+    for gone in (1, 3):
+        history.do(edits.delete(scene, group_indices(scene, gone)))
+    history.do(edits.rename(scene, 5, "Ada"))
+    after = described(scene, before)
+    assert after == {g: text for g, text in before.items() if g not in (1, 3, 5)}
+    history.do(
+        edits.recolor(scene, group_indices(scene, 2), np.diag([0.1, 0.2, 4.0]) @ np.eye(3, 4))
+    )
+    again = described(scene, after)
+    assert not again[2].startswith("red")
+    assert {g: t for g, t in again.items() if g != 2} == {g: t for g, t in after.items() if g != 2}
+
+
+def test_the_list_shows_them_until_a_person_names_the_group(table: Scene) -> None:
+    history = History(table)
+    table.described = described(table)
+    history.do(edits.rename(table, 1, "apple"))
+    names = object_table(table).names
+    assert names[:2] == ("apple", table.described[2])
+    assert not any(re.match(r"group \d", name) for name in names)
+
+
+def test_shape_words_are_those_of_the_shapes() -> None:
+    def box(sides: tuple[float, float, float]) -> str:
+        scene = shells([((0, 0, 0), sides, "808080")], 1200)
+        return shapes_of(scene, group_facts(scene, VIEWS))[0]
+
+    assert box((0.2, 0.2, 0.2)) == box((0.3, 0.15, 0.2)) == "box"
+    assert box((0.4, 0.3, 0.04)) == "flat"
+    assert box((0.9, 0.1, 0.1)) == "long"
+    assert box((0.1, 0.1, 0.9)) == "tall"
+    sphere = ball(1200, 0.5)
+    assert shapes_of(sphere, group_facts(sphere))[0] == "round"
