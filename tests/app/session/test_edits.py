@@ -104,7 +104,7 @@ def test_the_whole_walk(
     finish(session)
     assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == [
         "groups.json",
-        "red-mug-copy.ply",
+        "red-mug-2.ply",
     ]
 
     session.save()
