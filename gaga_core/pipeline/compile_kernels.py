@@ -143,7 +143,7 @@ def _search(sample: _Sample) -> object:
 def _train(sample: _Sample) -> object:
     """A training of a few steps: half size and full, every SH degree, density, held-out views."""
     # Loaded here: association and rendering do not use it.
-    from gaga_core.reconstruct.initial import first_splats_stage
+    from gaga_core.reconstruct.first_splats import first_splats_stage
     from gaga_core.reconstruct.settings import TrainConfig
     from gaga_core.reconstruct.train import train
     from gaga_core.reconstruct.views import TrainView, TrainViews

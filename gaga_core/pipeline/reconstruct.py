@@ -121,7 +121,7 @@ def train_scene(
     """
     # Loaded when there is something to train: the kernels take a good part of the launch time.
     from gaga_core.reconstruct.distributed import joined_team
-    from gaga_core.reconstruct.initial import first_splats_stage
+    from gaga_core.reconstruct.first_splats import first_splats_stage
     from gaga_core.reconstruct.report import Cost, report_of
     from gaga_core.reconstruct.train import train_stage
     from gaga_core.reconstruct.views import load_views_stage

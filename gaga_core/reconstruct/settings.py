@@ -73,6 +73,7 @@ class TrainConfig:
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
     stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos
     cover: int = 10_000  # at most so many splats are put where views show no point
+    shell: int = 0  # splats of a sphere behind everything, if it were whole
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
     exposure: bool = False  # a gain and an offset per photo and channel are trained along
@@ -116,6 +117,7 @@ class TrainConfig:
                 half_until=0.25,
                 sh_every=0.1,
                 stereo=40_000,
+                shell=2000,
                 rates=_quick(RateConfig(means=4e-4, log_scales=8e-3, sh=5e-3)),
                 density=_quick_density(250_000),
             )
@@ -127,6 +129,7 @@ class TrainConfig:
                 half_until=0.3,
                 sh_every=0.15,
                 stereo=20_000,
+                shell=2000,
                 rates=_quick(RateConfig(means=8e-4, log_scales=0.01, sh=0.01)),
                 density=_quick_density(80_000),
             )

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.initial import first_splats_stage
+from gaga_core.reconstruct.first_splats import first_splats_stage
 from gaga_core.reconstruct.settings import TrainConfig
 from gaga_core.reconstruct.train import train
 from tests.bench.figures import Figure

@@ -15,7 +15,7 @@ from gaga_core.io.colmap import read_colmap
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.initial import first_splats_stage
+from gaga_core.reconstruct.first_splats import first_splats_stage
 from gaga_core.reconstruct.settings import TrainConfig
 from gaga_core.reconstruct.train import TrainUpdate, train_stage
 from gaga_core.reconstruct.views import TrainViews, load_views_stage

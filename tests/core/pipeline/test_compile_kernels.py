@@ -22,7 +22,7 @@ from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.reconstruct.initial import first_splats_stage
+from gaga_core.reconstruct.first_splats import first_splats_stage
 from gaga_core.reconstruct.settings import TrainConfig
 from gaga_core.reconstruct.train import train
 from gaga_core.reconstruct.views import TrainView, TrainViews

