@@ -33,6 +33,7 @@ from gaga_studio.ui.dialogs import (
     export_options,
     first_steps,
     make_masks,
+    models,
     preferences,
     sheets,
     shortcuts,
@@ -251,6 +252,7 @@ class Studio:
         call("Make splats", lambda: training.sheet(session, ui.plan))
         call("Menus", lambda: command_buttons.picture_menus(session))
         call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
+        call("Models", lambda: models.draw(session))
         call(
             "First steps",
             lambda: first_steps.draw(session, ui.area, self._steps, is_covered=is_covered),

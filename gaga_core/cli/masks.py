@@ -82,7 +82,7 @@ class MasksCommand:
         )
         draws_depth = "depth" in provider.cues and folder.model_path is not None
         report = out.follow(after_warm_up(stage) if draws_depth else stage)
-        if report.made:
+        if report.made and provider.name != "regions":
             record(report.provider, report.seconds / len(report.made))
         for note in report.notes:
             out.say(note)

@@ -69,7 +69,7 @@ class HubConfig:
     def why_offline(self) -> str:
         """Why nothing may be asked; "" when it may."""
         if self.is_offline:
-            return "gaga is set to work offline"
+            return "the program is set to work offline"
         for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE"):
             if os.environ.get(name, "").upper() in _TRUE:
                 return f"{name} is set"

@@ -32,6 +32,7 @@ def scene_folder(made_scene: Path, tmp_path: Path) -> Path:
 def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Session]]:
     """Makes sessions, with a home of their own, and ends their threads."""
     monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")  # no test asks the real hub
     made: list[Session] = []
 
     def make() -> Session:

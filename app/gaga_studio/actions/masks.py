@@ -11,6 +11,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.mask_import import recognise
 from gaga_core.io.masks import read_labels, view_key
 from gaga_core.io.scene_folder import SceneFolder, find_mask_folders
+from gaga_core.models.speed import record
 from gaga_core.models.weights import models_folder, weights_at
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
 from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, segment_scene
@@ -76,8 +77,9 @@ def first_steps() -> str:
     """Return what to tell the user while no model is here."""
     return (
         "Regions work at once, on any computer: they follow color, texture and the shape of the "
-        "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects. Nothing"
-        f" is downloaded for you: put a model's files into {models_folder()}, or name its folder."
+        "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects: choose "
+        "one and get it. Nothing is downloaded without your consent. Or put its files into "
+        f"{models_folder()}, or name its folder."
     )
 
 
@@ -131,6 +133,9 @@ def make(session: Session, request: MaskRequest | None = None) -> None:
 
     def done(report: SegmentReport) -> None:
         ended.append(report)
+        if report.made and report.provider != REGIONS:
+            record(report.provider, report.seconds / len(report.made))
+            session.models.entries = ()  # looked at again
         if session.document is document:
             choose(session, report.folder.name)
         n = len(report.made) + len(report.kept)

@@ -6,6 +6,7 @@ from gaga_studio.actions import (
     detail,
     files,
     masks,
+    models,
     objects,
     quality,
     search,
@@ -50,6 +51,14 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         masks.make,
         enabled=masks.no_photos,
     ),
+    Command(
+        "object.masks_model",
+        "Make masks with a model",
+        models.make_masks,
+        enabled=models.why_no_masks,
+        describe=models.title,
+    ),
+    Command("object.models", "Models…", ask(Request.MODELS)),
     Command(
         "object.import_masks",
         "Import masks from a folder…",

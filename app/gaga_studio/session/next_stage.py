@@ -19,12 +19,12 @@ class StageOffer:
     action: str = ""  # text of the button
     command: str = ""  # id in the command table
     seconds: float = 0.0  # estimate
-    note: str = ""  # in brackets behind the action: "regions"
-    more: tuple[str, str] = ("", "")  # another way: text of a button and its command
+    note: str = ""  # in brackets behind the action: "now, without a model"
+    more: tuple[tuple[str, str], ...] = ()  # other ways: texts of buttons and their commands
 
     @property
     def label(self) -> str:
-        """ "Make masks (regions, about 20 s)", "Find objects, about 20 s"."""
+        """ "Make masks (now, without a model, about 20 s)", "Find objects, about 20 s"."""
         if self.note:
             return f"{self.action} ({', '.join(filter(None, (self.note, self.duration)))})"
         return ", ".join(filter(None, (self.action, self.duration)))
@@ -32,11 +32,16 @@ class StageOffer:
     @property
     def duration(self) -> str:
         """ "about 20 s", "about 3 min"; empty without an estimate."""
-        if self.seconds <= 0:
-            return ""
-        if self.seconds < 90:
-            return f"about {max(5 * round(self.seconds / 5), 5)} s"
-        return f"about {round(self.seconds / 60)} min"
+        return duration_text(self.seconds)
+
+
+def duration_text(seconds: float) -> str:
+    """ "about 20 s", "about 3 min"; empty when it is not known."""
+    if seconds <= 0:
+        return ""
+    if seconds < 90:
+        return f"about {max(5 * round(seconds / 5), 5)} s"
+    return f"about {round(seconds / 60)} min"
 
 
 def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
@@ -76,5 +81,6 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
         )
     seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
     reason = f"{n_photos} photos have no masks yet."
-    more = ("Other ways…", "object.masks")
-    return StageOffer(reason, "Make masks", "object.masks_quick", seconds, "regions", more)
+    more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
+    note = "now, without a model"
+    return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)

@@ -13,6 +13,7 @@ class Request(Enum):
     PREFERENCES = auto()
     MAKE_MASKS = auto()
     EXPORT_MASKS = auto()
+    MODELS = auto()
     EXPORT_OBJECTS = auto()
     MAKE_SPLATS = auto()
     SAVE_FILM = auto()

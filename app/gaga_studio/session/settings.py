@@ -29,6 +29,7 @@ _PATTERNS: Mapping[str, str] = {
     "theme": "dark|light",
     "keys": "supersplat|blender",
     "background": "#[0-9a-fA-F]{6}",
+    "hub_mirror": r"|https?://\S{1,300}",
 }
 
 
@@ -49,6 +50,8 @@ class Settings:
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
     undo_megabytes: float = 1024.0  # what undo may hold
     first_steps_done: bool = False  # the card of five steps is hidden
+    hub_mirror: str = ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
+    works_offline: bool = False  # no hub is ever asked
 
     @property
     def background_color(self) -> tuple[float, float, float]:
@@ -117,7 +120,7 @@ def _checked(content: dict[str, object]) -> Settings:
         elif isinstance(default, float):
             if isinstance(value, int | float) and not isinstance(value, bool):
                 values[item.name] = _in_range(item.name, float(value), default)
-        elif type(value) is type(default) and _is_known(item.name, value):
+        elif type(value) is type(default) and is_known(item.name, value):
             values[item.name] = value
     return replace(defaults, **values)  # type: ignore[arg-type]  # kinds are checked above
 
@@ -128,6 +131,7 @@ def _in_range(name: str, value: float, default: float) -> float:
     return min(max(value, low), high) if value > 0 and math.isfinite(value) else default
 
 
-def _is_known(name: str, value: object) -> bool:
+def is_known(name: str, value: object) -> bool:
+    """Whether a text is one that the setting ``name`` can have."""
     pattern = _PATTERNS.get(name)
     return pattern is None or re.fullmatch(pattern, str(value)) is not None

@@ -4,6 +4,7 @@ from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs import (
     export_options,
     make_masks,
+    models,
     open_and_save,
     preferences,
     sheets,
@@ -23,6 +24,7 @@ def request_table(ui: UiState) -> RequestTable:
     training.register(table)
     export_options.register(table)
     make_masks.register(table)
+    models.register(table)
     open_and_save.register(table, ui.files)
     objects.register(table, lambda: ui.scene.objects)
     search.register(table, lambda: ui.scene.objects.search, ui.area)

@@ -41,8 +41,8 @@ def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Sess
     offer = bare.stage_offer()
     assert offer is not None
     assert offer.command == "object.masks_quick"
-    assert offer.label.startswith("Make masks (regions, about ")
-    assert offer.more[1] == "object.masks"
+    assert offer.label.startswith("Make masks (now, without a model, about ")
+    assert [command for _, command in offer.more] == ["object.masks_model", "object.masks"]
     masks.make(bare)
     assert bare.jobs.wait()
     assert bare.provider == "regions"

@@ -14,6 +14,7 @@ from gaga_studio.session.view_state import Mode, ToolName
 
 # What can be done with nothing open.
 _ALWAYS = {
+    "object.models",
     "file.open_folder",
     "file.open_file",
     "file.demo",
@@ -115,6 +116,7 @@ _NEEDS_MORE = {
     "object.clean_apply",
     "object.find_in_view",
     "object.index",
+    "object.masks_model",
     "object.name_all",
     "edit.confirm",
     "tool.remove_corner",

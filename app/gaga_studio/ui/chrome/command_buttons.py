@@ -25,6 +25,7 @@ ICONS = {
     "object.associate": icons.RUN,
     "object.masks": icons.MASK,
     "object.masks_quick": icons.MASK,
+    "object.masks_model": icons.MASK,
     "object.find": icons.SEARCH,
     "file.export_masks": icons.EXPORT,
     "object.hide": icons.EYE_OFF,

@@ -9,9 +9,10 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.models.catalogue import known_model
 from gaga_core.models.weights import models_folder
 from gaga_core.segmentation.choose import ProviderEntry
-from gaga_studio.actions import mask_settings, masks
+from gaga_studio.actions import mask_settings, masks, models
 from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
@@ -211,6 +212,11 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         imgui.dummy(ImVec2(0, em(0.2)))
         imgui.text_wrapped(entry.reason)
         imgui.pop_text_wrap_pos()
+        if entry.page and widgets.button("Get", Face("Get it…", primary=True)):
+            imgui.close_current_popup()
+            session.request = Request.MODELS
+            models.ask(session, known_model(entry.name))
+        imgui.same_line()
         if entry.page and widgets.button("Copy the address", Face("Copy the address of its page")):
             imgui.set_clipboard_text(entry.page)
         return

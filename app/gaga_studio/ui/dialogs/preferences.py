@@ -1,12 +1,13 @@
-"""Preferences: what the program remembers, in four groups; each is saved as it is changed."""
+"""Preferences: what the program remembers, in five groups; each is saved as it is changed."""
 
 from dataclasses import dataclass, field, replace
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.models.hub import HUB
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.settings import RANGES, Settings, hex_color
+from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit.requests import RequestTable
@@ -24,6 +25,7 @@ class DraggedPreferences:
     """Numbers that are being dragged, by the names of the settings."""
 
     values: dict[str, float] = field(default_factory=dict)
+    mirror: str | None = None  # being typed
 
 
 def register(table: RequestTable) -> None:
@@ -35,14 +37,16 @@ def draw(session: Session, dragged: DraggedPreferences) -> None:
     """The whole sheet."""
     if not begin_modal(_SHEET, em(31)):
         dragged.values.clear()
+        dragged.mirror = None
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays visible.
-    imgui.begin_child("Rows", ImVec2(0, body_height(em(26.5))))
+    imgui.begin_child("Rows", ImVec2(0, body_height(em(31.5))))
     imgui.push_item_width(em(13))
     settings = _look(before, dragged)
     settings = _handling(settings, dragged)
     settings = _work(settings, dragged)
+    settings = _models(settings, dragged)
     imgui.pop_item_width()
     imgui.end_child()
     if settings != before:
@@ -79,6 +83,22 @@ def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
     widgets.tooltip("With more, the oldest edits cannot be undone any more")
     return settings
+
+
+def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
+    widgets.heading("Models")
+    text = settings.hub_mirror if dragged.mirror is None else dragged.mirror
+    changed, text = imgui.input_text_with_hint("Mirror of the hub", HUB, text)
+    widgets.tooltip("Address that models are downloaded from; empty: the hub of Hugging Face")
+    if changed:
+        dragged.mirror = text
+    if imgui.is_item_deactivated_after_edit() and dragged.mirror is not None:
+        typed, dragged.mirror = dragged.mirror.strip(), None
+        if is_known("hub_mirror", typed):
+            settings = replace(settings, hub_mirror=typed)
+    changed, offline = widgets.checkbox("Work offline", settings.works_offline)
+    widgets.tooltip("Never ask a hub of models; what is here is used")
+    return replace(settings, works_offline=offline) if changed else settings
 
 
 def _slider(

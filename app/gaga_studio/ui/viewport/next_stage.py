@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_studio import commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -45,13 +46,20 @@ def _content(session: Session, state: OfferState, width: float) -> None:
     offer = session.stage_offer()
     if offer is None:
         return
-    text, (more, more_id) = offer.label, offer.more
+    first = Face(offer.label, icons.RUN, primary=True)
+    buttons = [(offer.command, offer.action, first)] if offer.command else []
+    for text, command in offer.more:
+        shown = text or commands.command(command).title_now(session)
+        buttons.append((command, shown.rstrip("…"), Face(shown)))
     padding = 2 * imgui.get_style().frame_padding.x
-    first = imgui.calc_text_size(f"{icons.RUN}  {text}").x + padding
-    second = imgui.calc_text_size(more).x + padding + em(0.4) if more else 0.0
+    widths = [
+        imgui.calc_text_size(f"{face.icon}  {face.text}" if face.icon else face.text).x + padding
+        for _, _, face in buttons
+    ]
+    used = sum(widths) + em(0.4) * len(widths)
     room = width - em(3.5)  # left of the cross
-    is_wide = room - first - second > em(9) or not offer.command
-    reason = room - (first + second + em(0.8) if is_wide and offer.command else 0)
+    is_wide = room - used > em(9) or not buttons
+    reason = room - (used + em(0.4) if is_wide and buttons else 0)
     imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(offer.reason)
@@ -59,12 +67,11 @@ def _content(session: Session, state: OfferState, width: float) -> None:
     imgui.same_line(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
         state.is_closed = True
-    if not offer.command:
-        return
-    if is_wide:
-        imgui.same_line(width - em(2.6) - first - second)
-    face = Face(text, icons.RUN, primary=True)
-    command_buttons.command_button(session, offer.command, offer.action, face)
-    if more:
-        imgui.same_line(0, em(0.4))
-        command_buttons.command_button(session, more_id, more.rstrip("…"), Face(more))
+    if is_wide and buttons:
+        imgui.same_line(width - em(2.6) - used)
+    for at, (command, name, face) in enumerate(buttons):
+        if at and is_wide:
+            imgui.same_line(0, em(0.4))
+        elif at:
+            widgets.next_to(face.text, em(0.4))
+        command_buttons.command_button(session, command, name, face)

@@ -1,0 +1,156 @@
+"""The sheet of models: what is known, what is here; get one after its licence, remove one."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.models.hub import Listing, terms
+from gaga_core.models.status import ModelStatus
+from gaga_core.models.weights import models_folder
+from gaga_studio.actions import models
+from gaga_studio.session.jobs import Job
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
+from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+SHEET = "Models"
+_PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
+_COLUMNS = (
+    ("Model", 0.0),
+    ("Good for", 8.0),
+    ("Size", 5.0),
+    ("Licence", 7.0),
+    ("A photo", 5.0),
+    ("", 6.0),
+)
+
+
+def register(table: RequestTable) -> None:
+    """Answer the request for the sheet."""
+
+    def open_sheet(session: Session) -> None:
+        models.refresh(session)
+        imgui.open_popup(SHEET)
+
+    table.register(Request.MODELS, open_sheet)
+
+
+def draw(session: Session) -> None:
+    """The whole sheet."""
+    if not begin_modal(SHEET, em(50)):
+        return
+    if not session.models.entries:
+        models.refresh(session)
+    imgui.push_text_wrap_pos(0.0)
+    widgets.dim(
+        "Nothing is downloaded without your consent. Sizes are approximate until you ask for one. "
+        f"Models lie in {models_folder()}.",
+        wrap=True,
+    )
+    imgui.pop_text_wrap_pos()
+    footer = em(6.5)
+    if imgui.begin_child("Known", ImVec2(0, body_height(em(24) + footer) - footer)):
+        _table(session)
+    imgui.end_child()
+    if imgui.begin_child("Answer", ImVec2(0, footer)):
+        _foot(session)
+    imgui.end_child()
+    close_row()
+    imgui.end_popup()
+
+
+def _table(session: Session) -> None:
+    flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
+    if not imgui.begin_table("Models", len(_COLUMNS), flags):
+        return
+    for title, width in _COLUMNS:
+        kind = imgui.TableColumnFlags_
+        flag = kind.width_fixed if width else kind.width_stretch
+        imgui.table_setup_column(title, flag, em(width) if width else 1.0)
+    imgui.table_headers_row()
+    for entry in session.models.entries:
+        imgui.table_next_row()
+        imgui.push_id(entry.model.name)
+        _row(session, entry)
+        imgui.pop_id()
+    imgui.end_table()
+
+
+def _row(session: Session, entry: ModelStatus) -> None:
+    model = entry.model
+    imgui.table_next_column()
+    imgui.align_text_to_frame_padding()
+    icon = icons.CHECK if entry.path is not None else icons.BLANK
+    widgets.line(f"{icon}  {model.title}", theme.TEXT if entry.path is not None else theme.DIM)
+    widgets.tooltip(str(entry.path) if entry.path is not None else model.hub)
+    imgui.table_next_column()
+    widgets.line(_PURPOSES[model.purpose])
+    widgets.tooltip(entry.good_for)
+    imgui.table_next_column()
+    widgets.line(f"{model.megabytes:,} MB")
+    imgui.table_next_column()
+    if imgui.text_link(f"{model.licence}##licence"):
+        models.open_page(model)
+    widgets.tooltip(f"Open {model.page}")
+    imgui.table_next_column()
+    widgets.line(_seconds(entry))
+    imgui.table_next_column()
+    why_not = models.why_not(session)
+    if entry.path is None:
+        hint = f"Goes on after {entry.partial_bytes / 1e6:.0f} MB" if entry.partial_bytes else ""
+        if widgets.button("Get", Face("Get…", width=-1), why_not=why_not, hint=hint):
+            models.ask(session, model)
+    elif widgets.button("Remove", Face("Remove…", width=-1)):
+        models.ask_remove(session, model)
+
+
+def _seconds(entry: ModelStatus) -> str:
+    """ "12 s" where it was measured, "about 12 s" where it is estimated."""
+    if entry.seconds is None:
+        return "not known" if entry.model.purpose == "masks" else ""
+    text = f"{entry.seconds:.0f} s" if entry.seconds >= 2 else f"{entry.seconds:.1f} s"
+    return text if entry.is_measured else f"about {text}"
+
+
+def _foot(session: Session) -> None:
+    """What is asked, or the progress of what runs."""
+    shelf, job = session.models, session.jobs.running
+    if job is not None:
+        _progress(session, job)
+    elif shelf.offered is not None:
+        _terms(session, shelf.offered)
+    elif shelf.removing is not None:
+        imgui.text_wrapped(f"Delete {shelf.removing.title} from this computer?")
+        if widgets.button("Delete", Face(primary=True)):
+            models.remove_asked(session)
+        imgui.same_line()
+        if widgets.button("Keep it"):
+            models.decline(session)
+
+
+def _progress(session: Session, job: Job) -> None:
+    imgui.text_unformatted(job.title)
+    imgui.progress_bar(max(job.fraction, 0.0), ImVec2(-em(6), 0), job.message or job.stage)
+    imgui.same_line()
+    why_not = "It stops." if job.is_cancelling else ""
+    if widgets.button("Cancel", Face(width=-1), why_not=why_not):
+        session.jobs.cancel()
+    if job.eta_s is not None:
+        widgets.dim(f"About {job.eta_s:.0f} s left. After a cancel, Get goes on from here.")
+
+
+def _terms(session: Session, listing: Listing) -> None:
+    """Licence and size; nothing is downloaded before the answer."""
+    imgui.push_text_wrap_pos(0.0)
+    imgui.text_wrapped(terms(listing.model, listing))
+    imgui.pop_text_wrap_pos()
+    if widgets.button("Accept", Face("Accept the licence and download", primary=True)):
+        models.accept(session)
+    imgui.same_line()
+    if widgets.button("Not now"):
+        models.decline(session)
+    imgui.same_line()
+    if widgets.button("Read the licence"):
+        models.open_page(listing.model)
