@@ -85,6 +85,7 @@ def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
             listed = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
             found.append(
                 f"{len(names)} photos show another scene, which is not in this one: {listed}. "
-                f"{option('--scene', str(i))} with another scene folder makes it."
+                f"{option('--scene', str(i))} with another scene folder makes it. If it is the "
+                "same place, add photos in between."
             )
     return found

@@ -17,7 +17,7 @@ from gaga_core.reconstruct.sfm import SfmConfig, require_overlap, run_matching, 
 from gaga_core.reconstruct.sfm_checks import Verdict, check_model
 from gaga_core.reconstruct.sfm_diagnosis import Diagnosis, MatchFacts, diagnose
 from gaga_core.reconstruct.sfm_metrics import SfmFacts, SfmSummary, summarize
-from gaga_core.reconstruct.sfm_scenes import scenes_of
+from gaga_core.reconstruct.sfm_scenes import JOINED, is_well_joined, scenes_of
 
 STAGE = "Try again"
 _SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
@@ -158,6 +158,7 @@ class _State:
         self.diagnosis = Diagnosis((), (), few_features=False, featureless=False, still=False)
         self.attempts: list[dict[str, object]] = []
         self.failure = ""
+        self.looked_closely = False  # whether photos seen from wide apart were matched too
         self._start = time.monotonic()
 
     @property
@@ -171,7 +172,9 @@ class _State:
     @property
     def is_enough(self) -> bool:
         best = self.best
-        return best is not None and best.is_right and best.share >= self.ladder.enough
+        if best is None or not best.is_right or best.share < self.ladder.enough:
+            return False
+        return len(best.scenes) == 1 or self.looked_closely
 
     def is_hopeless(self, config: SfmConfig) -> bool:
         """Whether more attempts of this kind cannot help.
@@ -202,6 +205,8 @@ class _State:
         if best is not None and not best.is_right and best.share >= self.ladder.enough:
             wrong = next(verdict for verdict in best.verdicts if verdict.level == "error")
             return f"{text} {wrong.text}"
+        if best is not None and best.share >= self.ladder.enough:
+            return f"{text} They fall into {len(best.scenes)} groups: is it one scene?"
         causes = self.diagnosis.reasons(() if best is None else best.placed)
         return f"{text} {causes[0]}" if causes else text
 
@@ -210,10 +215,11 @@ class _State:
         return " ".join([self.failure, *self.diagnosis.reasons()])
 
 
-def _rank(placement: Placement) -> tuple[bool, int, int]:
+def _rank(placement: Placement) -> tuple[bool, int, int, int]:
     return (
         placement.is_right,
         round(placement.share * placement.n_photos),
+        -len(placement.scenes),
         len(placement.facts.points),
     )
 
@@ -226,6 +232,7 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
     if not (folder / "match.finished").is_file():
         return
     state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
+    state.looked_closely = rung.config.affine
     placed: list[Placement] = []
     try:
         require_overlap(folder, n)
@@ -236,8 +243,8 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
             if not (folder / f"{step}.finished").is_file():
                 break
             title = f"{rung.title}, {mapper} mapping" if mapper else rung.title
-            placed.append(_placement(state, folder / mapper, title, reason))
-            state.take(placed[-1])
+            placed += _placements(state, folder / mapper, title, reason)
+            state.take(max(placed, key=_rank))
             if state.is_enough:
                 break
     except GagaError as error:
@@ -272,19 +279,38 @@ def _until(state: _State, stage: Stage[None]) -> Stage[None]:
         stage.close()
 
 
-def _placement(state: _State, folder: Path, title: str, reason: str) -> Placement:
-    """Read and judge what a mapping wrote to ``folder``."""
+def _placements(state: _State, folder: Path, title: str, reason: str) -> list[Placement]:
+    """Read and judge what a mapping wrote to ``folder``: as it is, and with its parts joined."""
+    parts = _models_in(folder)
+    found = [_placement(state, parts, title, reason)]
+    if (folder / JOINED).is_dir():
+        joined = _models_in(folder / JOINED)
+        alone = {model.names for model, _ in parts}
+        of_parts = [model for model, _ in joined if model.names not in alone]
+        if all(is_well_joined(model, [part for part, _ in parts]) for model in of_parts):
+            found.append(_placement(state, joined, f"{title}, parts joined", reason))
+    return found
+
+
+def _models_in(folder: Path) -> list[tuple[SfmFacts, Path]]:
+    """The models of a mapping and their folders, largest first."""
     numbers = ["", *(f"_{i}" for i in range(2, 9))]
-    files = [(number, folder / f"facts{number}.npz") for number in numbers]
-    models = [(number, SfmFacts.load(file)) for number, file in files if file.is_file()]
-    scenes = scenes_of([facts for _, facts in models])
-    by_names = {facts.names: number for number, facts in models}
+    files = [(folder / f"facts{number}.npz", folder / f"model{number}") for number in numbers]
+    return [(SfmFacts.load(file), model) for file, model in files if file.is_file()]
+
+
+def _placement(
+    state: _State, models: Sequence[tuple[SfmFacts, Path]], title: str, reason: str
+) -> Placement:
+    """Judge the models of one mapping: the scene that is wanted, as it was placed."""
+    scenes = scenes_of([facts for facts, _ in models])
+    folders = {facts.names: folder for facts, folder in models}
     chosen = scenes[min(state.scene, len(scenes)) - 1]
     summary = summarize(chosen)
     return Placement(
         title=title,
         reason=reason,
-        model=folder / f"model{by_names[chosen.names]}",
+        model=folders[chosen.names],
         facts=chosen,
         summary=summary,
         verdicts=check_model(chosen, summary, state.priors),

@@ -10,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.arrays import LongArray
-from gaga_core.reconstruct.sfm_metrics import SfmFacts
+from gaga_core.reconstruct.sfm_checks import CheckConfig
+from gaga_core.reconstruct.sfm_metrics import MeasureConfig, SfmFacts, pair_agreement
 
+JOINED = "joined"  # folder of the models whose parts were joined, next to the models as they were
 _LINK = 30  # verified matches of two photos that show the same place
 _FEW_LINKS = 0.25  # links between two scenes at most, as a share of the smaller one's photos
 _FEWEST = 5  # photos of a scene of its own
@@ -32,6 +34,29 @@ def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
         return (first,)
     owner = _owners(chosen)
     return tuple(_only(model, owner == i) for i, model in enumerate(chosen))
+
+
+def is_well_joined(joined: SfmFacts, parts: Sequence[SfmFacts]) -> bool:
+    """Whether the photos of different ``parts`` agree with their poses in ``joined``.
+
+    Only their verified matches are asked: those inside a part say nothing of how it was joined.
+    The matches of a part are many, so a part that lies wrong can pass when all are asked.
+    """
+    of = {name: i for i, part in reversed(list(enumerate(parts))) for name in part.names}
+    part = np.array([of[name] for name in joined.names])
+    part_of_all = np.array([of.get(name, -1) for name in joined.all_names])
+    across = part[joined.match_views[:, 0]] != part[joined.match_views[:, 1]]
+    pairs_across = part_of_all[joined.pairs[:, 0]] != part_of_all[joined.pairs[:, 1]]
+    between = replace(
+        joined,
+        match_views=joined.match_views[across],
+        match_points=joined.match_points[across],
+        match_rays=joined.match_rays[across],
+        pairs=joined.pairs[pairs_across],
+        pair_matches=joined.pair_matches[pairs_across],
+    )
+    share, n_pairs = pair_agreement(between, MeasureConfig())
+    return n_pairs > 0 and share >= CheckConfig().agreeing[1]
 
 
 def _is_apart(a: SfmFacts, b: SfmFacts) -> bool:

@@ -9,6 +9,7 @@ state is in the workspace folder, so a step that was ended is simply run again.
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypedDict
 
@@ -18,7 +19,9 @@ import pycolmap
 from gaga_core.io.child_process import end_with_parent
 from gaga_core.reconstruct.foreground import MASKS
 from gaga_core.reconstruct.sfm_export import write_facts, write_match_facts, write_pair_matches
+from gaga_core.reconstruct.sfm_join import join_parts
 from gaga_core.reconstruct.sfm_pairs import similar_pairs
+from gaga_core.reconstruct.sfm_scenes import JOINED
 
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _MOST_MODELS = 4  # of one mapping that are looked at
@@ -170,15 +173,20 @@ def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
 def _map(settings: WorkerSettings, workspace: Path) -> None:
     """An incremental mapping; with weaker demands when it finds no pair to start from."""
     models = _incremental(settings, workspace, "default")
-    _write_models(workspace, workspace, models or _incremental(settings, workspace, "relaxed"))
+    if models:
+        _write_all(settings, workspace, "", models, "default")
+    else:
+        _write_all(settings, workspace, "", _incremental(settings, workspace, "relaxed"), "relaxed")
 
 
 def _map_relaxed(settings: WorkerSettings, workspace: Path) -> None:
-    _write_models(workspace, workspace / "relaxed", _incremental(settings, workspace, "relaxed"))
+    models = _incremental(settings, workspace, "relaxed")
+    _write_all(settings, workspace, "relaxed", models, "relaxed")
 
 
 def _map_strict(settings: WorkerSettings, workspace: Path) -> None:
-    _write_models(workspace, workspace / "strict", _incremental(settings, workspace, "strict"))
+    models = _incremental(settings, workspace, "strict")
+    _write_all(settings, workspace, "strict", models, "strict")
 
 
 def _map_global(settings: WorkerSettings, workspace: Path) -> None:
@@ -197,7 +205,7 @@ def _map_global(settings: WorkerSettings, workspace: Path) -> None:
     found = pycolmap.global_mapping(
         workspace / "database.db", Path(settings["pictures"]), out, options
     )
-    _write_models(workspace, workspace / "global", found)
+    _write_all(settings, workspace, "global", found, "default")
 
 
 def _incremental(
@@ -239,31 +247,56 @@ def _least_model(settings: WorkerSettings) -> int:
     return max(2, min(10, _n_photos(settings) // 3))
 
 
-def _write_models(
-    workspace: Path, target: Path, models: dict[int, pycolmap.Reconstruction]
+def _write_all(
+    settings: WorkerSettings,
+    workspace: Path,
+    folder: str,  # in the workspace
+    models: dict[int, pycolmap.Reconstruction],
+    demands: str,
 ) -> None:
-    """The largest models as target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks.
+    """Write the models, and to folder/joined what they become where parts can be joined.
 
-    Those that hold photos of a larger one mostly are left out.
+    Both are kept: which of them is right is for the checks to say.
     """
+    chosen = _chosen_models(models)
+    _write_models(workspace, workspace / folder, chosen)
+    joined = chosen
+    if len(chosen) > 1:
+        _say({"done": 0, "total": 0, "message": "joining the parts"})
+        options = _mapping_options(settings, demands)
+        pictures = Path(settings["pictures"])
+        joined = join_parts(chosen, workspace / "database.db", pictures, options)
+    shutil.rmtree(workspace / folder / JOINED, ignore_errors=True)
+    if len(joined) < len(chosen):
+        _write_models(workspace, workspace / folder / JOINED, joined)
+    shutil.rmtree(workspace / "mapping", ignore_errors=True)
+
+
+def _chosen_models(
+    models: dict[int, pycolmap.Reconstruction],
+) -> list[pycolmap.Reconstruction]:
+    """The largest models, without those that hold photos of a larger one mostly."""
     if not models:
         raise ValueError("no model")
-    target.mkdir(exist_ok=True)
-    order = sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
-    sizes = [model.num_reg_images() for model in order]
     taken: set[str] = set()
-    kept = 0
-    for model in order:
+    chosen: list[pycolmap.Reconstruction] = []
+    for model in sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D())):
         names = {str(image.name) for image in model.images.values() if image.has_pose}
-        if kept == _MOST_MODELS or len(names & taken) > len(names) // 2:
-            continue
-        taken |= names
-        kept += 1
-        number = "" if kept == 1 else f"_{kept}"
+        if len(chosen) < _MOST_MODELS and len(names & taken) <= len(names) // 2:
+            chosen.append(model)
+            taken |= names
+    return chosen
+
+
+def _write_models(workspace: Path, target: Path, models: Sequence[pycolmap.Reconstruction]) -> None:
+    """Write target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
+    target.mkdir(exist_ok=True)
+    sizes = [model.num_reg_images() for model in models]
+    for i, model in enumerate(models):
+        number = "" if i == 0 else f"_{i + 1}"
         _round(model)
         model.write_binary(_empty(target / f"model{number}"))
         write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
-    shutil.rmtree(workspace / "mapping", ignore_errors=True)
 
 
 def _round(model: pycolmap.Reconstruction) -> None:

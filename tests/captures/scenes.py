@@ -232,3 +232,21 @@ def pan_film(path: Path, n: int = 48, fps: float = 6.0) -> Path:
         eye = (1.7 * np.cos(angle), 1.7 * np.sin(angle), 1.5 + 0.2 * np.sin(7 * t))
         pictures.append(eight_bit(photograph(posed(eye, (0.05, 0, 0.85), 50.0, SIZE))[0]))
     return film(path, pictures, fps)
+
+
+def two_arcs(folder: Path, n: int = 8, gap: float = 50.0) -> tuple[Camera, ...]:
+    """Two arcs of ``n`` photos in front of the table, ``gap`` degrees apart, and none between."""
+    cameras = []
+    for name, first in (("a", -91.0 - gap / 2), ("b", -51.0 + gap / 2)):
+        for k in range(n):
+            angle = np.radians(first + 40.0 * k / (n - 1))
+            distance = 1.6 + 0.25 * ((k * 0.618) % 1)
+            eye = (
+                distance * np.cos(angle),
+                distance * np.sin(angle),
+                1.2 + 0.35 * ((k * 0.382) % 1),
+            )
+            camera = posed(eye, (0.05, 0.02, 0.85), 50.0, SIZE, f"{name}_{k:02d}.jpg")
+            save(folder / camera.name, eight_bit(photograph(camera)[0]))
+            cameras.append(camera)
+    return tuple(cameras)

@@ -87,6 +87,16 @@ def test_two_scenes_in_one_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.capture
+def test_two_arcs_with_a_gap_between(tmp_path: Path) -> None:
+    """0.1.0 took the arcs for two scenes and kept one of them."""
+    true = scenes.two_arcs(tmp_path / "in")
+    made = placed(tmp_path / "in", tmp_path / "scene")
+    assert made.share == 1
+    assert len(made.cameras) == len(true)
+    assert made.off(true) < _OFF
+
+
+@pytest.mark.capture
 def test_a_film_that_rests(tmp_path: Path) -> None:
     """Frames come from where the camera moved."""
     film = scenes.pan_film(tmp_path / "pan.mp4")
