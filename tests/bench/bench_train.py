@@ -63,7 +63,7 @@ def _parts() -> list[Figure]:
     target = np.ascontiguousarray(drawn.image[::-1])
     by_image = photometric(drawn.image, target)[1]
     by_alpha = np.zeros_like(drawn.transmittance)
-    slots = _number_slots(view, len(gaussians))
+    slots = _number_slots(view)
     partials = _sum_tiles(drawn, slots.of_entry, by_image, by_alpha)
     parts: dict[str, Callable[[], object]] = {
         "prepare": lambda: prepare(gaussians, camera),

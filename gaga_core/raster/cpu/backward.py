@@ -11,6 +11,7 @@ from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import backward_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, pose_and_lens
+from gaga_core.raster.cpu.sh_kernels import backward_colors
 
 _CHUNK = 4096  # splats of one piece of work
 
@@ -60,27 +61,22 @@ def backward(
     """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
     if alpha_gradient is None:
         alpha_gradient = np.zeros_like(drawn.transmittance)
-    slots = _number_slots(drawn.view, len(gaussians))
+    slots = _number_slots(drawn.view)
     partials = _sum_tiles(drawn, slots.of_entry, image_gradient, alpha_gradient)
     return _walk_back(gaussians, camera, drawn, slots, partials)
 
 
 @dataclass(frozen=True, eq=False)
 class _Slots:
-    """Where the sums of each (tile, splat) go: a splat's lie side by side."""
+    """Where the sums of each (tile, splat) go: a splat's lie next to each other."""
 
-    rows: IntArray  # (n,) rows of `TiledView.splats` by ascending Gaussian
-    first: LongArray  # (n + 1,) first slot of each of them
+    first: LongArray  # (n + 1,) first slot of each splat of `TiledView.rows`
     of_entry: IntArray  # (M,) slot of each entry of the tile lists
 
 
-def _number_slots(view: TiledView, n_gaussians: int) -> _Slots:
-    n = len(view.order)
-    slots = _Slots(
-        np.empty(n, np.int32), np.zeros(n + 1, np.int64), np.empty(len(view.ids), np.int32)
-    )
-    row_of = np.full(n_gaussians, -1, np.int32)
-    kernels.number_slots(view.order, view.ids, row_of, slots.rows, slots.first, slots.of_entry)
+def _number_slots(view: TiledView) -> _Slots:
+    slots = _Slots(np.zeros(len(view.rows) + 1, np.int64), np.empty(len(view.ids), np.int32))
+    kernels.number_slots(view.ids, view.rows, slots.first, slots.of_entry)
     return slots
 
 
@@ -129,10 +125,11 @@ def _walk_back(
     quats = for_kernel(gaussians.quats, np.float32)
     log_scales = for_kernel(gaussians.log_scales, np.float32)
     sh = for_kernel(gaussians.sh, np.float32)
+    by_color = np.empty((n, 3), np.float32)
     pose, lens = pose_and_lens(camera)
     eye = np.array(camera.position, np.float64)
     result = Gradients(
-        view.order[slots.rows],
+        view.order[view.rows],
         np.empty((n, 3), np.float32),
         np.empty((n, 4), np.float32),
         np.empty((n, 3), np.float32),
@@ -147,12 +144,10 @@ def _walk_back(
             means,
             quats,
             log_scales,
-            sh,
             pose,
             lens,
-            eye,
             view.order,
-            slots.rows,
+            view.rows,
             view.splats,
             drawn.colors,
             slots.first,
@@ -161,11 +156,14 @@ def _walk_back(
             result.quats,
             result.log_scales,
             result.logit_opacities,
-            result.sh,
+            by_color,
             result.screen,
             result.radii,
             start,
             stop,
+        )
+        backward_colors(
+            sh, means, result.indices, eye, by_color, result.sh, result.means, start, stop
         )
 
     run_chunks(work, n, _CHUNK)

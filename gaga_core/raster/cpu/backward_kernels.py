@@ -36,7 +36,7 @@ from gaga_core.raster.cpu.blend_kernels import (
     _is_done,
     _open_tile,
 )
-from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V, _sh_basis
+from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
 
 SLOT = 9
 _F = np.float32
@@ -105,28 +105,19 @@ def blend_colors(
 
 @kernel
 def number_slots(
-    order: IntArray,
     ids: IntArray,
-    row_of: IntArray,  # (N,) comes filled with -1
-    rows: IntArray,  # (n,)
+    rows: IntArray,  # (n,) rows of splats by ascending Gaussian
     first_slot: LongArray,  # (n + 1,) comes zeroed
     slots: IntArray,  # (M,)
 ) -> None:
-    """The rows of splats in view by ascending Gaussian, and the slot of each tile-list entry.
+    """The slot of each tile-list entry: splat ``rows[m]`` owns first_slot[m] to first_slot[m + 1].
 
-    Parameters are read and written in the order of the file: faster than in the order of depth.
-    Splat ``rows[m]`` owns slots first_slot[m] to first_slot[m + 1], by ascending tile.
+    By ascending Gaussian, as parameters are read and written: faster than in the order of depth.
     """
-    n = len(order)
-    for k in range(n):
-        row_of[order[k]] = k
+    n = len(rows)
     place = np.empty(n, np.int32)
-    m = 0
-    for i in range(len(row_of)):
-        if row_of[i] >= 0:
-            rows[m] = row_of[i]
-            place[row_of[i]] = m
-            m += 1
+    for m in range(n):
+        place[rows[m]] = m
     for j in range(len(ids)):
         first_slot[place[ids[j]] + 1] += 1
     for m in range(n):
@@ -258,10 +249,8 @@ def backward_splats(
     means: FloatArray,
     quats: FloatArray,
     log_scales: FloatArray,
-    sh: FloatArray,
     pose: DoubleArray,  # (3, 4) cam_from_world
     lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur
-    eye: DoubleArray,  # (3,)
     order: IntArray,
     rows: IntArray,
     splats: FloatArray,
@@ -272,7 +261,7 @@ def backward_splats(
     d_quats: FloatArray,  # (n, 4)
     d_log_scales: FloatArray,  # (n, 3)
     d_logits: FloatArray,  # (n,)
-    d_sh: FloatArray,  # (n, S, 3)
+    by_color: FloatArray,  # (n, 3) gradient by the color that `sh_kernels.sh_colors` gives
     screen: FloatArray,  # (n,)
     radii: FloatArray,  # (n,)
     start: int,
@@ -280,17 +269,13 @@ def backward_splats(
 ) -> None:
     """From sums of slots to gradients of the parameters of splats ``rows[start:stop]``.
 
-    In float64 like `project_kernels.project`, whose steps it repeats and then walks back.
+    All but those by color: `sh_kernels.backward_colors` goes on, and adds to ``d_means``. In
+    float64 like `project_kernels.project`, whose steps it repeats and then walks back.
     """
     fx, fy, width, height = lens[0], lens[1], lens[4], lens[5]
     limit_x = 1.3 * 0.5 * width / fx
     limit_y = 1.3 * 0.5 * height / fy
-    n_sh = sh.shape[1]
     sums = np.empty(SLOT, np.float64)
-    basis = np.zeros(25, np.float64)
-    basis[0] = 0.28209479177387814
-    shade = np.zeros(25, np.float64)
-    slope = np.zeros(3, np.float64)
     for m in range(start, stop):
         k = rows[m]
         i = order[k]
@@ -316,11 +301,9 @@ def backward_splats(
             for c in range(3):
                 d_means[m, c] = _ZERO
                 d_log_scales[m, c] = _ZERO
+                by_color[m, c] = _ZERO
             for c in range(4):
                 d_quats[m, c] = _ZERO
-            for j in range(n_sh):
-                for c in range(3):
-                    d_sh[m, j, c] = _ZERO
             d_logits[m] = _ZERO
             screen[m] = _ZERO
             continue
@@ -402,77 +385,10 @@ def backward_splats(
         mx = pose[0, 0] * dtx + pose[1, 0] * dty + pose[2, 0] * dtz
         my = pose[0, 1] * dtx + pose[1, 1] * dty + pose[2, 1] * dtz
         mz = pose[0, 2] * dtx + pose[1, 2] * dty + pose[2, 2] * dtz
-        # Color: max(0, .) lets nothing through where it is at rest.
-        g0 = sums[6] if colors[k, 0] > _ZERO else 0.0
-        g1 = sums[7] if colors[k, 1] > _ZERO else 0.0
-        g2 = sums[8] if colors[k, 2] > _ZERO else 0.0
-        if n_sh > 1:
-            x, y, z = x - eye[0], y - eye[1], z - eye[2]
-            near = 1.0 / math.sqrt(x * x + y * y + z * z)
-            x, y, z = x * near, y * near, z * near
-            _sh_basis(x, y, z, n_sh, basis)
-            # A channel at rest may hold what is no number.
-            f0, f1, f2 = g0 != 0.0, g1 != 0.0, g2 != 0.0
-            for j in range(1, n_sh):
-                shade[j] = sh[i, j, 0] * g0 if f0 else 0.0
-                shade[j] += sh[i, j, 1] * g1 if f1 else 0.0
-                shade[j] += sh[i, j, 2] * g2 if f2 else 0.0
-            _sh_slope(x, y, z, n_sh, shade, slope)
-            radial = slope[0] * x + slope[1] * y + slope[2] * z
-            mx += (slope[0] - radial * x) * near
-            my += (slope[1] - radial * y) * near
-            mz += (slope[2] - radial * z) * near
-        for j in range(n_sh):
-            d_sh[m, j, 0] = basis[j] * g0
-            d_sh[m, j, 1] = basis[j] * g1
-            d_sh[m, j, 2] = basis[j] * g2
+        # max(0, .) lets nothing through where it is at rest.
+        by_color[m, 0] = sums[6] if colors[k, 0] > _ZERO else 0.0
+        by_color[m, 1] = sums[7] if colors[k, 1] > _ZERO else 0.0
+        by_color[m, 2] = sums[8] if colors[k, 2] > _ZERO else 0.0
         d_means[m, 0] = mx
         d_means[m, 1] = my
         d_means[m, 2] = mz
-
-
-@kernel
-def _sh_slope(x: float, y: float, z: float, n_sh: int, t: DoubleArray, slope: DoubleArray) -> None:
-    """slope (3,) = gradient by (x, y, z) of sum t[j] Y_j, the polynomials of `_sh_basis`."""
-    sx = -0.4886025119029199 * t[3]
-    sy = -0.4886025119029199 * t[1]
-    sz = 0.4886025119029199 * t[2]
-    xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
-    if n_sh > 4:
-        c4, c5, c7 = (
-            1.0925484305920792 * t[4],
-            -1.0925484305920792 * t[5],
-            1.0925484305920792 * t[7],
-        )
-        c6, c8 = 0.6307831305050401 * t[6], 1.0925484305920792 * t[8]
-        sx += c4 * y - c6 * x - c7 * z + c8 * x
-        sy += c4 * x + c5 * z - c6 * y - c8 * y
-        sz += c5 * y + 2.0 * c6 * z - c7 * x
-    if n_sh > 9:
-        c9, c15 = -1.7701307697799304 * t[9], -1.7701307697799304 * t[15]
-        c10, c14 = 2.890611442640554 * t[10], 1.445305721320277 * t[14]
-        c11, c13 = -0.4570457994644658 * t[11], -0.4570457994644658 * t[13]
-        c12 = 1.1195289977703462 * t[12]
-        sx += 2.0 * c9 * xy + c10 * yz - 2.0 * c11 * xy - 2.0 * c12 * xz
-        sx += c13 * (4.0 * zz - 3.0 * xx - yy) + 2.0 * c14 * xz + c15 * (xx - yy)
-        sy += c9 * (xx - yy) + c10 * xz + c11 * (4.0 * zz - xx - 3.0 * yy) - 2.0 * c12 * yz
-        sy -= 2.0 * c13 * xy + 2.0 * c14 * yz + 2.0 * c15 * xy
-        sz += c10 * xy + 8.0 * (c11 * yz + c13 * xz) + c12 * (2.0 * zz - xx - yy)
-        sz += c14 * (xx - yy)
-    if n_sh > 16:
-        c16, c17 = 2.5033429417967046 * t[16], -1.7701307697799304 * t[17]
-        c18, c19 = 0.9461746957575601 * t[18], -0.6690465435572892 * t[19]
-        c20, c21 = 0.10578554691520431 * t[20], -0.6690465435572892 * t[21]
-        c22, c23 = 0.47308734787878004 * t[22], -1.7701307697799304 * t[23]
-        c24 = 2.5033429417967046 * t[24]
-        f1, f3 = 7.0 * zz - 1.0, 7.0 * zz - 3.0
-        sx += c16 * y * (3.0 * xx - yy) + 6.0 * c17 * xy * z + c18 * y * f1 + c21 * z * f3
-        sx += 2.0 * c22 * x * f1 + 3.0 * c23 * z * (xx - yy) + c24 * x * (xx - 3.0 * yy)
-        sy += c16 * x * (xx - 3.0 * yy) + 3.0 * c17 * z * (xx - yy) + c18 * x * f1 + c19 * z * f3
-        sy += -2.0 * c22 * y * f1 - 6.0 * c23 * xy * z + c24 * y * (yy - 3.0 * xx)
-        sz += c17 * y * (3.0 * xx - yy) + 14.0 * c18 * xy * z
-        sz += (c19 * y + c21 * x) * (21.0 * zz - 3.0) + c20 * z * (140.0 * zz - 60.0)
-        sz += 14.0 * c22 * z * (xx - yy) + c23 * x * (xx - 3.0 * yy)
-    slope[0] = sx
-    slope[1] = sy
-    slope[2] = sz

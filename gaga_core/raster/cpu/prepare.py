@@ -22,6 +22,7 @@ class TiledView:
     splats: FloatArray  # (n, 8), see project_kernels
     depths: FloatArray  # (n,) camera depth
     order: IntArray  # (n,) index of the Gaussian
+    rows: IntArray  # (n,) rows of `splats` by ascending Gaussian: the order of the file
     offsets: LongArray  # (n_tiles + 1,) where each tile's list begins, tiles row by row
     ids: IntArray  # (M,) rows of `splats`, ascending inside a tile
 
@@ -62,21 +63,22 @@ def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = 
     """
     look = gaussians.is_antialiased if antialiased is None else antialiased
     splats, depths, index, packed = _project(gaussians, camera, look)
-    rows = kernels.sort_by_depth(depths[packed].view(np.uint32), packed)
-    n = len(rows)
+    by_depth = kernels.sort_by_depth(depths[packed].view(np.uint32), packed.copy())
+    n = len(by_depth)
     sorted_splats = np.empty((n, 8), np.float32)
     sorted_depths, order = np.empty(n, np.float32), np.empty(n, np.int32)
-    n_spans = np.empty(n, np.int64)
+    n_spans, row_of = np.empty(n, np.int64), np.empty(len(splats), np.int32)
 
     def arrange(start: int, stop: int) -> None:
         kernels.arrange(
-            rows,
+            by_depth,
             splats,
             depths,
             index,
             sorted_splats,
             sorted_depths,
             order,
+            row_of,
             n_spans,
             start,
             stop,
@@ -84,7 +86,7 @@ def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = 
 
     run_chunks(arrange, n, _CHUNK)
     offsets, ids = _bin(sorted_splats, n_spans, camera)
-    return TiledView(sorted_splats, sorted_depths, order, offsets, ids)
+    return TiledView(sorted_splats, sorted_depths, order, row_of[packed], offsets, ids)
 
 
 def pose_and_lens(camera: Camera, antialiased: bool = False) -> tuple[DoubleArray, DoubleArray]:

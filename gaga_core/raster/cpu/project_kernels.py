@@ -1,4 +1,4 @@
-"""Kernels before blending: projection, depth sort, tile lists, color.
+"""Kernels before blending: projection, depth sort, tile lists.
 
 Every kernel is one thread's share of the work: rows ``start`` to ``stop``. Geometry is computed in
 float64 (these loops are scalar anyway, and long thin splats lose everything in float32) and stored
@@ -174,17 +174,22 @@ def arrange(
     sorted_splats: FloatArray,
     sorted_depths: FloatArray,
     order: IntArray,
+    row_of: IntArray,
     n_spans: LongArray,
     start: int,
     stop: int,
 ) -> None:
-    """Copy splats into depth order and count the tile rows that each touches."""
+    """Copy splats into depth order and count the tile rows that each touches.
+
+    ``row_of[j]`` is the place that row j of ``splats`` goes to.
+    """
     for k in range(start, stop):
         j = rows[k]
         for c in range(8):
             sorted_splats[k, c] = splats[j, c]
         sorted_depths[k] = depths[j]
         order[k] = index[j]
+        row_of[j] = k
         n_spans[k] = (int(splats[j, Y1]) - 1) // TILE - int(splats[j, Y0]) // TILE + 1
 
 
@@ -252,71 +257,3 @@ def fill_tiles(
             for t in range(spans[j, 0], spans[j, 1]):
                 ids[tiles[t]] = k
                 tiles[t] += 1
-
-
-@kernel
-def sh_colors(
-    sh: FloatArray,
-    means: FloatArray,
-    order: IntArray,
-    eye: DoubleArray,
-    colors: FloatArray,
-    start: int,
-    stop: int,
-) -> None:
-    """Color max(0, 0.5 + SH(direction)) of the splats ``order[start:stop]`` seen from ``eye``.
-
-    Real spherical harmonics to degree 4 in the order and signs of 3D Gaussian Splatting (Kerbl
-    2023). A color that is not finite is drawn black.
-    """
-    n_sh = sh.shape[1]
-    y = np.zeros(25, np.float64)
-    y[0] = 0.28209479177387814
-    for k in range(start, stop):
-        i = order[k]
-        if n_sh > 1:
-            x = np.float64(means[i, 0]) - eye[0]
-            w = np.float64(means[i, 1]) - eye[1]
-            z = np.float64(means[i, 2]) - eye[2]
-            length = 1.0 / math.sqrt(x * x + w * w + z * z)
-            _sh_basis(x * length, w * length, z * length, n_sh, y)
-        for c in range(3):
-            total = 0.5
-            for j in range(n_sh):
-                total += y[j] * sh[i, j, c]
-            colors[k, c] = total if total > 0.0 and total < 1e30 else 0.0
-
-
-@kernel
-def _sh_basis(x: float, y: float, z: float, n_sh: int, out: DoubleArray) -> None:
-    xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
-    out[1] = -0.4886025119029199 * y
-    out[2] = 0.4886025119029199 * z
-    out[3] = -0.4886025119029199 * x
-    if n_sh <= 4:
-        return
-    out[4] = 1.0925484305920792 * xy
-    out[5] = -1.0925484305920792 * yz
-    out[6] = 0.31539156525252005 * (2.0 * zz - xx - yy)
-    out[7] = -1.0925484305920792 * xz
-    out[8] = 0.5462742152960396 * (xx - yy)
-    if n_sh <= 9:
-        return
-    out[9] = -0.5900435899266435 * y * (3.0 * xx - yy)
-    out[10] = 2.890611442640554 * xy * z
-    out[11] = -0.4570457994644658 * y * (4.0 * zz - xx - yy)
-    out[12] = 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)
-    out[13] = -0.4570457994644658 * x * (4.0 * zz - xx - yy)
-    out[14] = 1.445305721320277 * z * (xx - yy)
-    out[15] = -0.5900435899266435 * x * (xx - 3.0 * yy)
-    if n_sh <= 16:
-        return
-    out[16] = 2.5033429417967046 * xy * (xx - yy)
-    out[17] = -1.7701307697799304 * yz * (3.0 * xx - yy)
-    out[18] = 0.9461746957575601 * xy * (7.0 * zz - 1.0)
-    out[19] = -0.6690465435572892 * yz * (7.0 * zz - 3.0)
-    out[20] = 0.10578554691520431 * (zz * (35.0 * zz - 30.0) + 3.0)
-    out[21] = -0.6690465435572892 * xz * (7.0 * zz - 3.0)
-    out[22] = 0.47308734787878004 * (xx - yy) * (7.0 * zz - 1.0)
-    out[23] = -1.7701307697799304 * xz * (xx - 3.0 * yy)
-    out[24] = 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy))

@@ -20,8 +20,8 @@ from gaga_core.raster.base import (
 from gaga_core.raster.cpu import blend_kernels as kernels
 from gaga_core.raster.cpu.backward import Forward, backward, forward
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, prepare
-from gaga_core.raster.cpu.project_kernels import sh_colors
 from gaga_core.raster.cpu.sample import sampled_weights
+from gaga_core.raster.cpu.sh_kernels import sh_colors
 from gaga_core.raster.cpu.vote import add_votes
 
 
@@ -166,7 +166,7 @@ def _colors(gaussians: Gaussians, camera: Camera, view: TiledView) -> FloatArray
     colors = np.empty((len(view.order), 3), np.float32)
 
     def work(start: int, stop: int) -> None:
-        sh_colors(sh, means, view.order, eye, colors, start, stop)
+        sh_colors(sh, means, view.order, view.rows, eye, colors, start, stop)
 
     run_chunks(work, len(colors), 16384)
     return colors
