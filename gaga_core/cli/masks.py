@@ -10,6 +10,7 @@ from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
+    from gaga_core.pipeline.segment import PhotoOrder
     from gaga_core.segmentation.base import Provider
     from gaga_core.segmentation.choose import ProviderEntry
 
@@ -46,6 +47,11 @@ class MasksCommand:
     """Larger photos are shrunk to this many pixels; 0 = never."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "auto"
     """Where models run: auto takes CUDA where torch has it."""
+    order: Literal["auto", "coverage", "name"] = "auto"
+    """Which photos come first. coverage: those that tell most of what none before them showed, so
+    that a run may be stopped early (needs splats). auto: coverage for models, name for regions."""
+    stop_after: float = 0.0
+    """Begin no further photo after so many seconds, and use what is there; 0 = make all."""
     redo: bool = False
     """Make masks again that are there already."""
     list: bool = False
@@ -70,6 +76,8 @@ class MasksCommand:
 
         if self.longest_side < 0:
             raise GagaError("--longest-side counts pixels: choose 0 (never shrink) or more.")
+        if not 0 <= self.stop_after < float("inf"):
+            raise GagaError("--stop-after counts seconds: choose 0 (make all) or more.")
         folder = open_scene_folder(self.scene)
         provider = self._provider()
         stage = segment_scene(
@@ -78,7 +86,11 @@ class MasksCommand:
             views=self.views,
             name=self.name,
             redo=self.redo,
-            config=SegmentConfig(longest_side=self.longest_side),
+            config=SegmentConfig(
+                longest_side=self.longest_side,
+                order=self._order(provider.name),
+                stop_after_s=self.stop_after,
+            ),
         )
         draws_depth = "depth" in provider.cues and folder.model_path is not None
         report = out.follow(after_warm_up(stage) if draws_depth else stage)
@@ -94,6 +106,11 @@ class MasksCommand:
             )
         out.result(report.to_json(), as_json=self.json)
         return 0 if not report.failed else 1
+
+    def _order(self, provider: str) -> "PhotoOrder":
+        if self.order == "auto":
+            return "name" if provider == "regions" else "coverage"
+        return self.order
 
     def _import(self, scene: Path, source: Path) -> int:
         from gaga_core.io.scene_folder import open_scene_folder

@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -29,6 +30,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.io.masks import RECORD, read_labels, view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
+from gaga_core.pipeline.photo_order import coverage_order
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -37,6 +39,7 @@ from gaga_core.segmentation.base import Picture, Provider, fingerprint_of
 STAGE = "Make masks"
 _VERSION = 1
 _BLOCK = 1 << 24  # bytes hashed between two steps
+PhotoOrder = Literal["name", "coverage"]
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,10 @@ class SegmentConfig:
     Association scales label maps to the views. 0 or 64..8192."""
     use_depth: bool = True
     """Give providers that can use it the depth of the splats, where the scene has some."""
+    order: PhotoOrder = "name"
+    """coverage: photos that tell most of what none before them showed come first (needs splats)."""
+    stop_after_s: float = 0.0
+    """Begin no further photo after so many seconds; 0 = never stop. At least one is made."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +68,17 @@ class SegmentReport:
     failed: dict[str, str] = field(default_factory=dict)  # view name -> why it has none
     n_masks: int = 0  # in all views
     seconds: float = 0.0
+    left: tuple[str, ...] = ()  # views that were not begun when the time was up
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user."""
-        return tuple(f"No masks for {name}: {reason}" for name, reason in self.failed.items())
+        failed = tuple(f"No masks for {name}: {reason}" for name, reason in self.failed.items())
+        if not self.left:
+            return failed
+        n_done = len(self.made) + len(self.kept)
+        stopped = f"The time was up after {n_done} photos; {len(self.left)} have no masks yet."
+        return (*failed, f"{stopped} The same command goes on there.")
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""
@@ -75,9 +88,18 @@ class SegmentReport:
             "views_made": len(self.made),
             "views_kept": len(self.kept),
             "views_failed": dict(self.failed),
+            "views_left": len(self.left),
             "masks": self.n_masks,
             "seconds": round(self.seconds, 2),
         }
+
+
+@dataclass(frozen=True)
+class ViewDone:
+    """Payload of the progress after a view: its label map is in its place."""
+
+    folder: Path  # of the label maps
+    view: str
 
 
 @dataclass(eq=False)
@@ -93,10 +115,15 @@ class _Cues:
         """Median depth (height, width) of the view, camera frame; None without splats."""
         if not self.model_id:
             return None
+        gaussians = yield from self.splats()
+        engine = self.rasterizer = self.rasterizer or choose()
+        return engine.render(gaussians, camera.resized(width, height)).median_depth
+
+    def splats(self) -> Stage[Gaussians]:
+        """The splats, read once."""
         if self.gaussians is None:
             self.gaussians = yield from read_model(self.folder)
-        engine = self.rasterizer = self.rasterizer or choose()
-        return engine.render(self.gaussians, camera.resized(width, height)).median_depth
+        return self.gaussians
 
 
 def segment_scene(
@@ -123,38 +150,74 @@ def segment_scene(
     record = _read_record(target)
     wants_depth = config.use_depth and "depth" in provider.cues and folder.model_path is not None
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
-    made: list[str] = []
-    kept: list[str] = []
-    failed: dict[str, str] = {}
-    seconds_of_views = 0.0
+    if config.order == "coverage" and folder.model_path is not None:
+        cameras = yield from _by_coverage(cameras, cues)
+    done = _Done()
     for i, camera in enumerate(cameras):
+        if done.made and 0 < config.stop_after_s <= time.perf_counter() - start:
+            break
         view = view_key(camera.name)
-        left = _time_left(seconds_of_views, len(made), len(cameras) - i)
-        yield Progress(STAGE, i, len(cameras), f"{camera.name}{left}")
+        yield Progress(STAGE, i, len(cameras), camera.name + done.time_left(len(cameras) - i))
         try:
             key = _key(folder, camera, provider, config, cues)
             if not redo and _restore(folder, target / f"{view}.png", key, record.get(view, "")):
-                kept.append(camera.name)
+                done.kept.append(camera.name)
             else:
                 began = time.perf_counter()
                 stage = _label_map(folder, camera, provider, config, cues)
                 labels = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
                 write_labels(target / f"{view}.png", labels)
                 write_labels(_cached(folder, key), labels)
-                seconds_of_views += time.perf_counter() - began
-                made.append(camera.name)
+                done.seconds += time.perf_counter() - began
+                done.made.append(camera.name)
         except _PhotoError as error:
-            failed[camera.name] = str(error)
+            done.failed[camera.name] = str(error)
             continue
         if record.get(view) != key:
             record[view] = key
             _write_record(target, provider, record)
-    if not made and not kept:
-        raise GagaError(next(iter(failed.values())))
-    yield Progress(STAGE, len(cameras), len(cameras), f"{len(made)} made, {len(kept)} kept")
-    count = _count_masks(target, [*made, *kept])
-    elapsed = time.perf_counter() - start
-    return SegmentReport(provider.name, target, tuple(made), tuple(kept), failed, count, elapsed)
+        yield Progress(STAGE, i + 1, len(cameras), camera.name, ViewDone(target, camera.name))
+    if not done.names:
+        raise GagaError(next(iter(done.failed.values())))
+    text = f"{len(done.made)} made, {len(done.kept)} kept"
+    yield Progress(STAGE, len(cameras), len(cameras), text)
+    return SegmentReport(
+        provider.name,
+        target,
+        tuple(done.made),
+        tuple(done.kept),
+        done.failed,
+        _count_masks(target, done.names),
+        time.perf_counter() - start,
+        tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
+    )
+
+
+@dataclass
+class _Done:
+    """The views so far."""
+
+    made: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0  # of those that were made
+
+    @property
+    def names(self) -> list[str]:
+        """Those that have masks."""
+        return [*self.made, *self.kept]
+
+    def time_left(self, n_left: int) -> str:
+        """ " · about 3 min left", once a view has shown how long one takes."""
+        if not self.made:
+            return ""
+        left = self.seconds / len(self.made) * n_left
+        return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"
+
+
+def _by_coverage(cameras: tuple[Camera, ...], cues: _Cues) -> Stage[tuple[Camera, ...]]:
+    order = yield from coverage_order((yield from cues.splats()), cameras)
+    return tuple(cameras[i] for i in order)
 
 
 class _PhotoError(GagaError):
@@ -277,11 +340,3 @@ def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> No
 def _count_masks(target: Path, names: Sequence[str]) -> int:
     maps = (read_labels(target / f"{view_key(name)}.png") for name in names)
     return sum(len(np.unique(labels[labels > 0])) for labels in maps)
-
-
-def _time_left(seconds: float, n_done: int, n_left: int) -> str:
-    """ " · about 3 min left", once a view has shown how long one takes."""
-    if n_done == 0:
-        return ""
-    left = seconds / n_done * n_left
-    return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"

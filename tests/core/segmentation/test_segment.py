@@ -115,7 +115,7 @@ def test_a_cancel_keeps_finished_views_and_no_halves(folder: SceneFolder, n_step
     stage.close()
     target = folder.root / "masks" / "quarters"
     finished = sorted(target.glob("*.png"))
-    assert len(finished) == (n_steps - 1) // 4  # 1 + 3 steps a view
+    assert len(finished) == n_steps // 5  # 1 + 3 steps a view, and one at its end
     for path in finished:
         assert read_labels(path).max() == 4
     assert _hidden(folder.root) == []
