@@ -30,6 +30,7 @@ from gaga_core.cli.scene import (
     LiftCommand,
     RenderCommand,
 )
+from gaga_core.cli.segment import SegmentCommand
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 
@@ -42,6 +43,7 @@ AnyCommand = (
     | Annotated[CompareCommand, subcommand("compare")]
     | Annotated[BenchmarkCommand, subcommand("benchmark")]
     | Annotated[QueryCommand, subcommand("query")]
+    | Annotated[SegmentCommand, subcommand("segment")]
     | Annotated[MasksCommand, subcommand("masks")]
     | Annotated[ModelsCommand, subcommand("models")]
     | Annotated[EditCommand, subcommand("edit")]

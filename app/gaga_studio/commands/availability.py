@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, detail, quality, search
+from gaga_studio.actions import cleanup, click_object, detail, quality, search
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -52,6 +52,13 @@ def no_cleaning(session: Session) -> str:
     if cleanup.shown(session) is not None:
         return ""
     return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+
+
+def no_clicks(session: Session) -> str:
+    """Needs splats that were selected with the tool Object."""
+    if click_object.has_clicks(session):
+        return no_selection(session)
+    return no_scene(session) or "Nothing was clicked. Click with the tool Object (O) first."
 
 
 def not_exportable_selection(session: Session) -> str:
@@ -256,6 +263,8 @@ def nothing_to_confirm(session: Session) -> str:
     """Needs an outline or the preview of a cleaning."""
     if session.view.outline is not None or cleanup.shown(session) is not None:
         return ""
+    if click_object.is_clicking(session):
+        return no_clicks(session)
     return no_scene(session) or "There is nothing to confirm."
 
 

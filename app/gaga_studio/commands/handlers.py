@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.actions import align_ground, cleanup, history, selection
+from gaga_studio.actions import align_ground, cleanup, click_object, history, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
@@ -41,6 +41,8 @@ def cancel(session: Session) -> None:
         session.view.outline = None
     elif session.tool is ToolName.GROUND:
         align_ground.leave(session)
+    elif click_object.is_clicking(session):
+        click_object.clear(session)
     elif session.tool is not ToolName.PICK:
         session.tool = ToolName.PICK
     else:
@@ -69,9 +71,11 @@ def larger_brush(session: Session) -> None:
 
 
 def confirm(session: Session) -> None:
-    """Confirm what waits: the outline or the cleaning."""
+    """Confirm what waits: the outline, the clicked object or the cleaning."""
     if session.view.outline is not None:
         close_outline(session)
+    elif click_object.is_clicking(session):
+        click_object.make_object(session)
     else:
         cleanup.apply(session)
 

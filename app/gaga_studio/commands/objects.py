@@ -3,6 +3,7 @@
 from gaga_studio.actions import (
     association_repair,
     cleanup,
+    click_object,
     detail,
     files,
     masks,
@@ -16,6 +17,7 @@ from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import (
     no_bank,
     no_cleaning,
+    no_clicks,
     no_confidence,
     no_detection,
     no_groups,
@@ -100,6 +102,9 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         enabled=nothing_hidden,
     ),
     Command("object.rename", "Rename", ask(Request.RENAME), "F2", enabled=not_one_object),
+    Command(
+        "object.make", "Make an object of the clicks", click_object.make_object, enabled=no_clicks
+    ),
     Command("object.merge", "Merge into one", objects.merge, enabled=not_several_objects),
     Command(
         "object.separate",

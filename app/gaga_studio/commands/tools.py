@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from gaga_studio.actions import align_ground
+from gaga_studio.actions import align_ground, click_object
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import idle, no_corner, no_scene, nothing_pointed
 from gaga_studio.commands.base import Command, switch
@@ -30,6 +30,14 @@ def _tool(tool: ToolName, title: str, shortcut: str = "") -> Command:
 
 TOOLS_COMMANDS: tuple[Command, ...] = (
     _tool(ToolName.PICK, "Pick objects"),
+    Command(
+        "tool.object",
+        "Select an object by clicks",
+        click_object.begin,
+        "O",
+        enabled=no_scene,
+        is_on=lambda session: session.tool is ToolName.OBJECT,
+    ),
     _tool(ToolName.RECT, "Select by rectangle", "R"),
     _tool(ToolName.LASSO, "Select by lasso", "L"),
     _tool(ToolName.POLYGON, "Select by polygon", "P"),

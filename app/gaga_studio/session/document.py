@@ -15,6 +15,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
+from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.save_state import SaveState
 from gaga_studio.session.scene_cache import SceneCache
@@ -41,6 +42,7 @@ class Document:
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()
+        self.clicks = ClickState()  # of the tool Object
         self.recovered_from: Path | None = None  # an autosave that holds what is open
         self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
         self.in_use_by = ""  # the other program that has the project open

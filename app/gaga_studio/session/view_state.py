@@ -34,6 +34,7 @@ class ToolName(StrEnum):
     """The one active tool."""
 
     PICK = "pick"
+    OBJECT = "object"
     RECT = "rect"
     LASSO = "lasso"
     POLYGON = "polygon"

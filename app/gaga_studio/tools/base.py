@@ -17,6 +17,7 @@ class ViewportPoint:
     width: int
     height: int
     how: How = "set"
+    alt: bool = False
 
 
 @dataclass(frozen=True)

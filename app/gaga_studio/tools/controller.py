@@ -10,6 +10,7 @@ from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerS
 from gaga_studio.tools.ground import GroundTool
 from gaga_studio.tools.lasso import LassoTool
 from gaga_studio.tools.move import MoveTool
+from gaga_studio.tools.object import ObjectTool
 from gaga_studio.tools.pick import PickTool
 from gaga_studio.tools.polygon import PolygonTool
 from gaga_studio.tools.rect import RectTool
@@ -25,6 +26,7 @@ class ToolController:
         }
         self._tools: dict[ToolName, Tool] = {
             ToolName.PICK: PickTool(),
+            ToolName.OBJECT: ObjectTool(),
             ToolName.RECT: RectTool(),
             ToolName.LASSO: LassoTool(),
             ToolName.POLYGON: PolygonTool(),
@@ -92,7 +94,8 @@ def _move_camera(session: Session, action: Action) -> bool:
 
 
 def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) -> None:
-    place = ViewportPoint(action.u, action.v, pointer.width, pointer.height, action.how)
+    size = pointer.width, pointer.height
+    place = ViewportPoint(action.u, action.v, *size, action.how, action.alt)
     if action.act in (Act.HOVER, Act.AWAY):
         _rest(session, tool, place if action.act is Act.HOVER else None)
     elif action.act is Act.DOUBLE_CLICK:

@@ -72,6 +72,7 @@ class Action:
     dx: float = 0.0
     dy: float = 0.0
     how: How = "set"
+    alt: bool = False  # of a click
 
 
 @dataclass
@@ -81,6 +82,7 @@ class _Press:
     u: float
     v: float
     how: How
+    alt: bool = False
     is_drag: bool = False
 
 
@@ -150,7 +152,7 @@ class Gestures:
         button = next(b for b in _BUTTONS if b in fresh)
         self._ignored |= fresh - {button}
         act = _meaning(button, keys, tool_drags, looks)
-        self._press = _Press(button, act, pointer.u, pointer.v, how_of(keys))
+        self._press = _Press(button, act, pointer.u, pointer.v, how_of(keys), keys.alt)
         if button == "left" and pointer.is_double:
             self.cancel()
             yield Action(Act.DOUBLE_CLICK, pointer.u, pointer.v)
@@ -178,7 +180,7 @@ class Gestures:
                 yield Action(Act.TOOL_RELEASE, pointer.u, pointer.v, how=press.how)
         elif press.button != "middle":
             act = Act.CLICK if press.button == "left" else Act.MENU
-            yield Action(act, press.u, press.v, how=press.how)
+            yield Action(act, press.u, press.v, how=press.how, alt=press.alt)
 
 
 _BUTTONS: tuple[Button, ...] = ("left", "right", "middle")

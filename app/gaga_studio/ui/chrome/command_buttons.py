@@ -66,6 +66,8 @@ ICONS = {
     "camera.film": icons.FILM,
     "file.save_picture": icons.PICTURE,
     "tool.pick": icons.PICK,
+    "tool.object": icons.OBJECT,
+    "object.make": icons.NEW,
     "tool.rect": icons.RECT,
     "tool.lasso": icons.LASSO,
     "tool.polygon": icons.POLYGON,

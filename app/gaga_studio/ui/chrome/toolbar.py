@@ -5,7 +5,7 @@ from imgui_bundle import imgui
 from gaga_studio import commands
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import REGION_TOOLS, Mode, SplatLook
+from gaga_studio.session.view_state import REGION_TOOLS, Mode, SplatLook, ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
@@ -30,11 +30,15 @@ def draw(session: Session) -> None:
     _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(("pick", "rect", "lasso", "polygon", "brush", "sphere")):
+    for position, tool in enumerate(
+        ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
+    ):
         _next(position)
         command_buttons.command_icon(session, f"tool.{tool}")
     if session.tool in REGION_TOOLS and width > em(50):
         _what_regions_take(session)
+    if session.tool is ToolName.OBJECT and width > em(50):
+        _clicks(session)
     _rule()
     for position, tool in enumerate(("move", "rotate", "scale")):
         _next(position)
@@ -88,6 +92,14 @@ def _what_regions_take(session: Session) -> None:
         view.takes_splats = takes
     if takes:
         view.visible_only = depth
+
+
+def _clicks(session: Session) -> None:
+    """What is done with the clicks of the tool Object."""
+    imgui.same_line(0, em(0.5))
+    command_buttons.command_button(session, "object.make", "Make object")
+    imgui.same_line(0, em(0.4))
+    command_buttons.command_button(session, "select.none", "Clear")
 
 
 def _modes(session: Session, *, with_text: bool) -> None:

@@ -1,6 +1,7 @@
 """Icons of the window: code points of the icon font (Lucide, ``assets/fonts``)."""
 
 PICK = "\ue1c3"
+OBJECT = "\ue120"
 RECT = "\ue1cb"
 LASSO = "\ue1ce"
 POLYGON = "\ue52b"

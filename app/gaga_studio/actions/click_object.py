@@ -1,0 +1,193 @@
+"""Select a thing by clicks on it and off it, and make it an object.
+
+Before the first answer the scene is looked at once, as a job; clicks made meanwhile are answered
+when it is done. Every click is one entry of the history.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.progress import Stage
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection import algebra
+from gaga_studio.session.click_state import ClickState, key_of
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
+
+if TYPE_CHECKING:
+    from gaga_core.scene.selection.click_cut import Answer, Click
+    from gaga_core.scene.selection.click_graph import ClickGraph
+
+TITLE = "Prepare clicks"
+_LEAST = 0.25  # opacity of a pixel at which it counts as a surface
+_NOTHING_HERE = "There is no surface here. Click on something."
+_LONGEST = 480  # longest side, pixels, of the depth picture of a box
+
+
+def begin(session: Session) -> None:
+    """Take the tool, and look at the scene in the background if that is still to be done."""
+    session.tool = ToolName.OBJECT
+    prepare(session)
+
+
+def prompt(session: Session) -> str:
+    """Return what a click does now, in words."""
+    document = session.need()
+    if document.clicks.is_preparing:
+        return "Looking at the scene; clicks are answered when that is done. Middle drag orbits."
+    if not has_clicks(session):
+        return "Click an object, or drag a box around it. Middle drag orbits."
+    return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
+
+
+def has_clicks(session: Session) -> bool:
+    """Whether the selection is the answer to clicks."""
+    document = session.document
+    return document is not None and document.history.state_id in document.clicks.answers
+
+
+def is_clicking(session: Session) -> bool:
+    """Whether the tool is in use and has something to confirm or to clear."""
+    return session.tool is ToolName.OBJECT and has_clicks(session)
+
+
+@notifies
+def prepare(session: Session) -> bool:
+    """Start to look at the scene; False when that is done already, or when another job runs."""
+    document = session.need()
+    state, scene = document.clicks, replace(document.settled().scene)
+    if state.is_preparing or state.is_ready(scene):
+        return False
+    key, cameras, up_to_date = key_of(scene), _cameras(session), document
+
+    def stage() -> "Stage[ClickGraph]":
+        # Imported when first needed: numba and scipy take a large part of the launch time.
+        from gaga_core.scene.selection.click_graph import click_graph_stage
+        from gaga_core.scene.selection.click_views import click_views
+
+        views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
+        return click_graph_stage(scene, views, choose())
+
+    def done(graph: "ClickGraph") -> None:
+        if session.document is not up_to_date:
+            return
+        state.take(graph, key)
+        waiting, state.waiting = state.waiting, []
+        for click in waiting:
+            _answer(document, click)
+
+    def end() -> None:
+        state.is_preparing, state.waiting = False, []
+
+    state.is_preparing = session.jobs.start(TITLE, stage(), on_done=done, on_end=end)
+    return state.is_preparing
+
+
+@notifies
+def click(session: Session, u: float, v: float, width: int, height: int, *, is_on: bool) -> bool:
+    """Click the surface at a pixel: what is there is part of the thing, or not."""
+    from gaga_core.scene.selection.click_cut import Click
+
+    document = session.need()
+    found = session.pick(u, v, width, height)
+    if found is None or found.weights.sum() < _LEAST:
+        session.hint = _NOTHING_HERE
+        return False
+    if not is_on and not has_clicks(session) and not document.clicks.waiting:
+        session.hint = "Click the object first, then what does not belong to it."
+        return False
+    session.hint = ""
+    x, y, z = (float(value) for value in found.point)
+    if document.clicks.is_ready(document.settled().scene):
+        return _answer(document, Click((x, y, z), is_on))
+    if prepare(session) or document.clicks.is_preparing:
+        document.clicks.waiting.append(Click((x, y, z), is_on))
+    return False
+
+
+@notifies
+def box(
+    session: Session, corners: tuple[float, float, float, float], width: int, height: int
+) -> bool:
+    """Begin an object with what lies in a box (u0, v0, u1, v1), pixels of the picture."""
+    from gaga_core.scene.selection.click_cut import boxed
+
+    document = session.need()
+    scene = document.settled().scene
+    if not document.clicks.is_ready(scene):
+        prepare(session)
+        session.hint = "The scene is still being looked at. Draw the box again when that is done."
+        return False
+    assert document.clicks.graph is not None
+    camera = session.rig.camera(width, height)
+    shrink = min(1.0, _LONGEST / max(width, height))
+    size = max(round(width * shrink), 1), max(round(height * shrink), 1)
+    small = camera.resized(*size)
+    factors = np.array([size[0] / width, size[1] / height] * 2)
+    u0, v0, u1, v1 = (float(value) for value in np.array(corners) * factors)
+    answer = boxed(document.clicks.graph, small, (u0, v0, u1, v1), _depth(scene, small))
+    if not answer.nodes.any():
+        session.hint = "No whole object lies in this box. Draw a larger one, or click."
+        return False
+    return _show(document, answer, "Select by a box")
+
+
+@notifies
+def make_object(session: Session) -> bool:
+    """Make what was clicked an object of its own, and ask for its name."""
+    document = session.need()
+    scene = document.settled().scene
+    group = edits.free_group(scene)
+    done = document.do(edits.separate(scene, document.selected(), "Make object"))
+    if done:
+        document.focus = group
+        session.request = Request.RENAME
+    return done
+
+
+@notifies
+def clear(session: Session) -> bool:
+    """Forget the clicks: nothing is selected, and the next one begins another object."""
+    return session.need().select(algebra.nothing(), "set", "Clear the clicks")
+
+
+def _answer(document: Document, click: "Click") -> bool:
+    """Answer one more click as an entry of the history."""
+    from gaga_core.scene.selection.click_cut import clicked, nothing_yet
+
+    state = document.clicks
+    assert state.graph is not None
+    before = state.answers.get(document.history.state_id, nothing_yet(state.graph))
+    title = "Click an object" if not before.clicks else "Click more" if click.is_on else "Click off"
+    return _show(document, clicked(state.graph, before, click), title)
+
+
+def _show(document: Document, answer: "Answer", title: str) -> bool:
+    state: ClickState = document.clicks
+    assert state.graph is not None
+    scene = document.settled().scene
+    rows: IntArray = state.graph.splats(answer.samples)
+    done = document.select(rows[algebra.selectable(scene)[rows]], "set", title)
+    state.answers[document.history.state_id] = answer
+    return done
+
+
+def _cameras(session: Session) -> tuple[Camera, ...]:
+    """The photos' cameras, moved with the scene when that was turned as a whole."""
+    world: DoubleArray = session.need().world
+    back = np.linalg.inv(world)
+    return tuple(replace(c, cam_from_world=c.cam_from_world @ back) for c in session.cameras)
+
+
+def _depth(scene: Scene, camera: Camera) -> FloatArray:
+    return choose("cpu").render(bake(scene), camera).median_depth
