@@ -4,13 +4,14 @@
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
+# make faults KILLS=100  kills each kind of program so often at random moments
 # make soak COMMANDS=20000  random commands, saves and crashes of the session; nothing may be lost
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: studio test fuzz soak captures check docs setup bench screenshots clean
+.PHONY: studio test fuzz soak faults captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -29,6 +30,9 @@ fuzz: setup
 
 soak: setup
 	@$(BIN)/python -m tests.soak.walk $(or $(COMMANDS),20000)
+
+faults: setup
+	@GAGA_TEST_KILLS=$(or $(KILLS),100) $(BIN)/python -m pytest -q tests/faults tests/core/scene/test_two_writers.py
 
 check: setup
 	@$(BIN)/ruff check .

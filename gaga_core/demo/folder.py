@@ -11,7 +11,7 @@ from pathlib import Path
 from gaga_core.demo.config import DemoConfig
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import read_loose_json
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Stage
 
 VERSION = 1  # grows whenever another scene comes out of the same seed
@@ -39,7 +39,7 @@ def make_demo_stage(
         yield from scene_stage(made, wanted)
         _write_stamp(made, wanted)
         _keep_others(folder, made)
-        publish(staging, folder.name, folder.parent)
+        publish_all(staging, [folder.name], folder.parent)
     return folder
 
 

@@ -21,7 +21,7 @@ from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.masks import mask_folder
 from gaga_core.io.scene_folder import SceneFolder, mask_path_of, read_model, select_views
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
@@ -108,7 +108,7 @@ def compare_variants(
     with staging_folder(folder.work) as staging:
         text = json.dumps(table.to_json(), indent=2) + "\n"
         (staging / "variants.json").write_text(text, encoding="utf-8")
-        publish(staging, "variants.json", folder.work)
+        publish_all(staging, ["variants.json"], folder.work)
     return table
 
 

@@ -21,6 +21,7 @@ _LONGEST = 200  # bytes of a name in that of its temporary file: file systems ta
 _LEFT = re.compile(
     r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}"
 )  # `atomic_write`, `staging_folder`
+PLAN = "publish.json"  # in a folder of results that are whole, see `staging.publish_all`
 _OLD_S = 3600.0
 _looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
@@ -47,7 +48,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        try:
+            temporary.unlink(missing_ok=True)
+        except OSError as error:  # a read-only disk: what is raised already says more
+            _LOG.info("%s was not removed: %s", temporary, error)
 
 
 def remove_leftovers(folder: Path) -> int:
@@ -61,7 +65,7 @@ def remove_leftovers(folder: Path) -> int:
         names = [entry.name for entry in os.scandir(folder) if _LEFT.fullmatch(entry.name)]
         for name in names:
             left = folder / name
-            if _newest(left) < limit:
+            if _newest(left) < limit and not (left / PLAN).is_file():
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
                 n += 1
     except OSError as error:  # no permission, or another program was quicker: they do no harm

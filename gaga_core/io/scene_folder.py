@@ -25,6 +25,7 @@ from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.json_file import read_json, read_loose_json
 from gaga_core.io.masks import view_key, view_keys
 from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.io.staging import finish_publishing
 from gaga_core.progress import Stage
 
 _TEST_EVERY = 8  # without a split.json every 8th view by name is a test view (LLFF's rule)
@@ -91,6 +92,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
         )
     if model is not None and not model.is_file():
         raise GagaError(f"{model} does not exist. Choose the file of the splats.")
+    finish_publishing(root / "gaga")
     sparse = find_sparse(root)
     reading = ColmapReading(sparse) if sparse is not None else None
     try:

@@ -25,7 +25,7 @@ from gaga_core.io.scene_folder import (
     select_views,
     with_entry,
 )
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
@@ -70,8 +70,7 @@ def associate_scene(
         yield from _write_pseudo_labels(staging / "masks", cameras, mask_set, association)
         report = with_entry(folder.work / "report.json", "associate", summary)
         (staging / "report.json").write_text(report, encoding="utf-8")
-        for name in ("masks", "bank.npz", "labels.npz", "report.json"):
-            publish(staging, name, folder.work)
+        publish_all(staging, ["masks", "bank.npz", "labels.npz", "report.json"], folder.work)
     return association
 
 

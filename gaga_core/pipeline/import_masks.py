@@ -14,7 +14,7 @@ from gaga_core.io.mask_import import recognise
 from gaga_core.io.mask_import_base import ImportedMasks, MaskList, MaskSource
 from gaga_core.io.masks import view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, select_views
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.masks import dense_labels, resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import scored_masks
@@ -102,7 +102,7 @@ def import_masks(
             )
         text = json.dumps(report.to_json(), indent=1) + "\n"
         (staging / name / "import.json").write_text(text, encoding="utf-8")
-        publish(staging, name, folder.root / "masks")
+        publish_all(staging, [name], folder.root / "masks")
     return report
 
 

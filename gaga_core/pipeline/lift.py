@@ -29,7 +29,7 @@ from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.io.masks import mask_folder, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views, with_entry
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.pipeline.render import paint_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
@@ -149,8 +149,7 @@ def lift_scene(
         save_identity(staging / path.name, identity)
         text = with_entry(folder.work / "report.json", "lift", entry)
         (staging / "report.json").write_text(text, encoding="utf-8")
-        for name in (path.name, "report.json"):
-            publish(staging, name, folder.work)
+        publish_all(staging, [path.name, "report.json"], folder.work)
     if mode == "paper":
         task.checkpoint.unlink(missing_ok=True)
     return report

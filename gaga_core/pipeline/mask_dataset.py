@@ -30,7 +30,7 @@ from gaga_core.io.coco import (
 from gaga_core.io.images import open_image, read_rgb, write_rgb
 from gaga_core.io.masks import view_key, view_keys, write_labels
 from gaga_core.io.scene_folder import SceneFolder
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
@@ -104,8 +104,7 @@ def export_mask_dataset(
             groups = splat_groups(engine, gaussians, view, labels)
             pictures.append(_write_view(staging, folder, view, groups, form))
         _write_tables(staging, pictures, project.scene, form)
-        for path in sorted(staging.iterdir()):
-            publish(staging, path.name, out)
+        publish_all(staging, sorted(path.name for path in staging.iterdir()), out)
     yield Progress(_STAGE, len(cameras), len(cameras), f"{len(cameras)} views")
     seen = {s.group for picture in pictures for s in picture.segments}
     n_masks = sum(len(picture.segments) for picture in pictures)

@@ -9,6 +9,8 @@ import json
 import os
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import write_cameras_json
 from gaga_core.io.colmap import read_colmap
+from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, find_model, find_sparse, open_scene_folder
 from gaga_core.pipeline.place import (
@@ -87,6 +90,8 @@ def reconstruct_scene(
         notes = (*notes, *(yield from _given_poses(scene, config)))
         yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
         done.append("train")
+    if config.only == "all" and find_model(scene) is not None:
+        shutil.rmtree(scene / WORKSPACE, ignore_errors=True)  # killed between the last two steps
     return Reconstruction(scene, tuple(done), notes, read_entry(scene))
 
 
@@ -141,9 +146,9 @@ def train_scene(
         model.points, model.point_colors, views.train, settings, engine
     )
     workspace = folder.root / WORKSPACE
-    workspace.mkdir(exist_ok=True)
-    (workspace / SETTINGS).write_text(json.dumps(asdict(config)), encoding="utf-8")
-    with joined_team() as team:
+    with _tidied(workspace), joined_team() as team:
+        with atomic_write(workspace / SETTINGS) as temporary:
+            temporary.write_text(json.dumps(asdict(config)), encoding="utf-8")
         trained = yield from train_stage(
             initial, views, settings, engine, checkpoint=workspace / CHECKPOINT, team=team
         )
@@ -155,3 +160,18 @@ def train_scene(
             write_ply(folder.root / "point_cloud.ply", trained.gaussians)
             shutil.rmtree(workspace, ignore_errors=True)
     return trained.gaussians
+
+
+@contextmanager
+def _tidied(workspace: Path) -> Iterator[None]:
+    """Remove the workspace after a failure, unless there is something to take up in it.
+
+    A disk that cannot be written becomes a ``GagaError``.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise GagaError(explain_os_error(error, workspace.parent)) from error
+    finally:
+        if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS}:
+            shutil.rmtree(workspace, ignore_errors=True)

@@ -15,7 +15,7 @@ from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import view_keys, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -77,8 +77,7 @@ def paint_views(
             name = f"{keys[camera.name]}.png"
             paint(staging / name, camera)
             written.append(name)
-        for name in written:
-            publish(staging, name, target)
+        publish_all(staging, written, target)
     yield Progress(f"Render {what}", len(cameras), len(cameras), f"{len(written)} files")
     return tuple(target / name for name in written)
 
@@ -107,8 +106,7 @@ def export_masks(
             path = staging / names[camera.name]
             write_labels(path, splat_groups(engine, gaussians, camera, labels))
         written = sorted(names.values())
-        for name in written:
-            publish(staging, name, out)
+        publish_all(staging, written, out)
     return tuple(out / name for name in written)
 
 

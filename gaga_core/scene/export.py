@@ -15,7 +15,7 @@ from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.objects import group_colors, group_name
@@ -146,8 +146,7 @@ def _export_objects(
         content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
         text = json.dumps(content, indent=1, ensure_ascii=False)
         (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
-        for name in (*(item.file for item in objects), MANIFEST):
-            publish(staging, name, folder)
+        publish_all(staging, [*(item.file for item in objects), MANIFEST], folder)
     return folder / MANIFEST
 
 

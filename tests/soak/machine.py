@@ -260,7 +260,7 @@ class SessionMachine(RuleBasedStateMachine):
     @invariant()
     def same_as_before(self) -> None:
         if hasattr(self, "session"):
-            type(self).n_steps += 1
+            SessionMachine.n_steps += 1
             self._same_as_before()
             self._tick()
             assert not [text for text in self._texts() if "went wrong" in text]

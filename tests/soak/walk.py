@@ -44,7 +44,7 @@ def walk(n_steps: int, seed: int) -> str:
     run_state_machine_as_test(hypothesis.seed(seed)(_Measured), settings=settings)  # type: ignore[no-untyped-call]
     memory = _Measured.memory[len(_Measured.memory) // 5 :]
     growth = max(memory) / memory[0] - 1
-    line = f"seed {seed}: {_Measured.n_steps:,} steps, {memory[0] >> 20} MB, grew {growth:.1%}"
+    line = f"seed {seed}: {SessionMachine.n_steps:,} steps, {memory[0] >> 20} MB, grew {growth:.1%}"
     if growth > _MOST_GROWTH:
         raise AssertionError(line)
     return line

@@ -10,7 +10,7 @@ from PIL import Image
 from gaga_core.camera import Camera
 from gaga_core.io.datasets.base import PromptTruth
 from gaga_core.io.masks import read_labels
-from gaga_core.io.staging import publish, staging_folder
+from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.pipeline.search import Pictures, find_in_view, index_scene, search
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
@@ -122,5 +122,5 @@ def answer_prompts(question: Question, prompts: PromptTruth, out: Path, find: Fi
                 if ids:
                     mask = np.isin(groups, ids).astype(np.uint8) * np.uint8(255)
                     Image.fromarray(mask).save(staging / "prompts" / key / f"{phrase}.png")
-        publish(staging, "prompts", out)
+        publish_all(staging, ["prompts"], out)
     return out / "prompts"

@@ -1,0 +1,1 @@
+"""What is left when programs are killed, disks are full and places are read-only."""

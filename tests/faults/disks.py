@@ -1,0 +1,79 @@
+"""Small and read-only disks: a file system in memory that only the process sees which mounts it."""
+
+import ctypes
+import errno
+import os
+import shutil
+import sys
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from gaga_core.errors import GagaError
+from tests.faults.programs import PROGRAMS, Version, finish
+
+_NEWNS, _NEWUSER = 0x00020000, 0x10000000  # linux/sched.h
+_READ_ONLY, _REMOUNT = 1, 32  # linux/mount.h
+
+
+def _mounted(place: Path, options: str, flags: int = 0) -> None:
+    """Mount a file system in memory; ``OSError`` where that is not allowed."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    arguments = (b"tmpfs", str(place).encode(), b"tmpfs", flags, options.encode())
+    if libc.mount(*arguments):
+        raise OSError(ctypes.get_errno(), "mount")
+
+
+def _own_mounts() -> None:
+    """Let this process mount what no other one sees; ``OSError`` where that is not allowed."""
+    if sys.platform != "linux":
+        raise OSError(errno.ENOTSUP, "mounts of a process")
+    libc, user, group = ctypes.CDLL(None, use_errno=True), os.getuid(), os.getgid()
+    if libc.unshare(_NEWNS | _NEWUSER):
+        raise OSError(ctypes.get_errno(), "unshare")
+    Path("/proc/self/setgroups").write_text("deny")
+    Path("/proc/self/uid_map").write_text(f"0 {user} 1")
+    Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+
+
+def run_on_a_disk(
+    name: str, made: Path, place: Path, kind: str, version: Version, said: Connection
+) -> None:
+    """Run a program in a copy of ``made`` on a disk that is "full" or "read-only".
+
+    Says "cannot" where no disk can be mounted, else: the sentence, the result before and after it,
+    and the files that are there then but were not there before.
+    """
+    try:
+        _own_mounts()
+        _mounted(place, "size=64m")
+    except OSError as error:
+        said.send(("cannot", str(error)))
+        return
+    root, program = place / "it", PROGRAMS[name]
+    shutil.copytree(made, root)
+    before, files = program.result(root), set(root.rglob("*"))
+    if kind == "full":
+        _fill(place)
+    else:
+        _mounted(place, "size=64m", _REMOUNT | _READ_ONLY)
+    sentence = ""
+    try:
+        program.run(root, version)
+    except GagaError as error:
+        sentence = str(error)
+    finish(root)
+    stray = sorted(str(path.relative_to(root)) for path in set(root.rglob("*")) - files)
+    said.send(("done", sentence, before, program.result(root), stray))
+
+
+def _fill(place: Path) -> None:
+    """Leave room for 4 kB."""
+    block = bytes(4096)
+    with (place / "full").open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(block)
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+        file.truncate(file.tell() - len(block))

@@ -1,0 +1,28 @@
+"""Full and read-only disks: one sentence, the old result, and nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.faults.disks import run_on_a_disk
+from tests.faults.processes import Child, make, run_whole
+from tests.faults.programs import PROGRAMS
+
+
+@pytest.mark.parametrize("kind", ["full", "read-only"])
+@pytest.mark.parametrize("name", ["export", "export objects", "associate", "train"])
+def test_a_disk_that_takes_nothing(name: str, kind: str, tmp_path: Path) -> None:
+    root, place = tmp_path / "it", tmp_path / "disk"
+    place.mkdir()
+    make(name, root)
+    if PROGRAMS[name].has_versions:
+        run_whole(name, root, "A")
+    child = Child(run_on_a_disk, name, root, place, kind, "B")
+    said = child.says()
+    child.end()
+    if said and said[0] == "cannot":
+        pytest.skip(f"no disk can be mounted here: {said[1]}")
+    _, sentence, before, after, stray = said
+    assert ("The disk is full" if kind == "full" else "no permission") in sentence
+    assert after == before
+    assert stray == []
