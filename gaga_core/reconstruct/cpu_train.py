@@ -9,6 +9,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients, TrainableRasterizer, TrainStep
 from gaga_core.reconstruct.checkpoint import TrainState
 from gaga_core.reconstruct.densify import ScreenSums, control_density, quota, reset_opacities
+from gaga_core.reconstruct.dropout import thinned
 from gaga_core.reconstruct.engine import (
     Setting,
     is_due_for_control,
@@ -21,7 +22,7 @@ from gaga_core.reconstruct.optimizer import Splats, adam_step
 from gaga_core.reconstruct.relocate import relocate_and_grow, walk
 from gaga_core.reconstruct.views import TrainView
 
-_SPLIT, _WALK = 1, 2  # what random numbers are drawn for
+_SPLIT, _WALK, _DROP = 1, 2, 3  # what random numbers are drawn for
 
 
 class CpuEngine:
@@ -72,20 +73,26 @@ class CpuEngine:
         self, state: TrainState, view: TrainView, index: int
     ) -> tuple[TrainStep, DoubleArray]:
         """Draw a view and compare it; also the gradient (2, 3) by its exposure (0 without)."""
-        config = self._setting.config
+        config, i = self._setting.config, state.iteration + 1
         by_exposure = np.zeros((2, 3))
+        drawn = thinned(
+            state.splats.values,
+            config.dropout_at(i / config.iterations, len(self._setting.views)),
+            self._setting.random(_DROP, i),
+        )
 
         def loss(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
             return photometric(image, target, config.dissimilarity)
 
         compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
         step = self._rasterizer.train_step(
-            state.splats.values,
+            drawn.gaussians,
             view.camera,
             view.target(),
             compare,
             background=self._setting.background,
         )
+        drawn.walk_back(step.gradients)
         return step, by_exposure
 
 

@@ -18,6 +18,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.reconstruct.checkpoint import TrainState
 from gaga_core.reconstruct.densify import ScreenSums, quota
+from gaga_core.reconstruct.dropout import HIGHEST
 from gaga_core.reconstruct.engine import (
     Setting,
     Turn,
@@ -128,11 +129,12 @@ class CudaEngine:
 
     def _render(self, camera: Camera, moment: float) -> tuple[Tensor, dict[str, Any]]:
         p, config = self._params, self._setting.config
+        share = config.dropout_at(moment, len(self._setting.views))
         images, _, info = self._gsplat.rasterization(
             means=p["means"],
             quats=p["quats"],
             scales=torch.exp(p["scales"]),
-            opacities=torch.sigmoid(p["opacities"]),
+            opacities=thinned_opacities(torch.sigmoid(p["opacities"]), share),
             colors=torch.cat([p[_SH], p[_REST]], dim=1),
             viewmats=self._send(camera.cam_from_world)[None],
             Ks=self._send(camera.K)[None],
@@ -228,6 +230,15 @@ class CudaEngine:
 
     def _send(self, array: AnyArray) -> Tensor:
         return torch.from_numpy(np.array(array, np.float32, order="C")).to(self._device)
+
+
+def thinned_opacities(opacities: Tensor, share: float) -> Tensor:
+    """`dropout.thinned`: a share of them 0, the others raised as much."""
+    if share == 0:
+        return opacities
+    is_out = torch.rand_like(opacities) < share
+    raised = torch.minimum(opacities / (1 - share), opacities.detach().clamp(min=HIGHEST))
+    return torch.where(is_out, 0.0, raised)
 
 
 def rates_by_name(rates: Rates) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """Settings of the training of Gaussians: every number with its unit and where it comes from.
 
 Moments of the schedule are shares of all iterations, so that a shorter run is the same run in
-small. "Kerbl" is 3D Gaussian Splatting (Kerbl 2023), "MCMC" is Kheradmand 2024.
+small. "Kerbl" is 3D Gaussian Splatting (Kerbl 2023), "MCMC" is Kheradmand 2024,
+"Park" is DropGaussian (Park 2025).
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -9,6 +10,7 @@ from typing import Literal
 
 QUALITIES = ("draft", "standard", "full")
 STRATEGIES = ("gradient", "mcmc")
+_FEW_PHOTOS = 30
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class TrainConfig:
     shell: int = 0  # splats of a sphere behind everything, if it were whole
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
+    dropout: float = 0.0  # share of splats left out of a step, see `dropout_at`: 0.2 (Park)
     exposure: bool = False  # a gain and an offset per photo and channel are trained along
     exposure_rate: float = 1e-2  # learning rate of these at the start, falling to a hundredth
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)  # color behind all splats, 0..1
@@ -95,6 +98,8 @@ class TrainConfig:
             raise ValueError("longest_side: at least 16 pixels")
         if not 0 <= self.sh_degree <= 3:
             raise ValueError("sh_degree: 0 to 3")
+        if not 0 <= self.dropout < 1:
+            raise ValueError("dropout: at least 0, less than 1")
         if not 0 < self.initial_opacity < 1:
             raise ValueError("initial_opacity: must be between 0 and 1")
 
@@ -118,6 +123,7 @@ class TrainConfig:
                 sh_every=0.1,
                 stereo=40_000,
                 shell=2000,
+                dropout=0.2,
                 rates=_quick(RateConfig(means=4e-4, log_scales=8e-3, sh=5e-3)),
                 density=_quick_density(250_000),
             )
@@ -130,6 +136,7 @@ class TrainConfig:
                 sh_every=0.15,
                 stereo=20_000,
                 shell=2000,
+                dropout=0.2,
                 rates=_quick(RateConfig(means=8e-4, log_scales=0.01, sh=0.01)),
                 density=_quick_density(80_000),
             )
@@ -142,6 +149,11 @@ class TrainConfig:
     def degree_at(self, moment: float) -> int:
         """SH degree that is trained at a moment: one more every `sh_every`."""
         return min(self.sh_degree, int(moment / self.sh_every + 1e-9))
+
+    def dropout_at(self, moment: float, n_views: int) -> float:
+        """Share of the splats that is left out of the step at a moment: 0 at first, `dropout` at
+        the end, and less the more photos there are, as they hold one another in check."""
+        return self.dropout * moment * min(1.0, _FEW_PHOTOS / n_views)
 
     def cpu_seconds(self, n_pixels: int) -> float:
         """Rough time of all processors together for photos of ``n_pixels`` at training size.

@@ -14,6 +14,7 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import base, probe
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.reconstruct import cuda_train
+from gaga_core.reconstruct.dropout import thinned
 from gaga_core.reconstruct.losses import photometric
 from gaga_core.reconstruct.optimizer import COLUMNS
 from gaga_core.reconstruct.settings import TrainConfig
@@ -75,7 +76,8 @@ def tiny(strategy: str, iterations: int = 20, **changes: object) -> TrainConfig:
     )
     rates = replace(config.rates, sh=0.05)
     changed = replace(config, iterations=iterations, sh_degree=1, density=density, rates=rates)
-    return replace(changed, half_until=0.0, **changes)  # type: ignore[arg-type]
+    changed = replace(changed, half_until=0.0, dropout=0.0)  # so few splats must all be drawn
+    return replace(changed, **changes)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("strategy", ["gradient", "mcmc"])
@@ -140,3 +142,25 @@ def test_a_rasterizer_without_gradients_is_refused(scene: tuple[Gaussians, Train
 
     with pytest.raises(ValueError, match="does not train"):
         run_stage(train_stage(*scene, tiny("gradient"), choose("reference")))
+
+
+def test_splats_are_left_out_as_on_the_cpu() -> None:
+    """The same opacities for those that stay, with the same gradient by the stored logits."""
+    gaussians = random_gaussians(300, seed=3)
+    logits = torch.tensor(np.linspace(-4, 7, 300), dtype=torch.float64, requires_grad=True)
+    torch.manual_seed(0)
+    found = cuda_train.thinned_opacities(torch.sigmoid(logits), 0.25)
+    found.log().nan_to_num(neginf=0.0).sum().backward()  # type: ignore[no-untyped-call]
+    there = found.detach().numpy()
+    is_out = there == 0
+    assert 0.15 < is_out.mean() < 0.35
+    some = replace(gaussians, logit_opacities=logits.detach().numpy().astype(np.float32))
+    way = thinned(some, 0.25, np.random.default_rng(0))
+    ours, slopes = way.gaussians.opacities, way.slopes
+    assert slopes is not None
+    both = ~is_out & (ours > 1e-6)
+    np.testing.assert_allclose(there[both], ours[both], rtol=1e-4)
+    assert logits.grad is not None
+    by_logit = (1 - ours) * slopes  # of the logarithm of an opacity
+    np.testing.assert_allclose(logits.grad.numpy()[both], by_logit[both], rtol=1e-2, atol=1e-4)
+    assert cuda_train.thinned_opacities(found, 0.0) is found

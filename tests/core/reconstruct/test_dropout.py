@@ -1,0 +1,79 @@
+"""Splats left out of a step: as many as asked, fairly made up for, with true gradients."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import FloatArray
+from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.reconstruct.dropout import HIGHEST, thinned
+from gaga_core.reconstruct.settings import TrainConfig
+from tests.scenes import orbit_cameras, random_gaussians
+
+CPU = CpuRasterizer()
+
+
+def test_no_share_changes_nothing() -> None:
+    gaussians = random_gaussians(50, seed=0)
+    assert thinned(gaussians, 0.0, np.random.default_rng(0)).gaussians is gaussians
+
+
+def test_what_is_left_covers_as_much_on_average() -> None:
+    gaussians = random_gaussians(400, seed=0)
+    gaussians = replace(gaussians, logit_opacities=np.linspace(-5, 1, 400).astype(np.float32))
+    rng = np.random.default_rng(1)
+    draws = np.array([thinned(gaussians, 0.25, rng).gaussians.opacities for _ in range(400)])
+    is_out = draws < 1e-6
+    assert is_out.mean() == pytest.approx(0.25, abs=0.01)
+    np.testing.assert_allclose(draws.mean(axis=0), gaussians.opacities, rtol=0.2)
+    np.testing.assert_allclose(draws.mean(), gaussians.opacities.mean(), rtol=0.01)
+
+
+def test_opacities_stay_below_one() -> None:
+    gaussians = random_gaussians(3, seed=0)
+    gaussians = replace(gaussians, logit_opacities=np.array([1.0, 4.0, 9.0], np.float32))
+    kept = thinned(gaussians, 1e-9, np.random.default_rng(0)).gaussians.opacities
+    np.testing.assert_allclose(kept, gaussians.opacities, rtol=1e-5)
+    raised = thinned(gaussians, 0.3, np.random.default_rng(0)).gaussians.opacities
+    assert raised.max() <= max(HIGHEST, float(gaussians.opacities.max())) + 1e-6
+
+
+def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
+    gaussians = random_gaussians(12, seed=2)
+    logits = np.linspace(-2, 0.5, 12).astype(np.float32)
+    gaussians = replace(gaussians, logit_opacities=logits)
+    gaussians.log_scales[:] += 1
+    camera = orbit_cameras(3, width=32, height=24)[0]
+    target = np.zeros((24, 32, 3), np.float32)
+
+    def loss(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
+        return float((image.astype(np.float64) ** 2).sum()), 2 * (image - target)
+
+    def value(logits: FloatArray) -> float:
+        some = replace(gaussians, logit_opacities=logits.astype(np.float32))
+        drawn = thinned(some, 0.3, np.random.default_rng(3)).gaussians
+        return CPU.train_step(drawn, camera, target, loss).value
+
+    way = thinned(gaussians, 0.3, np.random.default_rng(3))
+    gradients = CPU.train_step(way.gaussians, camera, target, loss).gradients
+    way.walk_back(gradients)
+    found = np.zeros(12)
+    found[gradients.indices] = gradients.logit_opacities
+    step = 0.02 * np.eye(12)
+    numeric = [(value(logits + d) - value(logits - d)) / 0.04 for d in step]
+    is_out = way.gaussians.opacities < 1e-6
+    assert 0 < is_out.sum() < 12
+    assert not found[is_out].any()
+    np.testing.assert_allclose(found, numeric, rtol=0.02, atol=0.01 * np.abs(numeric).max())
+
+
+def test_the_share_grows_from_nothing_and_is_small_where_photos_are_many() -> None:
+    config = replace(TrainConfig(), dropout=0.2)
+    assert config.dropout_at(0.0, 12) == 0
+    assert config.dropout_at(1.0, 12) == pytest.approx(0.2)
+    assert config.dropout_at(0.5, 25) == pytest.approx(0.1)
+    assert config.dropout_at(1.0, 300) == pytest.approx(0.02)
+    assert TrainConfig.of("full").dropout_at(1.0, 12) == 0
+    with pytest.raises(ValueError, match="dropout"):
+        replace(config, dropout=1.0)
