@@ -28,6 +28,8 @@ class ReconstructCommand:
     """No more splats than this; default: as the quality says."""
     strategy: Literal["gradient", "mcmc"] = "gradient"
     """How splats are added: where the gradient is large, or by sampling (MCMC, Kheradmand 2024)."""
+    exposure: bool = False
+    """Photos differ in brightness or white balance: train that along, and leave it out."""
     focal: float | None = None
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
     video_fps: float | None = None
@@ -66,6 +68,7 @@ class ReconstructCommand:
             max_side=self.max_side,
             max_splats=self.max_splats,
             strategy=self.strategy,
+            exposure=self.exposure,
             focal=self.focal,
             video_fps=self.video_fps,
             place_minutes=self.place_minutes,

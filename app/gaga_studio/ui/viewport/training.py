@@ -226,6 +226,10 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
     if changed:
         plan = replace(plan, config=replace(plan.config, hold_out=hold))
+    changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
+    widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
+    if changed:
+        plan = replace(plan, config=replace(plan.config, exposure=exposure))
     if found.photos is not None:
         changed, text = imgui.input_text("Scene folder", str(plan.scene))
         if changed and text.strip():
