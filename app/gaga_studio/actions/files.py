@@ -32,14 +32,14 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
-        session.notify(Level.INFO, f"Found {_take_groups(document, result)} objects.")
+        session.notify(Level.INFO, f"Found {take_groups(document, result)} objects.")
         for note in result.notes:
             session.notify(Level.WARNING, note)
 
     session.jobs.start("Associate masks", stage, progress, done, end)
 
 
-def _take_groups(document: Document, found: Association) -> int:
+def take_groups(document: Document, found: Association) -> int:
     """Set the groups of the scene; return how many objects there are now."""
     scene = document.settled().scene
     labels = spread(scene, found.labels)  # duplicates follow their originals

@@ -133,21 +133,26 @@ def make(session: Session, request: MaskRequest | None = None) -> None:
 
     def done(report: SegmentReport) -> None:
         ended.append(report)
-        if report.made and report.provider != REGIONS:
-            record(report.provider, report.seconds / len(report.made))
-            session.models.entries = ()  # looked at again
-        if session.document is document:
-            choose(session, report.folder.name)
-        n = len(report.made) + len(report.kept)
-        session.notify(Level.INFO, f"{report.n_masks:,} masks in {_photos(n)}.")
-        for note in report.notes:
-            session.notify(Level.WARNING, note)
+        take_report(session, document, report)
 
     def end() -> None:
         if not ended and session.document is document:
-            _keep_partial(session, request.provider)
+            keep_partial(session, request.provider)
 
-    session.jobs.start("Make masks", _make_stage(_folder(document), request), None, done, end)
+    session.jobs.start("Make masks", make_stage(_folder(document), request), None, done, end)
+
+
+def take_report(session: Session, document: Document, report: SegmentReport) -> None:
+    """Use the masks that were made, tell the user, and remember how long the model took."""
+    if report.made and report.provider != REGIONS:
+        record(report.provider, report.seconds / len(report.made))
+        session.models.entries = ()  # looked at again
+    if session.document is document:
+        choose(session, report.folder.name)
+    n = len(report.made) + len(report.kept)
+    session.notify(Level.INFO, f"{report.n_masks:,} masks in {_photos(n)}.")
+    for note in report.notes:
+        session.notify(Level.WARNING, note)
 
 
 @notifies
@@ -159,9 +164,10 @@ def try_one(
     session.jobs.start(f"Try on {view}", stage, on_done=on_done)
 
 
-def _make_stage(
+def make_stage(
     folder: SceneFolder, request: MaskRequest, views: str | tuple[str, ...] = "", name: str = ""
 ) -> Stage[SegmentReport]:
+    """Make the masks of ``request``; ``views`` and ``name`` override its views and their folder."""
     # torch is imported here, in the job's thread, and only when a model is asked for.
     from gaga_core.pipeline.compile_kernels import after_warm_up
     from gaga_core.segmentation.choose import provider_named
@@ -174,7 +180,10 @@ def _make_stage(
         views=views or request.views,
         name=name,
         redo=request.redo and not name,
-        config=SegmentConfig(use_depth=request.use_depth),
+        config=SegmentConfig(
+            use_depth=request.use_depth,
+            order="name" if request.provider == REGIONS else "coverage",
+        ),
     )
     draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
     return (yield from (after_warm_up(stage) if draws_depth else stage))
@@ -183,7 +192,7 @@ def _make_stage(
 def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stage[MaskPreview]:
     place = folder.root / "masks" / _PREVIEW
     try:
-        report = yield from _make_stage(folder, request, (view,), _PREVIEW)
+        report = yield from make_stage(folder, request, (view,), _PREVIEW)
         labels = read_labels(report.folder / f"{view_key(view)}.png")
     finally:
         shutil.rmtree(place, ignore_errors=True)
@@ -194,7 +203,7 @@ def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stag
     )
 
 
-def _keep_partial(session: Session, provider: str) -> None:
+def keep_partial(session: Session, provider: str) -> None:
     """After a cancel or an error, use what is finished and tell the user."""
     chosen = session.provider
     _look_again(session.need())

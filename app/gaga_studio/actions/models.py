@@ -8,7 +8,7 @@ from gaga_core.models.download import Consent, Installed, download, remove
 from gaga_core.models.hub import HubConfig, Listing, list_files
 from gaga_core.models.status import all_models
 from gaga_core.progress import Progress, Stage
-from gaga_studio.actions import masks
+from gaga_studio.actions import live_objects, masks
 from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.requests import Request
@@ -141,12 +141,12 @@ def make_masks(session: Session) -> None:
     """Make masks with a model: at once when one is here, else after the user has got one."""
     document, model = session.need(), here(session)
     if model is not None:
-        masks.make(session, masks.MaskRequest(provider=model.name))
+        live_objects.make(session, masks.MaskRequest(provider=model.name))
         return
 
     def then() -> None:
         if session.document is document:
-            masks.make(session, masks.MaskRequest(provider=FIRST.name))
+            live_objects.make(session, masks.MaskRequest(provider=FIRST.name))
 
     session.request = Request.MODELS
     ask(session, FIRST, then)

@@ -9,7 +9,7 @@ import pytest
 
 from gaga_core.models.catalogue import known_model
 from gaga_studio import commands
-from gaga_studio.actions import models
+from gaga_studio.actions import live_objects, models
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from tests.core.models.hub_server import Hub, fresh_models, serve
@@ -118,7 +118,7 @@ def test_the_offer_names_size_and_time_and_asks_before(
         shop.jobs.poll()
     running = shop.jobs.running
     assert running is not None
-    assert running.title == "Make masks", "that is what it was wanted for"
+    assert running.title == live_objects.TITLE, "that is what it was wanted for"
     shop.jobs.cancel()
     assert shop.jobs.wait()
     assert "MB" not in commands.command("object.masks_model").title_now(shop)
