@@ -5,7 +5,7 @@
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
 # make faults KILLS=100  kills each kind of program so often at random moments
-# make soak COMMANDS=20000  random commands, saves and crashes of the session; nothing may be lost
+# make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -30,6 +30,7 @@ fuzz: setup
 
 soak: setup
 	@$(BIN)/python -m tests.soak.walk $(or $(COMMANDS),20000)
+	@$(BIN)/python -m tests.soak.window $(or $(MINUTES),10)
 
 faults: setup
 	@GAGA_TEST_KILLS=$(or $(KILLS),100) $(BIN)/python -m pytest -q tests/faults tests/core/scene/test_two_writers.py

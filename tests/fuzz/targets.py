@@ -38,6 +38,7 @@ class Target:
     make: Callable[[Path], object]
     read: Callable[[Path], object]
     damaged: str = ""  # pattern of the files to damage; "" = all
+    is_slow: bool = False  # each reading starts a process: a tenth of the cases
 
 
 def _splats(suffix: str) -> Target:
@@ -159,7 +160,7 @@ TARGETS: Mapping[str, Target] = {
     "project": Target(
         _project, lambda f: run_stage(open_path_stage(f / "a.gaga")), "a.gaga/*"
     ),
-    "scene folder": Target(_scene_folder, open_scene_folder),
+    "scene folder": Target(_scene_folder, open_scene_folder, is_slow=True),
     "cameras.json": Target(
         lambda f: write_cameras_json(f / "cameras.json", orbit_cameras(3)),
         lambda f: read_cameras_json(f / "cameras.json"),
@@ -167,8 +168,9 @@ TARGETS: Mapping[str, Target] = {
     "colmap text": Target(
         lambda f: write_colmap(f, orbit_cameras(3), np.ones((3, 3)), np.ones((3, 3), np.uint8)),
         read_colmap,
+        is_slow=True,
     ),
-    "colmap binary": Target(_binary_colmap, read_colmap),
+    "colmap binary": Target(_binary_colmap, read_colmap, is_slow=True),
     "label map": Target(lambda f: _write_map(f / "a.png"), lambda f: read_labels(f / "a.png")),
     "photo": Target(lambda f: _write_map(f / "a.png"), lambda f: read_rgb(f / "a.png")),
     "script": Target(_script, _run_script),

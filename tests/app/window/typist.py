@@ -18,7 +18,7 @@ _PRESS, _RELEASE = 2, 3  # KeyPress and KeyRelease, also the numbers of their ma
 _STATES = {"Shift_L": 1, "Control_L": 4, "Alt_L": 8}
 
 
-class _KeyEvent(ctypes.Structure):
+class XEvent(ctypes.Structure):
     _fields_ = (
         ("type", ctypes.c_int),
         ("serial", ctypes.c_ulong),
@@ -54,7 +54,7 @@ class Keyboard:
         symbol = ctypes.c_ulong(self._x.XStringToKeysym(name.encode()))
         code = self._x.XKeysymToKeycode(self._display, symbol) & 0xFF
         kind = _PRESS if is_down else _RELEASE
-        event = _KeyEvent(type=kind, send_event=1, state=self._state, keycode=code, same_screen=1)
+        event = XEvent(type=kind, send_event=1, state=self._state, keycode=code, same_screen=1)
         event.display, event.window = self._display.value, self._window.value
         event.time = int(time.monotonic() * 1000)
         mask = ctypes.c_long(1 << (kind - 2))
