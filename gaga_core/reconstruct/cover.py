@@ -18,6 +18,7 @@ from gaga_core.reconstruct.views import TrainView
 STAGE = "Place first splats"
 _COARSE = 64  # pixels of the longest side of the pictures in which holes are looked for
 _HOLE = 0.3  # coverage under which a pixel is a hole
+_UNLIKE = 0.03  # in 0..1: pixels nearer to the background color need no splat
 _AROUND = 16  # points next to a hole that tell its depth
 _OVERLAP = 0.7  # standard deviation of a splat for a hole, in its pixels
 _OTHERS = 0.6  # a cover nearer to another camera than this x to its own is put far away
@@ -37,7 +38,8 @@ def cover_holes_stage(
     Structure from motion finds no points there, and density control takes long to grow into a void.
     View by view, each hole of a coarse picture gets a splat of the photo's color, at the far end of
     the depths of the points that lie next to it in the picture; later views see it too. Where that
-    is in front of another camera, it goes onto a ball around all cameras, and hides nothing.
+    is in front of another camera, it goes onto a ball around all cameras, and hides nothing. Pixels
+    in the color of `TrainConfig.background`, as masks leave them, get none.
     """
     result, ball = initial, CameraBall.around(points, views)
     n_left = min(config.cover, config.density.max_splats - len(initial))
@@ -46,7 +48,7 @@ def cover_holes_stage(
         if n_left <= 0:
             break
         coarse = view.smaller(_COARSE / max(view.camera.width, view.camera.height))
-        more = _fill(_opaque(result), points, ball, coarse, rasterizer, config.initial_opacity)
+        more = _fill(_opaque(result), points, ball, coarse, rasterizer, config)
         # The first views meet all holes: they may take what later ones will not need.
         most = min(n_left, max(-(-n_left // (len(views) - i)), n_left // 4))
         if len(more) > most:
@@ -101,7 +103,7 @@ def _fill(
     ball: CameraBall,
     view: TrainView,
     rasterizer: Rasterizer,
-    opacity: float,
+    config: TrainConfig,
 ) -> Gaussians:
     """Splats for the holes that ``known`` leaves in a coarse view."""
     camera = view.camera
@@ -112,7 +114,8 @@ def _fill(
         & (pixels > 0).all(axis=1)
         & (pixels < [camera.width, camera.height]).all(axis=1)
     )
-    v, u = np.nonzero(alpha < _HOLE)
+    shows_something = (np.abs(view.target() - config.background) > _UNLIKE).any(axis=2)
+    v, u = np.nonzero((alpha < _HOLE) & shows_something)
     if near.sum() < _AROUND or len(u) == 0:
         return known.take(np.zeros(0, np.int64))
     at = np.stack([u, v], axis=1) + 0.5
@@ -123,4 +126,4 @@ def _fill(
     depth = ball.behind_others(camera.position, rays, depth)
     p_world = camera.position + rays * depth[:, None]
     size = _OVERLAP * depth / camera.K[0, 0]
-    return round_gaussians(p_world, size, view.target()[v, u], opacity)
+    return round_gaussians(p_world, size, view.target()[v, u], config.initial_opacity)

@@ -118,3 +118,23 @@ def test_lone_points_do_not_become_fog(room: tuple[DoubleArray, list[TrainView]]
     for i in range(len(lone)):
         nearest = np.linalg.norm(positions - first.means[i], axis=1).min()
         assert first.scales[i].max() <= 0.0501 * nearest
+
+
+def test_where_the_background_is_left_out_none_is_made() -> None:
+    """An object on black, as masks of the object leave it: all splats are near the object."""
+    rng = np.random.default_rng(0)
+    points = _MIDDLE + rng.normal(0, 0.03, (200, 3))
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[24:40, 24:40] = 90
+    views = []
+    for angle in np.arange(5) * 2 * np.pi / 5:
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        views.append(TrainView(_towards(-out, _MIDDLE + out, 64), picture))
+    colors = np.full((len(points), 3), 90, np.uint8)
+    config = short(5, cover=3000, shell=2000).with_cap(40_000)
+    first = run_stage(first_splats_stage(points, colors, views, config, CPU))
+    assert len(first) > len(points)
+    assert np.linalg.norm(first.means - _MIDDLE, axis=1).max() < 1
+    lit = replace(config, background=(0.2, 0.2, 0.2))
+    around = run_stage(first_splats_stage(points, colors, views, lit, CPU))
+    assert np.linalg.norm(around.means - _MIDDLE, axis=1).max() > 2
