@@ -1,6 +1,6 @@
 """2D masks of the views: one label map each, loaded when asked for."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,8 @@ class MaskSet:
     loaders: Mapping[str, Loader] = field(default_factory=dict)
     source: str = ""  # where they come from, for messages
     are_regions: bool = False  # made without a model: pieces of objects (`segmentation.regions`)
+    # Label maps of the same views at other levels of detail, of any size, where there are some.
+    further: Mapping[str, Callable[[], Sequence[IntArray]]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.loaders)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -29,7 +30,7 @@ from gaga_core.grouping.robust.consensus import (
 from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
-from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.views import load_further, load_labels, views_with_masks
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
@@ -258,7 +259,8 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
     n_parts = 2 + (task.config.order == "coverage")
     order = yield from _ordered_views(task, n_parts)
     first_bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
-    stage = objects_stage(task.gaussians, task.views, task.gated.masks_of, depths, config)
+    further = partial(load_further, task.masks)
+    stage = objects_stage(task.gaussians, task.views, task.gated.masks_of, further, depths, config)
     found = yield from part(stage, n_parts - 1, n_parts, STAGE)
     levels = found.levels
     labels = levels.labels[levels.chosen]

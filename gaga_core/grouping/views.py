@@ -7,6 +7,7 @@ import numpy as np
 from gaga_core.arrays import IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.grouping.gate import ViewMasks
 from gaga_core.masks import MaskSet, resize_labels
 
 
@@ -22,6 +23,13 @@ def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera,
             "Name each mask file like its photo, or choose another mask folder."
         )
     return tuple(views)
+
+
+def load_further(masks: MaskSet, camera: Camera) -> list[IntArray]:
+    """Label maps of a view at other levels of detail, dense, at the camera's size."""
+    maps = masks.further.get(camera.name, tuple)()
+    fitting = (resize_labels(labels, camera.width, camera.height) for labels in maps)
+    return [ViewMasks.of(labels).labels for labels in fitting if labels.size]
 
 
 def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:

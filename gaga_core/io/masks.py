@@ -1,12 +1,14 @@
 """Label maps on disk: one PNG a view, named by the photo's path without its suffix."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.arrays import AnyArray, IntArray, check_shape
 from gaga_core.errors import GagaError
@@ -16,6 +18,7 @@ from gaga_core.io.json_file import read_loose_json
 from gaga_core.masks import MaskSet
 
 RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
+_FURTHER = b"gaLV"  # private, ancillary, not to be copied to a changed picture (PNG, section 5.4)
 _WITHOUT_MODEL = "regions"  # the provider that has no model: `segmentation.regions`
 
 
@@ -25,7 +28,27 @@ def read_labels(path: Path) -> IntArray:
     8- and 16-bit gray and palette pictures hold ids; in RGB pictures every distinct color but black
     is an id (in the order of its value). Raises ``GagaError`` when the file is not a picture.
     """
-    image = open_image(path)
+    return _ids_of(path, open_image(path))
+
+
+def read_further_labels(path: Path) -> tuple[IntArray, ...]:
+    """Label maps at other levels of detail that `write_labels` put into the file, of any size.
+
+    None where another program wrote the file. Raises ``GagaError`` when they are damaged.
+    """
+    maps = []
+    try:
+        with Image.open(path) as image:
+            chunks = getattr(image, "private_chunks", ())
+        for inner in [BytesIO(chunk[1]) for chunk in chunks if chunk[0] == _FURTHER]:
+            with Image.open(inner, formats=("PNG",)) as image:
+                maps.append(_ids_of(path, image))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise GagaError(f"{path} is damaged ({error}). Make the masks again.") from error
+    return tuple(maps)
+
+
+def _ids_of(path: Path, image: Image.Image) -> IntArray:
     if image.mode == "1":
         image = image.convert("L")
     values = np.asarray(image)
@@ -43,13 +66,27 @@ def read_labels(path: Path) -> IntArray:
     return np.where(codes == 0, 0, ids).astype(np.int32)
 
 
-def write_labels(path: Path, labels: IntArray) -> None:
-    """Write a label map (H, W) as a 16-bit gray PNG; ids above 65535 do not fit."""
+def write_labels(path: Path, labels: IntArray, further: Sequence[IntArray] = ()) -> None:
+    """Write a label map (H, W) as a 16-bit gray PNG; ids above 65535 do not fit.
+
+    ``further`` are label maps of the same picture at other levels of detail, of any size. Each one
+    is a PNG in a private chunk of the file, which other programs ignore, and drop when they save.
+    """
+    chunks = PngInfo()
+    for finer in further:
+        buffer = BytesIO()
+        _gray(path, finer).save(buffer, format="PNG")
+        chunks.add(_FURTHER, buffer.getvalue())
+    picture = _gray(path, labels)
+    with atomic_write(path) as temporary:
+        picture.save(temporary, format="PNG", pnginfo=chunks)
+
+
+def _gray(path: Path, labels: IntArray) -> Image.Image:
     check_shape("labels", labels, ("H", "W"))
     if labels.size and (labels.min() < 0 or labels.max() > 65535):
         raise GagaError(f"{path.name}: ids must lie in 0..65535 to be written as a label map.")
-    with atomic_write(path) as temporary:
-        Image.fromarray(labels.astype(np.uint16)).save(temporary, format="PNG")
+    return Image.fromarray(labels.astype(np.uint16))
 
 
 def view_key(name: str) -> str:
@@ -127,7 +164,9 @@ def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = 
     """
     files = label_files_of(folder, view_names, among)
     loaders = {name: partial(read_labels, path) for name, path in files.items()}
-    return MaskSet(loaders, source=str(folder), are_regions=_are_regions(folder))
+    are_regions = _are_regions(folder)
+    further = {name: partial(read_further_labels, path) for name, path in files.items()}
+    return MaskSet(loaders, str(folder), are_regions, further if are_regions else {})
 
 
 def _are_regions(folder: Path) -> bool:

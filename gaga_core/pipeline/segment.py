@@ -35,6 +35,7 @@ from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.segmentation.base import Picture, Provider, fingerprint_of
+from gaga_core.segmentation.regions_provider import RegionsProvider
 
 STAGE = "Make masks"
 _VERSION = 1
@@ -164,10 +165,10 @@ def segment_scene(
                 done.kept.append(camera.name)
             else:
                 began = time.perf_counter()
-                stage = _label_map(folder, camera, provider, config, cues)
-                labels = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                write_labels(target / f"{view}.png", labels)
-                write_labels(_cached(folder, key), labels)
+                stage = _label_maps(folder, camera, provider, config, cues)
+                maps = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
+                write_labels(target / f"{view}.png", *maps)
+                write_labels(_cached(folder, key), *maps)
                 done.seconds += time.perf_counter() - began
                 done.made.append(camera.name)
         except _PhotoError as error:
@@ -224,14 +225,15 @@ class _PhotoError(GagaError):
     """A photo that is missing or damaged: its view goes without masks."""
 
 
-def _label_map(
+def _label_maps(
     folder: SceneFolder,
     camera: Camera,
     provider: Provider,
     config: SegmentConfig,
     cues: _Cues,
-) -> Stage[IntArray]:
-    """Label map at the size of the photo, or at the longest side that is wanted."""
+) -> Stage[tuple[IntArray, Sequence[IntArray]]]:
+    """Label map at the size of the photo, or at the longest side that is wanted; and those at other
+    levels of detail, at the size of the work, where the provider has some."""
     try:
         image = read_rgb(folder.image_paths[camera.name], config.longest_side)
     except GagaError as error:
@@ -240,8 +242,12 @@ def _label_map(
     if 0 < provider.work_width < width:
         image = _shrunk(image, provider.work_width)
     depth = yield from cues.depth(camera, image.shape[1], image.shape[0])
-    labels = yield from provider.label_map(Picture(image, depth))
-    return resize_labels(labels, width, height)
+    further: Sequence[IntArray] = ()
+    if isinstance(provider, RegionsProvider):
+        labels, *further = yield from provider.label_maps(Picture(image, depth))
+    else:
+        labels = yield from provider.label_map(Picture(image, depth))
+    return resize_labels(labels, width, height), further
 
 
 def _shrunk(image: UInt8Array, width: int) -> UInt8Array:

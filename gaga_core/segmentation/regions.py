@@ -7,6 +7,7 @@ adds the shape of the surface: objects meet what they stand on in a concave crea
 object is: a quick start, not a match for Segment Anything.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array, check_
 from gaga_core.masks import resize_labels
 
 NAME = "regions"
+FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
 _SMOOTH_RADIUS = 3  # pixels
 _SMOOTH_SPACE, _SMOOTH_VALUE = 5.0, 12.0  # sigmas: pixels, Lab units
 _CONTOUR_SCALES = ((1.7, 0.6), (4.6, 0.8))  # sigma in pixels, weight: contour, and not texture
@@ -87,6 +89,20 @@ def regions(
     ``config.none_without_depth``. Deterministic. Raises ``ValueError`` when shapes or dtypes do not
     fit.
     """
+    return regions_at((1.0,), image, depth, normals, config)[0]
+
+
+def regions_at(
+    steps: Sequence[float],
+    image: UInt8Array,
+    depth: FloatArray | None = None,
+    normals: FloatArray | None = None,
+    config: RegionsConfig | None = None,
+) -> list[IntArray]:
+    """`regions` at several levels of detail, each so many times ``config.detail``.
+
+    About as fast as one of them: the tree of merges is made once and cut several times.
+    """
     config = config or RegionsConfig()
     check_shape("image", image, ("H", "W", 3), np.uint8)
     height, width = image.shape[:2]
@@ -95,14 +111,18 @@ def regions(
     if normals is not None:
         check_shape("normals", normals, (height, width, 3), np.float32)
     if image.size == 0:
-        return np.zeros((height, width), np.int32)
+        return [np.zeros((height, width), np.int32) for _ in steps]
     small = _shrunk(image, config.width)
     inverse = None if depth is None else _inverse_depth(_sampled(depth, small))
     facing = None if normals is None else _sampled(normals, small)
-    labels = resize_labels(_small_regions(small, inverse, facing, config) + 1, width, height)
-    if depth is not None and config.none_without_depth:
-        labels = np.where(_seen(depth), labels, np.int32(0))
-    return _dense(labels)
+    details = [step * config.detail for step in steps]
+    found = []
+    for cut in _small_regions(small, inverse, facing, config, details):
+        labels = resize_labels(cut + 1, width, height)
+        if depth is not None and config.none_without_depth:
+            labels = np.where(_seen(depth), labels, np.int32(0))
+        found.append(_dense(labels))
+    return found
 
 
 def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
@@ -145,8 +165,9 @@ def _small_regions(
     inverse: FloatArray | None,  # (H, W)
     normals: FloatArray | None,  # (H, W, 3)
     config: RegionsConfig,
-) -> IntArray:
-    """Regions (H, W) at working size: ids >= 0, not dense."""
+    details: Sequence[float],
+) -> list[IntArray]:
+    """Regions (H, W) at working size and each of ``details``: ids >= 0, not dense."""
     from skimage.color import rgb2lab
 
     from gaga_core.segmentation import regions_kernels
@@ -175,7 +196,7 @@ def _small_regions(
     pieces, n = _superpixels(np.concatenate(features, axis=2, dtype=np.float32), config)
     costs = (config.mean, config.histogram, config.contour, config.size_power)
     weights = np.array([*costs, config.flat, config.crease])
-    return merged(lab, pieces, n, np.stack(cues), weights, config.detail)
+    return merged(lab, pieces, n, np.stack(cues), weights, details)
 
 
 def _above_noise(bend: FloatArray, half: float) -> FloatArray:

@@ -1,5 +1,7 @@
 """The tree of the weights-free regions: superpixels merged pair by pair, and where to stop."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
@@ -22,13 +24,13 @@ def merged(
     n: int,
     cues: FloatArray,
     weights: DoubleArray,
-    detail: float,
-) -> IntArray:
-    """Regions (H, W) of the ``n`` superpixels ``pieces`` (H, W), ids >= 0, not dense.
+    details: Sequence[float],
+) -> list[IntArray]:
+    """Regions (H, W) of the ``n`` superpixels ``pieces`` (H, W) at each of ``details``.
 
-    ``lab`` (H, W, 3) float32, ``cues`` (1 or 2, H, W) float32: contour and crease at each pixel,
-    ``weights`` (6,) of the cost, in the order of `regions_merge_kernels`. Those of a higher
-    ``detail`` lie within those of a lower one.
+    Ids >= 0, not dense. ``lab`` (H, W, 3) float32, ``cues`` (1 or 2, H, W) float32: contour and
+    crease at each pixel, ``weights`` (6,) of the cost, in the order of `regions_merge_kernels`.
+    Those of a higher detail lie within those of a lower one.
     """
     flat = pieces.ravel()
     area = np.bincount(flat, minlength=n).astype(np.float32)
@@ -45,23 +47,26 @@ def merged(
     made = kernels.merge_all(
         area, color, histogram, length, strength, weights, joined, costs, common
     )
-    parent = np.arange(n, dtype=np.int32)
-    regions_tree_kernels.cut(
-        joined[:made],
-        costs,
-        common,
-        at_first,
-        border,
-        _edges(pieces, n),
-        _boxes(pieces, n),
-        _COLOR_GRANTS if len(cues) == 1 else _SHAPE_GRANTS,
-        -np.log(detail),
-        parent,
-    )
-    while not np.array_equal(parent, parent[parent]):
-        parent = parent[parent]
-    result: IntArray = parent[pieces]
-    return result
+    grants = _COLOR_GRANTS if len(cues) == 1 else _SHAPE_GRANTS
+    found = []
+    for detail in details:
+        parent = np.arange(n, dtype=np.int32)
+        regions_tree_kernels.cut(
+            joined[:made],
+            costs,
+            common,
+            at_first.copy(),
+            border.copy(),
+            _edges(pieces, n),
+            _boxes(pieces, n),
+            grants,
+            -np.log(detail),
+            parent,
+        )
+        while not np.array_equal(parent, parent[parent]):
+            parent = parent[parent]
+        found.append(parent[pieces])
+    return found
 
 
 def _edges(pieces: IntArray, n: int) -> FloatArray:

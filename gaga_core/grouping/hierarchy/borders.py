@@ -1,12 +1,13 @@
 """Two witnesses of a border between pieces: what the views say, and the shape of the surface.
 
-Views: the share of them that show both sides in one region. Shape: concave creases and steps speak
-for two things, even and bulging borders for one (local convexity: Stein et al., CVPR 2014). Regions
-end at every print, so alone they say little; where the surface has a crease as well, two things
-meet. Two pieces that both stand on a plane and meet in a crease are two things, too.
+Views: the share of them that show both sides in one region. Regions of several levels of detail
+count as so many views, because a single level is an accident of its threshold. Shape: concave
+creases and steps speak for two things, even and bulging borders for one (local convexity: Stein et
+al., CVPR 2014). Two pieces that both stand on a plane and meet in a crease are two things, too.
 
 The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
-demo scene and of one generated room (`tests.bench.bench_objects` reports the others).
+demo scene and of one generated room, from regions of two widths each
+(`tests.bench.bench_objects` reports other widths and scenes).
 """
 
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ _FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
 # Of larger ones: bias, crease, bulge, step, views for one region, views for two, the latter where
 # the surface parts as well, both on one plane, deep crease, views for one region at a crease or
 # step, both standing on a plane at a crease.
-_COARSE = np.array([1.43, -1.82, 0.82, -0.44, 0.93, 3.43, 0.87, 0.62, -2.42, 1.81, -0.8])
+_COARSE = np.array([2.03, -2.83, 1.8, -1.83, 2.05, 4.26, -0.13, 0.89, -2.0, 1.94, -1.09])
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class Agreement:
         first, second, cell = _pairs(piece[near.first], piece[near.second])
         n = int(piece.max()) + 1
         same, voice = np.zeros(len(first)), np.zeros(len(first))
-        for region in surfels.regions.T:
+        for region in surfels.all_regions.T:
             rows = np.flatnonzero(region)
             if len(rows) == 0:
                 continue

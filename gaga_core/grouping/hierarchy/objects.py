@@ -15,7 +15,7 @@ from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_g
 from gaga_core.grouping.hierarchy.linkage import SignedGraph, joined
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
-from gaga_core.grouping.hierarchy.surfels import Surfels, sample_surfels
+from gaga_core.grouping.hierarchy.surfels import LoadFurther, Surfels, sample_surfels
 from gaga_core.grouping.levels import Levels, agreement_of
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
 from gaga_core.grouping.robust.surfaces import finite
@@ -67,14 +67,18 @@ def objects_stage(
     gaussians: Gaussians,
     views: Sequence[Camera],
     load_masks: LoadMasks,
+    load_further: LoadFurther,
     depths: DepthMaps,
     config: HierarchyConfig,
 ) -> Stage[FoundObjects]:
     """Find objects from regions of ``views``; ``depths`` has the median depth of each.
 
+    ``load_further`` gives regions of a view at other levels of detail, none where there are none:
+    with them the result depends less on how fine the regions happen to be.
+
     Raises ``GagaError`` when the views show next to nothing.
     """
-    sample = sample_surfels(views, load_masks, depths, config.surfels)
+    sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < _LEAST_SURFELS:
         raise GagaError("The views show next to none of the splats. Check poses and model.")

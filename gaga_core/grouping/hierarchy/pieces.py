@@ -85,10 +85,10 @@ def _sources(graph: csr_matrix, seeds: BoolArray) -> LongArray:
 
 def _parted(surfels: Surfels, a: LongArray, b: LongArray) -> DoubleArray:
     """Share (E,) of the views of both ends that show them in two regions; 1/3 if there are none."""
-    shares = np.empty(len(a))
+    shares, regions = np.empty(len(a)), surfels.all_regions
     for start in range(0, len(a), _SLICE):
         rows = slice(start, start + _SLICE)
-        one, other = surfels.regions[a[rows]], surfels.regions[b[rows]]
+        one, other = regions[a[rows]], regions[b[rows]]
         both = (one > 0) & (other > 0)
         n_parted = (both & (one != other)).sum(axis=1)
         shares[rows] = (n_parted + 0.5) / (both.sum(axis=1) + 1.5)

@@ -4,7 +4,7 @@ Normals of single splats are too rough to tell a crease from noise. Those of pla
 rendered depth maps, averaged over all views that see a point, are not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks, full_
 from gaga_core.kernels import n_threads
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import NEAR
+
+LoadFurther = Callable[[Camera], Sequence[IntArray]]  # label maps (H, W) of a view, dense
 
 _ACROSS = 213  # samples along the longer side of a view
 _MISS = 0.02  # share of its depth by which a sample may miss the surface that a view shows
@@ -38,10 +40,20 @@ class Surfels:
     normals: DoubleArray  # (S, 3) unit, towards the cameras; 0 = unknown
     regions: IntArray  # (S, V) dense mask id that each view shows there, 0 = none or hidden
     n_views: IntArray  # (S,) views that see it
+    further: IntArray  # (S, F) the same for label maps of the views at other levels of detail
+
+    @property
+    def all_regions(self) -> IntArray:
+        """Regions (S, V + F) at all levels of detail."""
+        return np.concatenate([self.regions, self.further], axis=1)
 
 
 def sample_surfels(
-    views: Sequence[Camera], load_masks: LoadMasks, depths: DepthMaps, wanted: int
+    views: Sequence[Camera],
+    load_masks: LoadMasks,
+    load_further: LoadFurther,
+    depths: DepthMaps,
+    wanted: int,
 ) -> Stage[Surfels]:
     """About ``wanted`` samples at most, evenly over what the views show, near things finer.
 
@@ -55,16 +67,20 @@ def sample_surfels(
         points, size = np.concatenate([points, added]), np.concatenate([size, cells])
     points = _thinned(points, size, wanted)
     normals, n_views = np.zeros((len(points), 3)), np.zeros(len(points), np.int32)
-    regions = np.zeros((len(points), len(views)), np.int32)
+    regions, further = np.zeros((len(points), len(views)), np.int32), []
     for v, camera in enumerate(views):
         yield Progress("Sample surfaces", len(views) + v, 2 * len(views), camera.name)
         depth = full_size(camera, depths)
         seen, rows, columns = _seen(camera, depth, points, _MISS)
         regions[seen, v] = load_masks(camera).labels[rows, columns]
+        for labels in load_further(camera):
+            further.append(np.zeros(len(points), np.int32))
+            further[-1][seen] = labels[rows, columns]
         normals[seen] += _weighted_normals(camera, depth, points[seen], rows, columns)
         n_views[seen] += 1
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return Surfels(points, normals / np.maximum(length, 1e-12), regions, n_views)
+    table = np.stack(further, axis=1) if further else np.zeros((len(points), 0), np.int32)
+    return Surfels(points, normals / np.maximum(length, 1e-12), regions, n_views, table)
 
 
 def _seen(

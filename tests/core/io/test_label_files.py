@@ -3,10 +3,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb, write_rgb
-from gaga_core.io.masks import list_label_files, mask_folder, read_labels, write_labels
+from gaga_core.io.masks import (
+    list_label_files,
+    mask_folder,
+    read_further_labels,
+    read_labels,
+    write_labels,
+)
 
 
 def ids(seed: int = 0, top: int = 900) -> np.ndarray:
@@ -19,6 +26,26 @@ def test_ids_above_255_survive(tmp_path: Path) -> None:
     labels[0, :4] = [255, 256, 257, 65535]
     write_labels(tmp_path / "a.png", labels)
     assert np.array_equal(read_labels(tmp_path / "a.png"), labels)
+
+
+def test_maps_at_other_levels_of_detail_lie_in_the_same_file(tmp_path: Path) -> None:
+    path, labels, further = tmp_path / "a.png", ids(), [ids(1)[::2], ids(2, 65536)]
+    write_labels(path, labels, further)
+    assert np.array_equal(read_labels(path), labels)
+    found = read_further_labels(path)
+    assert all(np.array_equal(one, other) for one, other in zip(found, further, strict=True))
+    Image.open(path).save(tmp_path / "b.png")  # as another program does
+    assert np.array_equal(read_labels(tmp_path / "b.png"), labels)
+    assert read_further_labels(tmp_path / "b.png") == ()
+    write_labels(path, labels)
+    assert read_further_labels(path) == ()
+    with pytest.raises(GagaError, match="65535"):
+        write_labels(path, labels, [np.full((2, 2), 65536, np.int32)])
+    content = PngInfo()
+    content.add(b"gaLV", b"no picture")
+    Image.new("L", (2, 2)).save(path, pnginfo=content)
+    with pytest.raises(GagaError, match="damaged"):
+        read_further_labels(path)
 
 
 def test_ids_that_do_not_fit_are_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Masks of a scene folder: what is written, what is kept, and what a cancel leaves."""
 
+import itertools
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +12,7 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.masks import mask_folder, read_further_labels, read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.pipeline.segment import SegmentConfig, segment_scene
@@ -19,6 +20,8 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
 from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.regions import RegionsConfig
+from gaga_core.segmentation.regions_provider import RegionsProvider
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.fake_provider import Quarters
 from tests.scenes import objects_scene
@@ -89,6 +92,21 @@ def test_another_setting_is_another_mask_and_the_old_one_comes_back(folder: Scen
     smaller = SegmentConfig(longest_side=80)
     assert len(run_stage(segment_scene(folder, back, config=smaller)).made) == 4
     assert read_labels(folder.root / "masks" / "quarters" / "001.png").shape == (60, 80)
+
+
+def test_regions_are_written_at_several_levels_of_detail(folder: SceneFolder) -> None:
+    config = RegionsConfig(width=40)
+    report = run_stage(segment_scene(folder, RegionsProvider(config)))
+    path = report.folder / f"{Path(folder.train[0]).stem}.png"
+    maps = [*read_further_labels(path)[:1], read_labels(path)[2::4, 2::4]]
+    maps += read_further_labels(path)[1:]
+    assert [m.shape for m in maps] == [(30, 40)] * 4
+    for coarse, fine in itertools.pairwise(maps):
+        assert len(np.unique(np.stack([coarse, fine]).reshape(2, -1), axis=1).T) == fine.max()
+    run_stage(segment_scene(folder, RegionsProvider(replace(config, detail=0.5))))
+    run_stage(segment_scene(folder, RegionsProvider(config)))  # back from the cache
+    assert len(read_further_labels(path)) == 3
+    assert mask_folder(report.folder, folder.train).further[folder.train[0]]()[2].max() > 1
 
 
 def test_a_changed_photo_is_made_anew(folder: SceneFolder) -> None:

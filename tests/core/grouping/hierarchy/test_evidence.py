@@ -47,7 +47,8 @@ def _sheet(height: float, n: int, side: float) -> DoubleArray:
 
 def _surfels(points: DoubleArray, normals: DoubleArray, n_views: int = 4) -> Surfels:
     regions = np.ones((len(points), n_views), np.int32)
-    return Surfels(points, normals, regions, np.full(len(points), n_views, np.int32))
+    n_seen = np.full(len(points), n_views, np.int32)
+    return Surfels(points, normals, regions, n_seen, np.zeros((len(points), 0), np.int32))
 
 
 def _box_on_a_floor() -> tuple[Surfels, DoubleArray]:
@@ -113,7 +114,8 @@ def test_what_lies_outside_and_is_cut_is_background() -> None:
         size = (camera.width, camera.height)
         regions[:, v] = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1)
     n_views = (regions > 0).sum(axis=1).astype(np.int32)
-    surfels = Surfels(points, np.zeros_like(points), regions, n_views)
+    further = np.zeros((len(points), 0), np.int32)
+    surfels = Surfels(points, np.zeros_like(points), regions, n_views, further)
     cluster = np.repeat([0, 1], [300, 3000])
     assert is_background(surfels, views, cluster).tolist() == [False, True]
     outwards = [

@@ -52,9 +52,12 @@ def _found(
     config: HierarchyConfig | None = None,
     *,
     are_regions: bool = True,
+    further: dict[str, list[IntArray]] | None = None,
 ) -> Association:
     masks = MaskSet(
-        {name: partial(maps.__getitem__, name) for name in maps}, are_regions=are_regions
+        {name: partial(maps.__getitem__, name) for name in maps},
+        are_regions=are_regions,
+        further={name: partial((further or {}).__getitem__, name) for name in further or {}},
     )
     robust = AssociateConfig.of("robust")
     robust = replace(robust, hierarchy=config or robust.hierarchy)
@@ -104,6 +107,17 @@ def test_each_ball_is_one_object(scene: Synthetic, found: Association) -> None:
     assert min(ious) > 0.85
     of_balls = np.unique(found.labels[scene.labels > 0])
     assert len(of_balls) <= _BALLS + 1  # the floor's group takes some of their lowest splats
+
+
+def test_other_levels_of_detail_of_the_masks_count(scene: Synthetic) -> None:
+    maps = _masks(scene)
+    everything = {name: np.ones_like(labels) for name, labels in maps.items()}
+    half = {name: np.ascontiguousarray(labels[::2, ::2]) for name, labels in maps.items()}
+    finer = {name: [maps[name], half[name]] for name in maps}
+    found = _found(scene.gaussians, scene.cameras, everything, further=finer)
+    assert min(_best_ious(scene.labels, found.labels)) > 0.85
+    alone = _found(scene.gaussians, scene.cameras, everything)
+    assert not np.array_equal(found.labels, alone.labels)
 
 
 def test_masks_of_a_model_are_not_touched(scene: Synthetic) -> None:
