@@ -4,7 +4,8 @@ IoU, precision and recall are of held-out views at the level of whole objects, v
 level: of each true object with the group that covers it best at any level. The evidence about
 borders was fitted to ycb_table, the demo scene and one generated room; the others took no part.
 Each figure is the mean over regions that are made from photos of several widths, and the worst of
-them: a result that only one of them reaches is luck. Scenes that are not on this machine are left out (GAGA_TEST_DATA).
+them: a result that only one of them reaches is luck. Scenes that are not on this machine are left
+out (GAGA_TEST_DATA).
 """
 
 import os
