@@ -87,7 +87,8 @@ def click_graph_stage(
     labels = scene.labels[rows]
     gaussians = yield from bake_stage(scene, indices=rows)
     looked = yield from part(_looked(gaussians, views, rasterizer), 0, _STEPS, STAGE)
-    sample = sample_surfels(views, lambda c: looked.masks[c.name], looked.depths, _SAMPLES)
+    masks, depths = looked.masks, looked.depths
+    sample = sample_surfels(views, lambda c: masks[c.name], lambda _: (), depths, _SAMPLES)
     surfels = yield from part(sample, 1, _STEPS, STAGE)
     yield Progress(STAGE, 2, _STEPS, "unseen surfaces")
     finite = np.isfinite(gaussians.means).all(axis=1)
@@ -147,6 +148,7 @@ def _with_unseen(surfels: Surfels, means: FloatArray) -> Surfels:
         np.concatenate([surfels.normals, np.zeros((len(more), 3))]),
         np.concatenate([surfels.regions, unknown]),
         np.concatenate([surfels.n_views, np.ones(len(more), np.int32)]),
+        np.pad(surfels.further, ((0, len(more)), (0, 0))),
     )
 
 
