@@ -4,6 +4,7 @@ import math
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Collection
 from pathlib import Path
 from typing import IO
 
@@ -58,8 +59,8 @@ def read_array(path: Path, cure: str) -> AnyArray:
     raise GagaError(f"{path} is an archive of arrays, not one array. {cure}")
 
 
-def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:
-    """All arrays of an ``.npz`` by name; never unpickles.
+def read_arrays(path: Path, cure: str, names: Collection[str] | None = None) -> dict[str, AnyArray]:
+    """The arrays of an ``.npz`` by name, or only those of ``names``; never unpickles.
 
     Sizes that the headers announce are compared with those of the archive before memory is taken.
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
@@ -71,7 +72,7 @@ def read_arrays(path: Path, cure: str) -> dict[str, AnyArray]:
                 _check_archive(file)
             file.seek(0)
             stored = np.load(file, allow_pickle=False)
-            return {name: stored[name] for name in stored.files}
+            return {name: stored[name] for name in (stored.files if names is None else names)}
     except OSError as error:
         if error.errno is None:
             raise GagaError(f"{path} is damaged. {cure}") from error

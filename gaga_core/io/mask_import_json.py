@@ -4,7 +4,6 @@ A segmentation is a run-length mask ``{"size": [H, W], "counts": [...] or "..."}
 polygons ``[[x, y, x, y, ...], ...]`` in pixels.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,19 +12,20 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.mask_import_base import SCORE_KEYS, ImportedMasks, MaskList, MaskSource
 from gaga_core.io.masks import view_key
 from gaga_core.io.rle import decode_rle
 
 MaskEntry = Mapping[str, object]  # one mask of a file
 _FORM = "JSON"
+_MOST_BYTES = 1 << 30  # of one file: the masks of COCO's 118,000 pictures have half of it
 _MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
 
 
 def recognise_json(path: Path) -> MaskSource:
     """What one JSON file holds: the masks of one picture or of many."""
-    content = read_json(path)
+    content = read_foreign_json(path, most_bytes=_MOST_BYTES)
     if isinstance(content, dict) and "images" in content and "annotations" in content:
         views = _coco_views(path, content)
         said = f"A COCO file with the masks of {len(views)} pictures: {path.name}."
@@ -56,17 +56,6 @@ def recognise_json_folder(files: Sequence[Path], folder: Path) -> MaskSource:
     return MaskSource(_FORM, said, views)
 
 
-def read_json(path: Path) -> object:
-    """Content of a JSON file; ``GagaError`` when it is none."""
-    try:
-        content: object = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    except (ValueError, RecursionError) as error:
-        raise GagaError(f"{path.name} is damaged: it is not JSON. Copy it again.") from error
-    return content
-
-
 def _entries(path: Path, content: object) -> list[MaskEntry]:
     """The masks of a file for one picture: a list, or SA-1B's {"image", "annotations"}."""
     found = content.get("annotations") if isinstance(content, dict) else content
@@ -94,7 +83,7 @@ def _stem(path: Path, content: object) -> str:
 
 
 def _read_list(path: Path) -> MaskList:
-    content = read_json(path)
+    content = read_foreign_json(path, most_bytes=_MOST_BYTES)
     size = _size_of(content["image"]) if isinstance(content, dict) and _single(content) else None
     return _mask_list(path.name, _entries(path, content), size)
 

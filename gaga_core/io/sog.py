@@ -7,7 +7,6 @@ come from a palette of up to 65,536 entries. Layout: github.com/playcanvas/splat
 """
 
 import io
-import json
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +21,7 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import explain_os_error
-from gaga_core.io.json_file import decode_json
+from gaga_core.io.json_file import decode_json, read_loose_json
 from gaga_core.io.packing import CHUNK, logits_of_bytes, quats_of_three, room_for
 from gaga_core.io.ply import without_broken_rows
 from gaga_core.progress import Progress, Stage
@@ -74,12 +73,11 @@ class _Sog:
 def is_sog_meta(path: Path) -> bool:
     """Whether ``path`` is the meta.json of a SOG folder."""
     try:
-        if path.name != META or path.stat().st_size > _MOST_META:
-            return False
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        found = path.name == META and path.is_file()
+        content = read_loose_json(path, most_bytes=_MOST_META) if found else {}
+    except (GagaError, OSError):  # the second from a name that is too long
         return False
-    return isinstance(content, dict) and {"means", "quats", "scales", "sh0"} <= set(content)
+    return {"means", "quats", "scales", "sh0"} <= set(content)
 
 
 def read_sog_stage(path: Path) -> Stage[Gaussians]:

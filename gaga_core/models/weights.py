@@ -6,13 +6,15 @@ cache of the Hugging Face hub.
 """
 
 import hashlib
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.json_file import MOST_BYTES, decode_json, read_bytes
 from gaga_core.models.catalogue import KnownModel
 
 _SAMPLES, _SAMPLE_BYTES = 16, 1 << 16  # of each weights file that are hashed
@@ -153,6 +155,12 @@ def weights_id(weights: Weights) -> str:
     return digest.hexdigest()[:32]
 
 
+class _Config(msgspec.Struct, frozen=True):
+    """What we read of a config.json of the hub."""
+
+    model_type: str = ""
+
+
 def _weight_files(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
@@ -160,14 +168,13 @@ def _weight_files(folder: Path) -> list[Path]:
 
 
 def _model_type(folder: Path) -> str:
+    """What the configuration of a model says that it is; "" when it does not."""
     path = folder / "config.json"
+    raw = read_bytes(path, "", MOST_BYTES)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    except (ValueError, RecursionError):
+        return decode_json(raw, _Config, str(path), "").model_type
+    except GagaError:
         return ""
-    return str(content.get("model_type", "")) if isinstance(content, dict) else ""
 
 
 def _hub_snapshot(repository: str, cache: Path | None) -> Path | None:

@@ -44,6 +44,14 @@ class SelfTest:
     final: bool = True  # False: asking again may give another answer
 
 
+@dataclass(frozen=True)
+class _KeptVerdict:
+    """Content of cuda.json."""
+
+    key: str  # see `machine_key`
+    verdict: SelfTest
+
+
 def verdict(*, wait: bool = True, fresh: bool = False, may_compile: bool = False) -> SelfTest:
     """The verdict on this machine: at once when it is known, else from the self-test.
 
@@ -255,11 +263,13 @@ def _version(package: str) -> str:
 
 
 def _read(key: str) -> SelfTest | None:
+    from gaga_core.io.json_file import read_json
+
     try:
-        kept = json.loads(cache_file().read_text(encoding="utf-8"))
-        return SelfTest(**kept["verdict"]) if kept["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        kept = read_json(cache_file(), _KeptVerdict, "")
+    except GagaError:  # there is none yet, or it is damaged: it is found again
         return None
+    return kept.verdict if kept.key == key else None
 
 
 def _write(key: str, found: SelfTest) -> None:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -102,7 +101,6 @@ def load_checkpoint(path: Path, digest: str) -> TrainState | None:
 def iteration_of(path: Path) -> int | None:
     """Iterations done in a checkpoint, without reading the rest; None when there is none."""
     try:
-        with np.load(path) as arrays:
-            return int(arrays["iteration"])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return int(read_arrays(path, "", ("iteration",))["iteration"])
+    except (GagaError, ValueError, TypeError):
         return None

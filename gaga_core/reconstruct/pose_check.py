@@ -15,11 +15,12 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.reconstruct.photos import prepare_photos
 from gaga_core.reconstruct.sfm import SfmConfig, run_matching, run_step
 from gaga_core.reconstruct.sfm_checks import CheckConfig, Verdict, level_below
-from gaga_core.reconstruct.sfm_metrics import MeasureConfig, SfmFacts, pair_agreement
+from gaga_core.reconstruct.sfm_metrics import AGAIN, MeasureConfig, SfmFacts, pair_agreement
 
 STAGE = "Check poses"
 _SIDE = 1000  # pixels: photos are matched at this size
@@ -91,8 +92,7 @@ def _facts(
     yield from run_step("export", found, workspace, sfm)
     by_source = {str(photos[camera.name]): camera for camera in cameras}
     posed = {photo.name: by_source[photo.source] for photo in found.photos}
-    with np.load(workspace / "pair_matches.npz", allow_pickle=False) as stored:
-        arrays = dict(stored)
+    arrays = read_arrays(workspace / "pair_matches.npz", AGAIN)
     views = [posed[str(name)] for name in arrays["names"]]
     return _as_facts(
         views,

@@ -11,9 +11,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.arrays import DoubleArray, LongArray
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.reconstruct.controls import option
 from gaga_core.reconstruct.photos import PhotoSet
+from gaga_core.reconstruct.sfm_metrics import AGAIN
 
 _NAMED = 3  # photos named in a sentence
 
@@ -31,9 +33,8 @@ class MatchFacts:
 
     @staticmethod
     def load(path: Path) -> "MatchFacts":
-        """Read what `sfm_export.write_match_facts` wrote. Raises ``OSError``, ``ValueError``."""
-        with np.load(path, allow_pickle=False) as stored:
-            arrays: dict[str, AnyArray] = dict(stored)
+        """Read what `sfm_export.write_match_facts` wrote. Raises ``GagaError``."""
+        arrays = read_arrays(path, AGAIN)
         names = tuple(str(name) for name in arrays.pop("names"))
         return MatchFacts(names=names, **arrays)
 

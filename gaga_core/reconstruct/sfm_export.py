@@ -1,12 +1,13 @@
 """What the checks need to know of a model: plain arrays that the worker writes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
 from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.io.files import atomic_write
 
 _STILL = 0.004  # x width: a match that moved less stands still in the picture
 _CELLS = 12  # across and down, to see where a picture has features
@@ -24,7 +25,13 @@ def write_facts(
     arrays |= _observations(model, images, points)
     arrays |= _matches(model, images, points, database)
     arrays["model_sizes"] = np.array(model_sizes, np.int64)
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    _write(path, arrays)
+
+
+def _write(path: Path, arrays: Mapping[str, AnyArray]) -> None:
+    """Write named arrays whole or not at all: the next run reads what a killed one has left."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
 def _model_arrays(
@@ -124,16 +131,21 @@ def write_match_facts(path: Path, database: Path) -> None:
     for (a, b), m in zip(pairs, matches, strict=True):
         moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
         still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
-    np.savez(
+    _write(
         path,
-        names=np.array([str(image.name) for image in images], np.str_),
-        n_features=np.array([len(p) for p in points], np.int64),
-        coverage=np.array(
-            [_coverage(p, cameras[int(i.camera_id)]) for p, i in zip(points, images, strict=True)]
-        ),
-        pairs=np.array(pairs, np.int64).reshape(-1, 2),
-        pair_matches=np.array([len(m) for m in matches], np.int64),
-        still=np.array(still, np.float64),
+        {
+            "names": np.array([str(image.name) for image in images], np.str_),
+            "n_features": np.array([len(p) for p in points], np.int64),
+            "coverage": np.array(
+                [
+                    _coverage(p, cameras[int(i.camera_id)])
+                    for p, i in zip(points, images, strict=True)
+                ]
+            ),
+            "pairs": np.array(pairs, np.int64).reshape(-1, 2),
+            "pair_matches": np.array([len(m) for m in matches], np.int64),
+            "still": np.array(still, np.float64),
+        },
     )
 
 
@@ -162,13 +174,15 @@ def write_pair_matches(path: Path, database: Path) -> None:
         chosen = matches[step]
         views.append(np.tile([a, b], (len(chosen), 1)))
         places.append(np.stack([points[a][chosen[:, 0]], points[b][chosen[:, 1]]], axis=1))
-    np.savez(
+    _write(
         path,
-        names=np.array([str(image.name) for image in images], np.str_),
-        pairs=pairs.reshape(-1, 2),
-        pair_matches=np.array([len(matches) for matches in inliers], np.int64),
-        match_names=np.concatenate(views),
-        match_places=np.concatenate(places),
+        {
+            "names": np.array([str(image.name) for image in images], np.str_),
+            "pairs": pairs.reshape(-1, 2),
+            "pair_matches": np.array([len(matches) for matches in inliers], np.int64),
+            "match_names": np.concatenate(views),
+            "match_places": np.concatenate(places),
+        },
     )
 
 

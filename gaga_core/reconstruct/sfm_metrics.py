@@ -11,6 +11,9 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
+from gaga_core.io.arrays_file import read_arrays
+
+AGAIN = "Remove it and reconstruct again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +39,8 @@ class SfmFacts:
 
     @staticmethod
     def load(path: Path) -> "SfmFacts":
-        """Read what `sfm_export.write_facts` wrote. Raises ``OSError`` or ``ValueError``."""
-        with np.load(path, allow_pickle=False) as stored:
-            arrays: dict[str, AnyArray] = dict(stored)
+        """Read what `sfm_export.write_facts` wrote. Raises ``GagaError``."""
+        arrays = read_arrays(path, AGAIN)
         names, all_names = (
             tuple(str(n) for n in arrays.pop(key)) for key in ("names", "all_names")
         )

@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
+import msgspec
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
@@ -26,6 +28,25 @@ ExportWhat = Literal["visible", "selected"]
 MANIFEST = "groups.json"
 MANIFEST_VERSION = 1
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+
+
+class ManifestEntry(msgspec.Struct, frozen=True):
+    """One exported object."""
+
+    id: int
+    name: str
+    color: tuple[float, float, float]  # red, green, blue, 0..1
+    count: int  # splats in the file
+    bbox: list[tuple[float, float, float]]  # two corners of the centres, world; none: no splats
+    file: PathText  # next to the manifest
+
+
+class Manifest(msgspec.Struct, frozen=True):
+    """Content of groups.json."""
+
+    version: int
+    source: str  # the scene
+    groups: list[ManifestEntry]
 
 
 def export_scene_stage(
@@ -181,9 +202,12 @@ def _objects(scene: Scene, groups: Sequence[int] | None, suffix: str) -> list[_O
 
 
 def listed_files(manifest: Path) -> list[Path]:
-    """The files that the manifest of an export names; others in its folder are not its own."""
-    content = json.loads(manifest.read_text(encoding="utf-8"))
-    return [manifest.parent / entry["file"] for entry in content["groups"]]
+    """The files that the manifest of an export names; others in its folder are not its own.
+
+    Raises ``GagaError`` when it is damaged.
+    """
+    content = read_json(manifest, Manifest, "Export the objects again.")
+    return [manifest.parent / entry.file for entry in content.groups]
 
 
 def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
