@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -36,6 +37,7 @@ class Hub:
     only_names: bool = False  # a mirror that lists no sizes
     ignores_range: bool = False
     pause_s: float = 0.0  # between two blocks of 16 KB
+    stalls: list[float] = field(default_factory=list)  # seconds of silence in the next answers
     status: int = 0  # answers everything so, if set
     requests: list[str] = field(default_factory=list)  # "GET /path", "GET /path bytes=5-"
     sent: int = 0  # bytes of files
@@ -77,7 +79,8 @@ def fresh_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder of models, without cache, token or switches of whoever runs the tests."""
     folder = tmp_path / "models"
     monkeypatch.setenv("GAGA_MODELS", str(folder))
-    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "cache"))
+    if find_spec("huggingface_hub") is not None:
+        monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     for name in ("HF_TOKEN", "HF_ENDPOINT", "HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE"):
         monkeypatch.delenv(name, raising=False)
@@ -180,7 +183,11 @@ class _Handler(BaseHTTPRequestHandler):
         if not with_body:
             return
         left = hub.cuts.pop(0) if hub.cuts and file.suffix == ".safetensors" else len(raw)
+        stall = hub.stalls.pop(0) if hub.stalls and file.suffix == ".safetensors" else 0.0
         for at in range(start, min(len(raw), start + left), _BLOCK):
+            if at > start:  # after the first block
+                time.sleep(stall)
+                stall = 0.0
             block = raw[at : min(at + _BLOCK, start + left)]
             try:
                 self.wfile.write(block)

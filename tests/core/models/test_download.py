@@ -14,7 +14,7 @@ from gaga_core.models.download import Consent, Installed, download, partial_byte
 from gaga_core.models.hub import HubConfig, list_files
 from gaga_core.models.lock_file import check_against, check_folder, read_lock
 from gaga_core.models.weights import find_model
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from tests.core.models.conftest import TINY
 from tests.core.models.hub_server import COMMIT, Hub
 
@@ -89,6 +89,22 @@ def test_a_connection_that_breaks_goes_on_where_it_was(hub: Hub, repository: Pat
     asked = [line.rpartition("bytes=")[2] for line in hub.requests if "/cdn/" in line]
     assert [text for text in asked if text.endswith("-")] == ["100000-", "150000-"]
     assert hub.sent == done.n_bytes
+
+
+def test_a_hub_that_falls_silent_is_asked_again(hub: Hub, repository: Path) -> None:
+    hub.stalls = [1.0]
+    config = HubConfig(hub.url, timeout_s=0.25, wait_s=0.01)
+    stage = download(list_files(TINY, config), Consent(TINY.name, "Apache-2.0"), config)
+    steps: list[Progress] = []
+    done = run_stage(stage, steps.append)
+    assert (done.path / "model.safetensors").read_bytes() == (
+        repository / "model.safetensors"
+    ).read_bytes()
+    assert any("the connection broke" in step.message for step in steps)
+    assert any("bytes=16384-" in line for line in hub.requests)
+    shares = [step.done for step in steps]
+    assert shares == sorted(shares)
+    assert shares[-1] == steps[-1].total
 
 
 def test_a_hub_that_ignores_ranges_sends_all_again(hub: Hub, repository: Path) -> None:
@@ -285,6 +301,10 @@ def test_remove_deletes_the_folder_of_models_alone(hub: Hub, models: Path, tmp_p
     (cached / "refs" / "main").write_text("abc")
     (snapshot / "config.json").write_text("{}")
     (snapshot / "model.safetensors").write_bytes(b"w")
+    assert get(hub).path == snapshot, "what other programs have brought is used"
+    with pytest.raises(GagaError, match="other programs use too"):
+        remove(TINY)
+    assert find_model(TINY) == snapshot
 
 
 def test_a_folder_that_is_no_whole_model_is_never_overwritten(hub: Hub, models: Path) -> None:
