@@ -10,7 +10,6 @@ from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.segment import PhotoOrder
     from gaga_core.segmentation.base import Provider
     from gaga_core.segmentation.choose import ProviderEntry
 
@@ -88,7 +87,7 @@ class MasksCommand:
             redo=self.redo,
             config=SegmentConfig(
                 longest_side=self.longest_side,
-                order=self._order(provider.name),
+                order=self.order,
                 stop_after_s=self.stop_after,
             ),
         )
@@ -106,11 +105,6 @@ class MasksCommand:
             )
         out.result(report.to_json(), as_json=self.json)
         return 0 if not report.failed else 1
-
-    def _order(self, provider: str) -> "PhotoOrder":
-        if self.order == "auto":
-            return "name" if provider == "regions" else "coverage"
-        return self.order
 
     def _import(self, scene: Path, source: Path) -> int:
         from gaga_core.io.scene_folder import open_scene_folder

@@ -40,7 +40,7 @@ from gaga_core.segmentation.regions_provider import RegionsProvider
 STAGE = "Make masks"
 _VERSION = 1
 _BLOCK = 1 << 24  # bytes hashed between two steps
-PhotoOrder = Literal["name", "coverage"]
+PhotoOrder = Literal["auto", "coverage", "name"]
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,9 @@ class SegmentConfig:
     Association scales label maps to the views. 0 or 64..8192."""
     use_depth: bool = True
     """Give providers that can use it the depth of the splats, where the scene has some."""
-    order: PhotoOrder = "name"
-    """coverage: photos that tell most of what none before them showed come first (needs splats)."""
+    order: PhotoOrder = "auto"
+    """coverage: photos that tell most of what none before them showed come first (needs splats).
+    auto: coverage for providers with weights, which take long; else name."""
     stop_after_s: float = 0.0
     """Begin no further photo after so many seconds; 0 = never stop. At least one is made."""
 
@@ -151,7 +152,8 @@ def segment_scene(
     record = _read_record(target)
     wants_depth = config.use_depth and "depth" in provider.cues and folder.model_path is not None
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
-    if config.order == "coverage" and folder.model_path is not None:
+    by_coverage = config.order == "coverage" or (config.order == "auto" and provider.card.source)
+    if by_coverage and folder.model_path is not None:
         cameras = yield from _by_coverage(cameras, cues)
     done = _Done()
     for i, camera in enumerate(cameras):

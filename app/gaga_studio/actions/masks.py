@@ -180,10 +180,7 @@ def make_stage(
         views=views or request.views,
         name=name,
         redo=request.redo and not name,
-        config=SegmentConfig(
-            use_depth=request.use_depth,
-            order="name" if request.provider == REGIONS else "coverage",
-        ),
+        config=SegmentConfig(use_depth=request.use_depth),
     )
     draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
     return (yield from (after_warm_up(stage) if draws_depth else stage))

@@ -119,6 +119,14 @@ def here(session: Session) -> KnownModel | None:
     return quickest.model if quickest is not None else None
 
 
+def duration(session: Session, name: str, n: int) -> str:
+    """Return "about 3 min", as long as a model takes for ``n`` photos here; "" if not known."""
+    if not session.models.entries:
+        refresh(session)
+    entry = session.models.entry(name)
+    return duration_text(n * entry.seconds) if entry is not None and entry.seconds else ""
+
+
 def title(session: Session) -> str:
     """Return "Make masks with SAM 2.1 Hiera tiny, 156 MB, about 3 min…", as it is now."""
     model = here(session) or FIRST
@@ -126,8 +134,7 @@ def title(session: Session) -> str:
     is_here = entry is not None and entry.path is not None
     size = "" if is_here else f"{model.megabytes:,} MB"
     n = len(masks.photos_of(session, "train"))
-    seconds = n * entry.seconds if entry is not None and entry.seconds else 0.0
-    parts = (f"Make masks with {model.title}", size, duration_text(seconds))
+    parts = (f"Make masks with {model.title}", size, duration(session, model.name, n))
     return ", ".join(filter(None, parts)) + ("" if is_here else "…")
 
 

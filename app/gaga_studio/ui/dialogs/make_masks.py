@@ -14,6 +14,7 @@ from gaga_core.models.weights import models_folder
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_studio.actions import mask_settings, masks, models
 from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
+from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -330,7 +331,7 @@ def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
     n = len(masks.photos_of(session, dialog.request.views))
-    text = f"Make masks of {n:,} photos{_duration(dialog, n)}"
+    text = f"Make masks of {n:,} photos{_duration(session, dialog, n)}"
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()
         masks.make(session, dialog.request)
@@ -339,17 +340,14 @@ def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         imgui.close_current_popup()
 
 
-def _duration(dialog: MaskDialog, n: int) -> str:
-    """As long as the try took for each; nothing where nothing was tried."""
-    preview = dialog.preview
-    if (
-        preview is None
-        or not preview.seconds
-        or preview.request.provider != dialog.request.provider
-    ):
-        return ""
-    seconds = n * preview.seconds
-    return f", about {seconds / 60:.0f} min" if seconds >= 90 else f", about {seconds:.0f} s"
+def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
+    """As long as the try took for each, else as the model took before, or is likely to take."""
+    preview, request = dialog.preview, dialog.request
+    if preview is not None and preview.seconds and preview.request.provider == request.provider:
+        text = duration_text(n * preview.seconds)
+    else:
+        text = models.duration(session, request.provider, n)
+    return f", {text}" if text else ""
 
 
 # --- exporting
