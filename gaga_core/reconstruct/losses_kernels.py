@@ -53,8 +53,8 @@ def similarity_rows(
     taps = np.empty(2 * TAPS, np.float32)
     _window(taps)
     w0, w1, w2, w3, w4, w5 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5]
-    B, MA, MB, AA, BB, AB, S, D, E, F = TAPS, 22, 23, 24, 25, 26, 27, 28, 29, 30
-    lines = np.zeros((31, IN), np.float32)
+    B, MA, MB, SQ, AB, S, D, E, F = TAPS, 22, 23, 24, 25, 26, 27, 28, 29
+    lines = np.zeros((30, IN), np.float32)
     for left in range(0, width, OUT):
         n = min(OUT, width - left)
         for y in range(start, start + TAPS - 1):
@@ -68,19 +68,17 @@ def similarity_rows(
                 lines[B + slot, x] = target[y + TAPS - 1, left + x]
             turn = TAPS - y % TAPS
             for x in range(IN):
-                ma, mb, aa, bb, ab = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+                ma, mb, squares, ab = _ZERO, _ZERO, _ZERO, _ZERO
                 for k in range(TAPS):
                     a, b = lines[k, x], lines[B + k, x]
                     wa, wb = taps[turn + k] * a, taps[turn + k] * b
                     ma += wa
                     mb += wb
-                    aa += wa * a
-                    bb += wb * b
+                    squares += wa * a + wb * b
                     ab += wa * b
                 lines[MA, x] = ma
                 lines[MB, x] = mb
-                lines[AA, x] = aa
-                lines[BB, x] = bb
+                lines[SQ, x] = squares
                 lines[AB, x] = ab
             for x in range(OUT):
                 ma = (
@@ -99,22 +97,15 @@ def similarity_rows(
                     + w4 * (lines[MB, x + 12] + lines[MB, x + 18])
                     + w5 * lines[MB, x + 15]
                 )
-                aa = (
-                    w0 * (lines[AA, x] + lines[AA, x + 30])
-                    + w1 * (lines[AA, x + 3] + lines[AA, x + 27])
-                    + w2 * (lines[AA, x + 6] + lines[AA, x + 24])
-                    + w3 * (lines[AA, x + 9] + lines[AA, x + 21])
-                    + w4 * (lines[AA, x + 12] + lines[AA, x + 18])
-                    + w5 * lines[AA, x + 15]
-                ) - ma * ma
-                bb = (
-                    w0 * (lines[BB, x] + lines[BB, x + 30])
-                    + w1 * (lines[BB, x + 3] + lines[BB, x + 27])
-                    + w2 * (lines[BB, x + 6] + lines[BB, x + 24])
-                    + w3 * (lines[BB, x + 9] + lines[BB, x + 21])
-                    + w4 * (lines[BB, x + 12] + lines[BB, x + 18])
-                    + w5 * lines[BB, x + 15]
-                ) - mb * mb
+                # The two variances are needed as a sum only.
+                both = (
+                    w0 * (lines[SQ, x] + lines[SQ, x + 30])
+                    + w1 * (lines[SQ, x + 3] + lines[SQ, x + 27])
+                    + w2 * (lines[SQ, x + 6] + lines[SQ, x + 24])
+                    + w3 * (lines[SQ, x + 9] + lines[SQ, x + 21])
+                    + w4 * (lines[SQ, x + 12] + lines[SQ, x + 18])
+                    + w5 * lines[SQ, x + 15]
+                ) - (ma * ma + mb * mb)
                 ab = (
                     w0 * (lines[AB, x] + lines[AB, x + 30])
                     + w1 * (lines[AB, x + 3] + lines[AB, x + 27])
@@ -126,7 +117,7 @@ def similarity_rows(
                 n1, n2 = _TWO * ma * mb + _C1, _TWO * ab + _C2
                 # np.divide: the operator would check for zero, and a branch ends vectors.
                 i1 = np.divide(_ONE, ma * ma + mb * mb + _C1)
-                i2 = np.divide(_ONE, aa + bb + _C2)
+                i2 = np.divide(_ONE, both + _C2)
                 s = n1 * n2 * i1 * i2
                 by_ab = _TWO * n1 * i1 * i2
                 by_ma = _TWO * (mb * n2 * i1 * i2 - s * ma * i1)
