@@ -75,17 +75,35 @@ class Gradients:
     radii: FloatArray  # (n,) pixels, 3 standard deviations of the drawn ellipse's long axis
 
 
+def empty_gradients(indices: IntArray, n_sh: int) -> Gradients:
+    """Gradients of the Gaussians ``indices`` (n,), to be filled in; ``n_sh`` coefficients each."""
+    n = len(indices)
+    return Gradients(
+        indices,
+        np.empty((n, 3), np.float32),
+        np.empty((n, 4), np.float32),
+        np.empty((n, 3), np.float32),
+        np.empty(n, np.float32),
+        np.empty((n, n_sh, 3), np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class TrainStep:
     """One evaluation of a loss on a rendered view."""
 
     value: float
     image: FloatArray  # (H, W, 3) the picture before the step
-    gradients: Gradients
+    gradients: Gradients  # no rows when a sink took them
 
 
 # picture (H, W, 3) and target -> value and its gradient by the picture (H, W, 3), both float32
 ImageLoss = Callable[[FloatArray, FloatArray], tuple[float, FloatArray]]
+# Takes some rows of the gradients, in any order of pieces and from several threads at once; the
+# arrays are good during the call only. It may change the Gaussians of these rows, and no others.
+GradientSink = Callable[[Gradients], None]
 
 
 def check_render(
@@ -198,6 +216,11 @@ class TrainableRasterizer(Rasterizer, Protocol):
         loss: ImageLoss,
         *,
         background: DoubleArray | FloatArray | None = None,  # (3,); black
+        sink: GradientSink | None = None,
     ) -> TrainStep:
-        """Render, compare with ``target``, and differentiate: one pass forward and one back."""
+        """Render, compare with ``target``, and differentiate: one pass forward and one back.
+
+        With a ``sink`` the gradients go there piece by piece, while they are in the processor's
+        caches, instead of into the result.
+        """
         ...

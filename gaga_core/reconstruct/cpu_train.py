@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import Gradients, TrainableRasterizer, TrainStep
+from gaga_core.raster.base import Gradients, GradientSink, TrainableRasterizer, TrainStep
 from gaga_core.reconstruct.checkpoint import TrainState
 from gaga_core.reconstruct.densify import ScreenSums, control_density, quota, reset_opacities
 from gaga_core.reconstruct.dropout import thinned
@@ -58,19 +58,26 @@ class CpuEngine:
             state.splats = state.splats.with_degree(degree)
         turns = turns_of(i - 1, setting)
         index = turns[setting.team.rank].view
-        step, by_exposure = self._draw(state, setting.view(index, moment), index)
-        gradients = setting.team.mean(step.gradients, len(state.splats))
+        rates = setting.rates(moment)
+
+        def apply(gradients: Gradients) -> None:
+            _add_decay(state, gradients, setting)
+            adam_step(state.splats, gradients, rates, i)
+            state.sums.add(gradients)
+
+        # Alone, a worker moves splats piece by piece; a team's mean needs all gradients first.
+        sink = apply if setting.team.size == 1 else None
+        step, by_exposure = self._draw(state, setting.view(index, moment), index, sink)
+        if sink is None:
+            apply(setting.team.mean(step.gradients, len(state.splats)))
         if config.exposure:
             step_exposures(state, setting, turns, by_exposure)
         state.losses[i - 1] = setting.team.mean_values(np.array([step.value]))[0]
-        _add_decay(state, gradients, setting)
-        adam_step(state.splats, gradients, setting.rates(moment), i)
-        state.sums.add(gradients)
         _control(state, setting, i)
         state.iteration = i
 
     def _draw(
-        self, state: TrainState, view: TrainView, index: int
+        self, state: TrainState, view: TrainView, index: int, sink: GradientSink | None
     ) -> tuple[TrainStep, DoubleArray]:
         """Draw a view and compare it; also the gradient (2, 3) by its exposure (0 without)."""
         config, i = self._setting.config, state.iteration + 1
@@ -84,6 +91,11 @@ class CpuEngine:
         def loss(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
             return photometric(image, target, config.dissimilarity)
 
+        def walk_back(gradients: Gradients) -> None:
+            drawn.walk_back(gradients)
+            if sink is not None:
+                sink(gradients)
+
         compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
         step = self._rasterizer.train_step(
             drawn.gaussians,
@@ -91,8 +103,10 @@ class CpuEngine:
             view.target(),
             compare,
             background=self._setting.background,
+            sink=None if sink is None else walk_back,
         )
-        drawn.walk_back(step.gradients)
+        if sink is None:
+            walk_back(step.gradients)
         return step, by_exposure
 
 

@@ -1,6 +1,6 @@
 """Training on the CPU: draw a view, and take a gradient of its picture back to the parameters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
-from gaga_core.raster.base import Gradients
+from gaga_core.raster.base import Gradients, GradientSink, empty_gradients
 from gaga_core.raster.cpu import backward_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, pose_and_lens
 from gaga_core.raster.cpu.sh_kernels import backward_colors
@@ -57,13 +57,17 @@ def backward(
     drawn: Forward,
     image_gradient: FloatArray,
     alpha_gradient: FloatArray | None = None,
+    sink: GradientSink | None = None,
 ) -> Gradients:
-    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
+    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0).
+
+    With a ``sink`` they go there in pieces, and the result has no rows.
+    """
     if alpha_gradient is None:
         alpha_gradient = np.zeros_like(drawn.transmittance)
     slots = _number_slots(drawn.view)
     partials = _sum_tiles(drawn, slots.of_entry, image_gradient, alpha_gradient)
-    return _walk_back(gaussians, camera, drawn, slots, partials)
+    return _walk_back(gaussians, camera, drawn, slots, partials, sink)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,29 +121,28 @@ def _walk_back(
     drawn: Forward,
     slots: _Slots,
     partials: FloatArray,
+    sink: GradientSink | None = None,
 ) -> Gradients:
-    """Add each splat's sums and go back through projection and color to its parameters."""
+    """Add each splat's sums and go back through projection and color to its parameters.
+
+    A piece of splats goes all the way, into the ``sink`` too, before the next one begins.
+    """
     view = drawn.view
-    n = len(view.order)
     means = for_kernel(gaussians.means, np.float32)
     quats = for_kernel(gaussians.quats, np.float32)
     log_scales = for_kernel(gaussians.log_scales, np.float32)
     sh = for_kernel(gaussians.sh, np.float32)
-    by_color = np.empty((n, 3), np.float32)
     pose, lens = pose_and_lens(camera)
     eye = np.array(camera.position, np.float64)
-    result = Gradients(
-        view.order[view.rows],
-        np.empty((n, 3), np.float32),
-        np.empty((n, 4), np.float32),
-        np.empty((n, 3), np.float32),
-        np.empty(n, np.float32),
-        np.empty((n, sh.shape[1], 3), np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
+    indices, n_sh = view.order[view.rows], sh.shape[1]
+    result = empty_gradients(indices if sink is None else indices[:0], n_sh)
 
     def work(start: int, stop: int) -> None:
+        if sink is None:
+            piece = _rows(result, start, stop)
+        else:
+            piece = empty_gradients(indices[start:stop], n_sh)
+        by_color = np.empty((stop - start, 3), np.float32)
         kernels.backward_splats(
             means,
             quats,
@@ -147,24 +150,28 @@ def _walk_back(
             pose,
             lens,
             view.order,
-            view.rows,
+            view.rows[start:stop],
             view.splats,
             drawn.colors,
-            slots.first,
+            slots.first[start : stop + 1],
             partials,
-            result.means,
-            result.quats,
-            result.log_scales,
-            result.logit_opacities,
+            piece.means,
+            piece.quats,
+            piece.log_scales,
+            piece.logit_opacities,
             by_color,
-            result.screen,
-            result.radii,
-            start,
-            stop,
+            piece.screen,
+            piece.radii,
         )
-        backward_colors(
-            sh, means, result.indices, eye, by_color, result.sh, result.means, start, stop
-        )
+        backward_colors(sh, means, piece.indices, eye, by_color, piece.sh, piece.means)
+        if sink is not None:
+            sink(piece)
 
-    run_chunks(work, n, _CHUNK)
+    run_chunks(work, len(indices), _CHUNK)
     return result
+
+
+def _rows(gradients: Gradients, start: int, stop: int) -> Gradients:
+    """Views of the rows ``start`` to ``stop``."""
+    columns = (getattr(gradients, field.name)[start:stop] for field in fields(Gradients))
+    return Gradients(*columns)

@@ -264,10 +264,8 @@ def backward_splats(
     by_color: FloatArray,  # (n, 3) gradient by the color that `sh_kernels.sh_colors` gives
     screen: FloatArray,  # (n,)
     radii: FloatArray,  # (n,)
-    start: int,
-    stop: int,
 ) -> None:
-    """From sums of slots to gradients of the parameters of splats ``rows[start:stop]``.
+    """From sums of slots to gradients of the parameters of splats ``rows``.
 
     All but those by color: `sh_kernels.backward_colors` goes on, and adds to ``d_means``. In
     float64 like `project_kernels.project`, whose steps it repeats and then walks back.
@@ -275,16 +273,20 @@ def backward_splats(
     fx, fy, width, height = lens[0], lens[1], lens[4], lens[5]
     limit_x = 1.3 * 0.5 * width / fx
     limit_y = 1.3 * 0.5 * height / fy
-    sums = np.empty(SLOT, np.float64)
-    for m in range(start, stop):
+    for m in range(len(rows)):
         k = rows[m]
         i = order[k]
-        sums[:] = 0.0
-        total = 0.0
+        d0, d1, d2, d3, d4, d5, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for q in range(first_slot[m], first_slot[m + 1]):
-            for c in range(SLOT):
-                sums[c] += partials[q, c]
-                total += abs(partials[q, c])
+            d0 += partials[q, 0]
+            d1 += partials[q, 1]
+            d2 += partials[q, 2]
+            d3 += partials[q, 3]
+            d4 += partials[q, 4]
+            d5 += partials[q, 5]
+            c0 += partials[q, 6]
+            c1 += partials[q, 7]
+            c2 += partials[q, 8]
         x, y, z = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
         tx = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
         ty = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
@@ -296,7 +298,8 @@ def backward_splats(
         cxx = 0.5 / (s * s) + r * cxy
         half = 0.5 * (cxx - cyy)
         radii[m] = 3.0 * math.sqrt(0.5 * (cxx + cyy) + math.sqrt(half * half + cxy * cxy))
-        if total == 0.0:
+        moves = abs(d0) + abs(d1) + abs(d2) + abs(d3) + abs(d4) + abs(d5)
+        if moves + abs(c0) + abs(c1) + abs(c2) == 0.0:
             # Hidden behind others, or its colors are at rest: nothing to walk back.
             for c in range(3):
                 d_means[m, c] = _ZERO
@@ -307,14 +310,14 @@ def backward_splats(
             d_logits[m] = _ZERO
             screen[m] = _ZERO
             continue
-        d_logits[m] = sums[0] * (1.0 - np.float64(splats[k, OPACITY]))
+        d_logits[m] = d0 * (1.0 - np.float64(splats[k, OPACITY]))
         # dp/du = 2 s e, dp/dv = -2 s r e + 2 h dy; dp/dcovariance is half their outer product.
-        du = 2.0 * s * sums[1]
-        dv = -2.0 * s * r * sums[1] + 2.0 * h * sums[2]
-        dxx = 2.0 * s * s * sums[3]
-        dxy = -2.0 * s * s * r * sums[3] + 2.0 * s * h * sums[4]
-        dyy = 2.0 * s * s * r * r * sums[3] - 4.0 * s * r * h * sums[4] + 2.0 * h * h * sums[5]
-        screen[m] = math.hypot(0.5 * width * du, 0.5 * height * dv)
+        du = 2.0 * s * d1
+        dv = -2.0 * s * r * d1 + 2.0 * h * d2
+        dxx = 2.0 * s * s * d3
+        dxy = -2.0 * s * s * r * d3 + 2.0 * s * h * d4
+        dyy = 2.0 * s * s * r * r * d3 - 4.0 * s * r * h * d4 + 2.0 * h * h * d5
+        screen[m] = 0.5 * math.sqrt((width * du) ** 2 + (height * dv) ** 2)
         iz = 1.0 / tz
         a, b = np.float64(quats[i, 1]), np.float64(quats[i, 2])
         c_, w = np.float64(quats[i, 3]), np.float64(quats[i, 0])
@@ -386,9 +389,9 @@ def backward_splats(
         my = pose[0, 1] * dtx + pose[1, 1] * dty + pose[2, 1] * dtz
         mz = pose[0, 2] * dtx + pose[1, 2] * dty + pose[2, 2] * dtz
         # max(0, .) lets nothing through where it is at rest.
-        by_color[m, 0] = sums[6] if colors[k, 0] > _ZERO else 0.0
-        by_color[m, 1] = sums[7] if colors[k, 1] > _ZERO else 0.0
-        by_color[m, 2] = sums[8] if colors[k, 2] > _ZERO else 0.0
+        by_color[m, 0] = c0 if colors[k, 0] > _ZERO else 0.0
+        by_color[m, 1] = c1 if colors[k, 1] > _ZERO else 0.0
+        by_color[m, 2] = c2 if colors[k, 2] > _ZERO else 0.0
         d_means[m, 0] = mx
         d_means[m, 1] = my
         d_means[m, 2] = mz

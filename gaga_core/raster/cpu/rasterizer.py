@@ -9,6 +9,7 @@ from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import (
     Frame,
     Gradients,
+    GradientSink,
     ImageLoss,
     LabelFrame,
     PixelWeights,
@@ -130,12 +131,16 @@ class CpuRasterizer:
         loss: ImageLoss,
         *,
         background: DoubleArray | FloatArray | None = None,
+        sink: GradientSink | None = None,
     ) -> TrainStep:
-        """Render, compare with ``target`` (H, W, 3) by ``loss``, and differentiate."""
+        """Render, compare with ``target`` (H, W, 3) by ``loss``, and differentiate.
+
+        With a ``sink`` the gradients go there in pieces, while they are in the caches.
+        """
         check_shape("target", target, (camera.height, camera.width, 3), np.float32)
         drawn = _forward(gaussians, camera, background)
         value, image_gradient = loss(drawn.image, target)
-        gradients = backward(gaussians, camera, drawn, image_gradient)
+        gradients = backward(gaussians, camera, drawn, image_gradient, sink=sink)
         return TrainStep(value, drawn.image, gradients)
 
 

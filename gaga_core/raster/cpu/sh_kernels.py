@@ -60,14 +60,12 @@ def backward_colors(
     by_color: FloatArray,  # (n, 3) gradient by the color, 0 where max(0, .) is at rest
     d_sh: FloatArray,  # (n, S, 3)
     d_means: FloatArray,  # (n, 3) the part of the direction is added
-    start: int,
-    stop: int,
 ) -> None:
     """From gradients by colors to those by coefficients and, through the direction, by means."""
     n_sh = sh.shape[1]
     basis, shade = np.empty(25, np.float64), np.empty(25, np.float64)
     slope = np.empty(3, np.float64)
-    for m in range(start, stop):
+    for m in range(len(indices)):
         g0, g1, g2 = by_color[m, 0], by_color[m, 1], by_color[m, 2]
         f0, f1, f2 = g0 != _ZERO, g1 != _ZERO, g2 != _ZERO
         if not (f0 or f1 or f2):

@@ -14,6 +14,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import (
     Frame,
     Gradients,
+    GradientSink,
     ImageLoss,
     LabelFrame,
     PixelWeights,
@@ -21,6 +22,7 @@ from gaga_core.raster.base import (
     check_pixels,
     check_render,
     check_vote,
+    empty_gradients,
 )
 from gaga_core.raster.cuda.backward import CudaForward, backward, forward, sh_colors
 from gaga_core.raster.cuda.listing import list_entries, measure_alpha_max
@@ -200,6 +202,7 @@ class CudaRasterizer:
         loss: ImageLoss,
         *,
         background: DoubleArray | FloatArray | None = None,
+        sink: GradientSink | None = None,
     ) -> TrainStep:
         """Render, compare with ``target`` (H, W, 3) by ``loss`` on the CPU, and differentiate."""
         check_shape("target", target, (camera.height, camera.width, 3), np.float32)
@@ -207,6 +210,9 @@ class CudaRasterizer:
         image = fetch(drawn.image)
         value, image_gradient = loss(image, target)
         gradients = backward(drawn, camera, send(image_gradient, self._device))
+        if sink is not None:
+            sink(gradients)
+            gradients = empty_gradients(np.zeros(0, np.int32), gradients.sh.shape[1])
         return TrainStep(value, image, gradients)
 
     def _forward(

@@ -10,6 +10,7 @@ from gaga_core.arrays import AnyArray, frozen
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base
+from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer, backward_kernels
 from gaga_core.raster.reference import project
 from gaga_core.reconstruct.losses import photometric, psnr
@@ -168,6 +169,30 @@ def test_a_step_is_render_loss_and_backward() -> None:
     want = CPU.backward(gaussians, camera, by_image, background=BACKGROUND)
     for name in torch_reference.NAMES:
         np.testing.assert_array_equal(getattr(step.gradients, name), getattr(want, name))
+
+
+def test_a_sink_takes_the_same_gradients_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole rows, each once, whatever the threads; nothing is left for the result."""
+    scene = objects_scene(8, 900, sh_degree=1)
+    camera = scene.cameras[0]
+    target = np.random.default_rng(0).random((120, 160, 3)).astype(np.float32)
+    names = ("indices", *torch_reference.NAMES, "screen", "radii")
+    want = CPU.train_step(scene.gaussians, camera, target, photometric)
+    for n in ("1", "3"):
+        monkeypatch.setenv("GAGA_THREADS", n)
+        pieces: list[dict[str, AnyArray]] = []
+
+        def sink(piece: Gradients, pieces: list[dict[str, AnyArray]] = pieces) -> None:
+            pieces.append({name: getattr(piece, name).copy() for name in names})
+
+        step = CPU.train_step(scene.gaussians, camera, target, photometric, sink=sink)
+        assert step.value == want.value
+        assert len(step.gradients.indices) == 0
+        assert len(pieces) > 1
+        pieces.sort(key=lambda piece: int(piece["indices"][0]))
+        for name in names:
+            got = np.concatenate([piece[name] for piece in pieces])
+            np.testing.assert_array_equal(got, getattr(want.gradients, name), err_msg=name)
 
 
 def test_steps_down_the_gradient_find_the_picture() -> None:

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import FloatArray
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.reconstruct.checkpoint import TrainState
+from gaga_core.reconstruct.cpu_train import CpuEngine
+from gaga_core.reconstruct.densify import ScreenSums
 from gaga_core.reconstruct.dropout import HIGHEST, thinned
+from gaga_core.reconstruct.engine import Setting, turns_of
+from gaga_core.reconstruct.exposure import Exposures
+from gaga_core.reconstruct.losses import photometric
+from gaga_core.reconstruct.optimizer import COLUMNS, Splats, adam_step
 from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.team import SINGLE_WORKER
+from tests.core.reconstruct.train_scenes import CPU, known_scene, short
 from tests.scenes import orbit_cameras, random_gaussians
-
-CPU = CpuRasterizer()
 
 
 def test_no_share_changes_nothing() -> None:
@@ -66,6 +72,40 @@ def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
     assert 0 < is_out.sum() < 12
     assert not found[is_out].any()
     np.testing.assert_allclose(found, numeric, rtol=0.02, atol=0.01 * np.abs(numeric).max())
+
+
+def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored() -> None:
+    """An iteration of the engine, whose gradients come in pieces, against its single steps."""
+    known = known_scene()
+    config = replace(short(30), dropout=0.3, half_until=0.0)
+    setting = Setting(known.views.train, (), config, 1.0, SINGLE_WORKER)
+    n_views = len(known.views.train)
+    states = [
+        TrainState(
+            iteration=20,
+            splats=Splats.of(known.initial),
+            sums=ScreenSums.empty(len(known.initial)),
+            exposures=Exposures.neutral(n_views),
+            losses=np.zeros(30, np.float32),
+            measured=np.zeros((0, 3)),
+        )
+        for _ in range(2)
+    ]
+    got, want = states
+    for state in states:  # without a past, Adam's step does not depend on a gradient's size
+        state.splats.second.logit_opacities[:] = 1e-6
+    want.splats = want.splats.with_degree(config.degree_at(21 / 30))
+    view = setting.view(turns_of(20, setting)[0].view, 21 / 30)
+    way = thinned(want.splats.values, config.dropout_at(21 / 30, n_views), setting.random(3, 21))
+    step = CPU.train_step(
+        way.gaussians, view.camera, view.target(), photometric, background=setting.background
+    )
+    way.walk_back(step.gradients)
+    adam_step(want.splats, step.gradients, setting.rates(21 / 30), 21)
+    CpuEngine(got, setting, CPU).advance(got)
+    for name in COLUMNS:
+        values = getattr(got.splats.values, name)
+        assert np.array_equal(values, getattr(want.splats.values, name)), name
 
 
 def test_the_share_grows_from_nothing_and_is_small_where_photos_are_many() -> None:
