@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.raster.cpu.backward import _number_slots, _sum_tiles, _walk_back, forward
+from gaga_core.raster.cpu.backward import _sum_tiles, _walk_back, forward
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import _colors
 from gaga_core.reconstruct.losses import photometric
@@ -63,14 +63,13 @@ def _parts() -> list[Figure]:
     target = np.ascontiguousarray(drawn.image[::-1])
     by_image = photometric(drawn.image, target)[1]
     by_alpha = np.zeros_like(drawn.transmittance)
-    slots = _number_slots(view)
-    partials = _sum_tiles(drawn, slots.of_entry, by_image, by_alpha)
+    sums = _sum_tiles(drawn, by_image, by_alpha)
     parts: dict[str, Callable[[], object]] = {
         "prepare": lambda: prepare(gaussians, camera),
         "blend": lambda: forward(view, camera, colors, black),
         "loss and its gradient": lambda: photometric(drawn.image, target),
-        "back through tiles": lambda: _sum_tiles(drawn, slots.of_entry, by_image, by_alpha),
-        "back through projection": lambda: _walk_back(gaussians, camera, drawn, slots, partials),
+        "back through tiles": lambda: _sum_tiles(drawn, by_image, by_alpha),
+        "back through projection": lambda: _walk_back(gaussians, camera, drawn, sums),
     }
     return [
         Figure(f"train: 50k, 264x471, {name}", cpu_median(work, 9), "CPU-ms")

@@ -4,10 +4,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray, LongArray
+from gaga_core.arrays import FloatArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.kernels import run_chunks
+from gaga_core.kernels import n_threads, run_chunks
 from gaga_core.raster.base import Gradients, GradientSink, empty_gradients
 from gaga_core.raster.cpu import backward_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, pose_and_lens
@@ -65,31 +65,17 @@ def backward(
     """
     if alpha_gradient is None:
         alpha_gradient = np.zeros_like(drawn.transmittance)
-    slots = _number_slots(drawn.view)
-    partials = _sum_tiles(drawn, slots.of_entry, image_gradient, alpha_gradient)
-    return _walk_back(gaussians, camera, drawn, slots, partials, sink)
-
-
-@dataclass(frozen=True, eq=False)
-class _Slots:
-    """Where the sums of each (tile, splat) go: a splat's lie next to each other."""
-
-    first: LongArray  # (n + 1,) first slot of each splat of `TiledView.rows`
-    of_entry: IntArray  # (M,) slot of each entry of the tile lists
-
-
-def _number_slots(view: TiledView) -> _Slots:
-    slots = _Slots(np.zeros(len(view.rows) + 1, np.int64), np.empty(len(view.ids), np.int32))
-    kernels.number_slots(view.ids, view.rows, slots.first, slots.of_entry)
-    return slots
+    sums = _sum_tiles(drawn, image_gradient, alpha_gradient)
+    return _walk_back(gaussians, camera, drawn, sums, sink)
 
 
 def _sum_tiles(
-    drawn: Forward, slots: IntArray, image_gradient: FloatArray, alpha_gradient: FloatArray
+    drawn: Forward, image_gradient: FloatArray, alpha_gradient: FloatArray
 ) -> FloatArray:
-    """Sums over the pixels of each entry of the tile lists, in its slot: (M, SLOT)."""
+    """Sums (n, SUMS) over the pixels of each splat in view, see `backward_kernels`."""
     view = drawn.view
-    partials = np.empty((len(slots), kernels.SLOT), np.float32)
+    partials = np.empty((len(view.ids), kernels.SUMS), np.float32)
+    sums = np.zeros((len(view.order), kernels.SUMS), np.float32)
     by_image = for_kernel(image_gradient, np.float32)
     by_alpha = for_kernel(alpha_gradient, np.float32)
     transmittance = drawn.transmittance
@@ -100,7 +86,6 @@ def _sum_tiles(
             drawn.colors,
             view.offsets,
             view.ids,
-            slots,
             drawn.image,
             transmittance,
             drawn.ends,
@@ -111,19 +96,22 @@ def _sum_tiles(
             stop,
         )
 
+    def add(start: int, stop: int) -> None:
+        kernels.add_tiles(view.offsets, view.ids, drawn.ends, partials, sums, start, stop)
+
     run_chunks(work, view.n_tiles, TILES_AT_ONCE)
-    return partials
+    run_chunks(add, len(sums), max(_CHUNK, -(-len(sums) // n_threads())))
+    return sums
 
 
 def _walk_back(
     gaussians: Gaussians,
     camera: Camera,
     drawn: Forward,
-    slots: _Slots,
-    partials: FloatArray,
+    sums: FloatArray,
     sink: GradientSink | None = None,
 ) -> Gradients:
-    """Add each splat's sums and go back through projection and color to its parameters.
+    """Go back through projection and color to its parameters.
 
     A piece of splats goes all the way, into the ``sink`` too, before the next one begins.
     """
@@ -153,8 +141,7 @@ def _walk_back(
             view.rows[start:stop],
             view.splats,
             drawn.colors,
-            slots.first[start : stop + 1],
-            partials,
+            sums,
             piece.means,
             piece.quats,
             piece.log_scales,

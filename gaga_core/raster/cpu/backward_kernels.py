@@ -8,11 +8,11 @@ all of it), a splat of weight w = alpha T and color c has
 
 (the usual back-to-front sums of 3D Gaussian Splatting, Kerbl 2023, written for the other end).
 
-Each (tile, splat) pair sums into a slot of its own; a splat's slots lie side by side and are added
-in a fixed order: no atomics, and no dependence of the result on threads.
+Each (tile, splat) pair has sums of its own, in the order of the tile lists; then they are added up
+by splat, tile by tile: no atomics, and no dependence of the result on threads.
 
-A slot holds, over the pixels of the tile, with p the exponent, e = s (dx - r dy) and d = dL/dp:
-sums of d, d e, d dy, d e^2, d e dy, d dy^2, and of w g (3). Written in e and dy, the Cholesky form
+They are, over the pixels of the tile, with p the exponent, e = s (dx - r dy) and d = dL/dp: sums
+of d, d e, d dy, d e^2, d e dy, d dy^2, and of w g (3). Written in e and dy, the Cholesky form
 of `project_kernels`, these stay well scaled for long thin splats, and no 2D covariance is inverted.
 """
 
@@ -38,7 +38,7 @@ from gaga_core.raster.cpu.blend_kernels import (
 )
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
 
-SLOT = 9
+SUMS = 9
 _F = np.float32
 _ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
 _MIDDLE = _F(7.5)  # of a tile, in its pixel columns and rows
@@ -104,44 +104,17 @@ def blend_colors(
 
 
 @kernel
-def number_slots(
-    ids: IntArray,
-    rows: IntArray,  # (n,) rows of splats by ascending Gaussian
-    first_slot: LongArray,  # (n + 1,) comes zeroed
-    slots: IntArray,  # (M,)
-) -> None:
-    """The slot of each tile-list entry: splat ``rows[m]`` owns first_slot[m] to first_slot[m + 1].
-
-    By ascending Gaussian, as parameters are read and written: faster than in the order of depth.
-    """
-    n = len(rows)
-    place = np.empty(n, np.int32)
-    for m in range(n):
-        place[rows[m]] = m
-    for j in range(len(ids)):
-        first_slot[place[ids[j]] + 1] += 1
-    for m in range(n):
-        first_slot[m + 1] += first_slot[m]
-    cursor = first_slot[:n].copy()
-    for j in range(len(ids)):
-        m = place[ids[j]]
-        slots[j] = cursor[m]
-        cursor[m] += 1
-
-
-@kernel
 def backward_tiles(
     splats: FloatArray,
     colors: FloatArray,
     offsets: LongArray,
     ids: IntArray,
-    slots: IntArray,
     image: FloatArray,  # (H, W, 3) as `blend_colors` left it, background included
     transmittance: FloatArray,
     ends: LongArray,
     image_gradient: FloatArray,  # (H, W, 3)
     alpha_gradient: FloatArray,  # (H, W)
-    partials: FloatArray,  # (M, SLOT)
+    partials: FloatArray,  # (M, SUMS); those behind ``ends`` are not written
     start: int,
     stop: int,
 ) -> None:
@@ -228,20 +201,37 @@ def backward_tiles(
             e0 = s * (_MIDDLE - u - r * y0)
             along = s * mx - t * my
             me = along + e0 * m0
-            q = slots[j]
-            partials[q, 0] = m0
-            partials[q, 1] = me
-            partials[q, 2] = my + y0 * m0
-            partials[q, 3] = s * s * mxx - (s * t + s * t) * mxy + t * t * myy + e0 * (along + me)
-            partials[q, 4] = s * mxy - t * myy + e0 * my + y0 * me
-            partials[q, 5] = myy + y0 * (my + my + y0 * m0)
-            partials[q, 6] = c0
-            partials[q, 7] = c1
-            partials[q, 8] = c2
-        # Behind its end the tile was opaque.
-        for j in range(ends[tile], offsets[tile + 1]):
-            for c in range(SLOT):
-                partials[slots[j], c] = _ZERO
+            partials[j, 0] = m0
+            partials[j, 1] = me
+            partials[j, 2] = my + y0 * m0
+            partials[j, 3] = s * s * mxx - (s * t + s * t) * mxy + t * t * myy + e0 * (along + me)
+            partials[j, 4] = s * mxy - t * myy + e0 * my + y0 * me
+            partials[j, 5] = myy + y0 * (my + my + y0 * m0)
+            partials[j, 6] = c0
+            partials[j, 7] = c1
+            partials[j, 8] = c2
+
+
+@kernel
+def add_tiles(
+    offsets: LongArray,
+    ids: IntArray,
+    ends: LongArray,
+    partials: FloatArray,  # (M, SUMS)
+    sums: FloatArray,  # (n, SUMS) comes zeroed
+    start: int,
+    stop: int,
+) -> None:
+    """Add up the sums of splats ``start`` to ``stop`` (depth order), tile by tile.
+
+    A splat has one writer and a fixed order, so the result does not depend on threads.
+    """
+    for tile in range(len(ends)):
+        for j in range(offsets[tile], ends[tile]):
+            k = ids[j]
+            if k >= start and k < stop:
+                for c in range(SUMS):
+                    sums[k, c] += partials[j, c]
 
 
 @kernel
@@ -255,8 +245,7 @@ def backward_splats(
     rows: IntArray,
     splats: FloatArray,
     colors: FloatArray,
-    first_slot: LongArray,
-    partials: FloatArray,
+    sums: FloatArray,  # (n, SUMS) of `backward_tiles`, of all tiles together
     d_means: FloatArray,  # (n, 3)
     d_quats: FloatArray,  # (n, 4)
     d_log_scales: FloatArray,  # (n, 3)
@@ -265,7 +254,7 @@ def backward_splats(
     screen: FloatArray,  # (n,)
     radii: FloatArray,  # (n,)
 ) -> None:
-    """From sums of slots to gradients of the parameters of splats ``rows``.
+    """From sums over pixels to gradients of the parameters of splats ``rows``.
 
     All but those by color: `sh_kernels.backward_colors` goes on, and adds to ``d_means``. In
     float64 like `project_kernels.project`, whose steps it repeats and then walks back.
@@ -276,17 +265,15 @@ def backward_splats(
     for m in range(len(rows)):
         k = rows[m]
         i = order[k]
-        d0, d1, d2, d3, d4, d5, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for q in range(first_slot[m], first_slot[m + 1]):
-            d0 += partials[q, 0]
-            d1 += partials[q, 1]
-            d2 += partials[q, 2]
-            d3 += partials[q, 3]
-            d4 += partials[q, 4]
-            d5 += partials[q, 5]
-            c0 += partials[q, 6]
-            c1 += partials[q, 7]
-            c2 += partials[q, 8]
+        d0 = np.float64(sums[k, 0])
+        d1 = np.float64(sums[k, 1])
+        d2 = np.float64(sums[k, 2])
+        d3 = np.float64(sums[k, 3])
+        d4 = np.float64(sums[k, 4])
+        d5 = np.float64(sums[k, 5])
+        c0 = np.float64(sums[k, 6])
+        c1 = np.float64(sums[k, 7])
+        c2 = np.float64(sums[k, 8])
         x, y, z = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
         tx = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
         ty = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
