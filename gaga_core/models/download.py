@@ -165,7 +165,7 @@ def _one_at_a_time(model: KnownModel) -> Iterator[None]:
         lock = lock_folder(folder / f"{model.name}.lock")
     except InUseError as error:
         raise GagaError(
-            f"{model.title} is in the hands of {error.owner or 'another program'}. "
+            f"{error.owner or 'Another program'} is downloading or removing {model.title}. "
             "Wait until it is done."
         ) from error
     with lock:

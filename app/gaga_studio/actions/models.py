@@ -33,7 +33,7 @@ def why_not(session: Session) -> str:
     if job is not None:
         return f"{job.title} is still running."
     offline = hub_config(session).why_offline()
-    return f"No model can be got: {offline}." if offline else ""
+    return f"No model can be downloaded: {offline}." if offline else ""
 
 
 def ask(session: Session, model: KnownModel, then: Callable[[], object] | None = None) -> None:
@@ -41,23 +41,23 @@ def ask(session: Session, model: KnownModel, then: Callable[[], object] | None =
 
     ``then`` is called when the model has been downloaded.
     """
-    shelf, config = session.models, hub_config(session)
+    state, config = session.models, hub_config(session)
 
     def look() -> Stage[Listing]:
         yield Progress("Look at the model", 0, 0, config.host)
         return list_files(model, config)
 
     def seen(listing: Listing) -> None:
-        shelf.offered, shelf.then = listing, then
+        state.offered, state.then = listing, then
 
-    shelf.offered = shelf.removing = shelf.then = None
+    state.offered = state.removing = state.then = None
     session.jobs.start(f"Look at {model.title}", look(), on_done=seen)
 
 
 def accept(session: Session) -> None:
     """Accept the licence that is shown, and download the model."""
-    shelf = session.models
-    listing, then = shelf.offered, shelf.then
+    state = session.models
+    listing, then = state.offered, state.then
     if listing is None:
         return
     consent = Consent(listing.model.name, listing.licence_name)
@@ -75,13 +75,13 @@ def accept(session: Session) -> None:
     after: list[Callable[[], object]] = []
     stage = download(listing, consent, hub_config(session))
     if session.jobs.start(f"Download {listing.model.title}", stage, None, done, end):
-        shelf.offered = shelf.then = None
+        state.offered = state.then = None
 
 
 def decline(session: Session) -> None:
     """Download nothing, remove nothing."""
-    shelf = session.models
-    shelf.offered = shelf.removing = shelf.then = None
+    state = session.models
+    state.offered = state.removing = state.then = None
 
 
 def ask_remove(session: Session, model: KnownModel) -> None:

@@ -24,7 +24,7 @@ from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
-from gaga_studio.session.model_shelf import ModelShelf
+from gaga_studio.session.models_state import ModelsState
 from gaga_studio.session.notices import Level, Notice, UserQuestion, notifies, unsaved_question
 from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.requests import Request
@@ -62,7 +62,7 @@ class Session:
         self.images: ImageSource | None = None
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
-        self.models = ModelShelf()
+        self.models = ModelsState()
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
         self.has_exported = False  # anything, since the program was started

@@ -35,7 +35,7 @@ def hub(folder: Path, tmp_path: Path) -> Iterator[Hub]:
 
 
 @pytest.fixture
-def shop(new_session: Callable[[], Session], hub: Hub) -> Session:
+def with_hub(new_session: Callable[[], Session], hub: Hub) -> Session:
     """A session whose mirror is the hub."""
     session = new_session()
     session.change_settings(replace(session.settings, hub_mirror=hub.url))
@@ -47,78 +47,78 @@ def is_here(session: Session) -> bool:
     return entry is not None and entry.path is not None
 
 
-def test_terms_come_first_and_consent_downloads(shop: Session, hub: Hub) -> None:
-    models.refresh(shop)
-    assert not is_here(shop)
-    models.ask(shop, TINY)
-    assert shop.jobs.wait()
-    listing = shop.models.offered
+def test_terms_come_first_and_consent_downloads(with_hub: Session, hub: Hub) -> None:
+    models.refresh(with_hub)
+    assert not is_here(with_hub)
+    models.ask(with_hub, TINY)
+    assert with_hub.jobs.wait()
+    listing = with_hub.models.offered
     assert listing is not None
     assert (listing.size, listing.licence_name) == (200_022, "Apache-2.0")
     assert hub.downloads() == []
-    models.decline(shop)
-    models.accept(shop)
-    assert shop.jobs.running is None, "nothing is offered any more"
-    models.ask(shop, TINY)
-    assert shop.jobs.wait()
-    models.accept(shop)
-    assert shop.jobs.wait()
-    assert is_here(shop)
-    models.ask_remove(shop, TINY)
-    assert is_here(shop), "asked, not answered"
-    models.remove_asked(shop)
-    assert not is_here(shop)
+    models.decline(with_hub)
+    models.accept(with_hub)
+    assert with_hub.jobs.running is None, "nothing is offered any more"
+    models.ask(with_hub, TINY)
+    assert with_hub.jobs.wait()
+    models.accept(with_hub)
+    assert with_hub.jobs.wait()
+    assert is_here(with_hub)
+    models.ask_remove(with_hub, TINY)
+    assert is_here(with_hub), "asked, not answered"
+    models.remove_asked(with_hub)
+    assert not is_here(with_hub)
 
 
-def test_a_cancelled_download_is_told_as_partial(shop: Session, hub: Hub) -> None:
+def test_a_cancelled_download_is_told_as_partial(with_hub: Session, hub: Hub) -> None:
     hub.pause_s = 0.02
-    models.ask(shop, TINY)
-    assert shop.jobs.wait()
-    models.accept(shop)
-    while shop.jobs.running is not None and shop.jobs.running.fraction < 0.3:
-        shop.jobs.poll()
-    shop.jobs.cancel()
-    assert shop.jobs.wait()
-    entry = shop.models.entry(TINY.name)
+    models.ask(with_hub, TINY)
+    assert with_hub.jobs.wait()
+    models.accept(with_hub)
+    while with_hub.jobs.running is not None and with_hub.jobs.running.fraction < 0.3:
+        with_hub.jobs.poll()
+    with_hub.jobs.cancel()
+    assert with_hub.jobs.wait()
+    entry = with_hub.models.entry(TINY.name)
     assert entry is not None
     assert entry.path is None
     assert entry.partial_bytes > 50_000
 
 
-def test_offline_and_trouble_are_notices(shop: Session, hub: Hub) -> None:
+def test_offline_and_trouble_are_notices(with_hub: Session, hub: Hub) -> None:
     hub.status = 503
-    models.ask(shop, TINY)
-    assert shop.jobs.wait()
-    assert shop.models.offered is None
-    assert "answered 503" in shop.notices[-1].text
+    models.ask(with_hub, TINY)
+    assert with_hub.jobs.wait()
+    assert with_hub.models.offered is None
+    assert "answered 503" in with_hub.notices[-1].text
     hub.requests.clear()
-    shop.change_settings(replace(shop.settings, works_offline=True))
-    assert "offline" in models.why_not(shop)
-    models.ask(shop, TINY)
-    assert shop.jobs.wait()
-    assert "offline" in shop.notices[-1].text
+    with_hub.change_settings(replace(with_hub.settings, works_offline=True))
+    assert "offline" in models.why_not(with_hub)
+    models.ask(with_hub, TINY)
+    assert with_hub.jobs.wait()
+    assert "offline" in with_hub.notices[-1].text
     assert hub.requests == []
 
 
 def test_the_offer_names_size_and_time_and_asks_before(
-    shop: Session, hub: Hub, scene_folder: Path
+    with_hub: Session, hub: Hub, scene_folder: Path
 ) -> None:
     shutil.rmtree(scene_folder / "masks")
-    shop.open(scene_folder)
-    assert shop.jobs.wait()
-    title = commands.command("object.masks_model").title_now(shop)
+    with_hub.open(scene_folder)
+    assert with_hub.jobs.wait()
+    title = commands.command("object.masks_model").title_now(with_hub)
     assert title.startswith("Make masks with SAM 2.1 Hiera tiny, 156 MB, about ")
-    assert commands.run("object.masks_model", shop)
-    assert shop.take_request() is Request.MODELS
-    assert shop.jobs.wait()
-    assert shop.models.offered is not None
+    assert commands.run("object.masks_model", with_hub)
+    assert with_hub.take_request() is Request.MODELS
+    assert with_hub.jobs.wait()
+    assert with_hub.models.offered is not None
     assert hub.downloads() == []
-    models.accept(shop)
-    while not is_here(shop):
-        shop.jobs.poll()
-    running = shop.jobs.running
+    models.accept(with_hub)
+    while not is_here(with_hub):
+        with_hub.jobs.poll()
+    running = with_hub.jobs.running
     assert running is not None
     assert running.title == live_objects.TITLE, "that is what it was wanted for"
-    shop.jobs.cancel()
-    assert shop.jobs.wait()
-    assert "MB" not in commands.command("object.masks_model").title_now(shop)
+    with_hub.jobs.cancel()
+    assert with_hub.jobs.wait()
+    assert "MB" not in commands.command("object.masks_model").title_now(with_hub)

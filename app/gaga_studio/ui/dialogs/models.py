@@ -116,13 +116,13 @@ def _seconds(entry: ModelStatus) -> str:
 
 def _foot(session: Session) -> None:
     """What is asked, or the progress of what runs."""
-    shelf, job = session.models, session.jobs.running
+    state, job = session.models, session.jobs.running
     if job is not None:
         _progress(session, job)
-    elif shelf.offered is not None:
-        _terms(session, shelf.offered)
-    elif shelf.removing is not None:
-        imgui.text_wrapped(f"Delete {shelf.removing.title} from this computer?")
+    elif state.offered is not None:
+        _terms(session, state.offered)
+    elif state.removing is not None:
+        imgui.text_wrapped(f"Delete {state.removing.title} from this computer?")
         if widgets.button("Delete", Face(primary=True)):
             models.remove_asked(session)
         imgui.same_line()

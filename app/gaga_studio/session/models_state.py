@@ -9,7 +9,7 @@ from gaga_core.models.status import ModelStatus
 
 
 @dataclass
-class ModelShelf:
+class ModelsState:
     """State of the sheet; `actions.models` changes it."""
 
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
