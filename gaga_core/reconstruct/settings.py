@@ -10,7 +10,7 @@ from typing import Literal
 
 QUALITIES = ("draft", "standard", "full")
 STRATEGIES = ("gradient", "mcmc")
-_FEW_PHOTOS = 30
+_FEW_PHOTOS = 25
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ class TrainConfig:
 
     def dropout_at(self, moment: float, n_views: int) -> float:
         """Share of the splats that is left out of the step at a moment: 0 at first, `dropout` at
-        the end, and less the more photos there are, as they hold one another in check."""
-        return self.dropout * moment * min(1.0, _FEW_PHOTOS / n_views)
+        the end; less with more than 25 photos and nothing from 50 on, where it costs detail."""
+        return self.dropout * moment * min(1.0, max(0.0, 2 - n_views / _FEW_PHOTOS))
 
     def cpu_seconds(self, n_pixels: int) -> float:
         """Rough time of all processors together for photos of ``n_pixels`` at training size.
