@@ -94,11 +94,14 @@ def main() -> None:
     if unknown:
         parser.error(f"no such picture: {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as folder, xvfb():
-        os.environ["GAGA_HOME"] = str(chosen.home or folder)
-        os.environ["GAGA_MODELS"] = "models"  # the dialog of masks shows this path
+        home = (chosen.home or Path(folder)).resolve()
+        out = chosen.out.resolve()
+        os.environ["GAGA_HOME"] = str(home)
+        os.environ["GAGA_MODELS"] = "models"  # the dialogs of masks and models show this path
+        os.chdir(home)
         names = chosen.names or [picture.name for picture in PICTURES]
         by_name = {picture.name: picture for picture in PICTURES}
-        take([by_name[name] for name in names], chosen.out)
+        take([by_name[name] for name in names], out)
 
 
 def take(pictures: Iterable[Picture], out: Path) -> None:
@@ -159,6 +162,11 @@ def _masks(d: Driver, shot: Shot) -> None:
         d.click("**/###Try on one photo")
         d.until(lambda n=n: dialog.n_previews == n, "one photo is done")  # type: ignore[misc]
         d.settle()
+    shot.window(d)
+
+
+def _models(d: Driver, shot: Shot) -> None:
+    d.menu("Object/###Models…")
     shot.window(d)
 
 
@@ -277,6 +285,7 @@ PICTURES = (
     Picture("empty", "the window before anything is open", _empty, opens="nothing"),
     Picture("photos", "photos, offered for reconstruction", _photos, opens="photos"),
     Picture("masks", "the dialog that makes masks, tried on one photo", _masks, opens="masks"),
+    Picture("models", "the sheet of models", _models, opens="nothing"),
     Picture("find_objects", "the memory bank while it grows", _find_objects, opens="masks"),
     Picture("memory_bank", "an object, its masks, and one of them on its photo", _memory_bank),
     Picture("select", "a lasso on its way, and the panel Select by", _select),

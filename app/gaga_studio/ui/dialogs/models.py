@@ -19,7 +19,7 @@ SHEET = "Models"
 _PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
 _COLUMNS = (
     ("Model", 0.0),
-    ("Good for", 8.0),
+    ("Good for", 13.0),
     ("Size", 5.0),
     ("Licence", 7.0),
     ("A photo", 5.0),
@@ -39,7 +39,7 @@ def register(table: RequestTable) -> None:
 
 def draw(session: Session) -> None:
     """The whole sheet."""
-    if not begin_modal(SHEET, em(50)):
+    if not begin_modal(SHEET, em(56)):
         return
     if not session.models.entries:
         models.refresh(session)
@@ -86,7 +86,7 @@ def _row(session: Session, entry: ModelStatus) -> None:
     widgets.line(f"{icon}  {model.title}", theme.TEXT if entry.path is not None else theme.DIM)
     widgets.tooltip(str(entry.path) if entry.path is not None else model.hub)
     imgui.table_next_column()
-    widgets.line(_PURPOSES[model.purpose])
+    widgets.line(", ".join(filter(None, (_PURPOSES[model.purpose], model.note))))
     widgets.tooltip(entry.good_for)
     imgui.table_next_column()
     widgets.line(f"{model.megabytes:,} MB")
@@ -128,6 +128,8 @@ def _foot(session: Session) -> None:
         imgui.same_line()
         if widgets.button("Keep it"):
             models.decline(session)
+    else:
+        widgets.dim("Get… shows the licence and the exact size, and asks.")
 
 
 def _progress(session: Session, job: Job) -> None:
