@@ -94,6 +94,7 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         dragged.mirror = text
     if imgui.is_item_deactivated_after_edit() and dragged.mirror is not None:
         typed, dragged.mirror = dragged.mirror.strip(), None
+        typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
     changed, offline = widgets.checkbox("Work offline", settings.works_offline)
