@@ -172,10 +172,8 @@ def connected(model: KnownModel, config: HubConfig) -> "Iterator[httpx2.Client]"
     except errors.RevisionNotFoundError as error:
         raise GagaError(f"{model.hub} has no such revision on {config.host}.") from error
     except errors.RepositoryNotFoundError as error:
-        raise GagaError(
-            f"{config.host} does not give {model.hub}: it is not there, or needs a login. "
-            f"{by_hand(model)}"
-        ) from error
+        text = f"{config.host} does not give {model.hub}: it is not there, or needs a login. "
+        raise GagaError(gated(model) if model.is_gated else text + by_hand(model)) from error
     except errors.HfHubHTTPError as error:
         status = error.response.status_code
         raise GagaError(

@@ -220,6 +220,8 @@ def test_a_hub_with_trouble_is_one_sentence(hub: Hub, status: int, said: str) ->
 def test_what_is_not_on_the_hub_is_named(hub: Hub, repository: Path) -> None:
     with pytest.raises(GagaError, match="does not give facebook/sam-vit-base"):
         list_files(known_model("sam-base"), config_of(hub))
+    with pytest.raises(GagaError, match="is gated"):
+        list_files(known_model("sam3"), config_of(hub))
     with pytest.raises(GagaError, match="no such revision"):
         list_files(TINY, config_of(hub), revision="v9")
     (repository / "model.safetensors").unlink()
