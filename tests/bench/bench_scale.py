@@ -26,6 +26,7 @@ def figures() -> list[Figure]:
         many = run(folder, _MANY, "paper")
         few = run(folder, _FEW, "paper")
         robust = run(folder, _FEW, "robust")
+        regions = run(folder, _FEW, "regions")
     by_view = (many.peak_mib - few.peak_mib) / (_MANY - _FEW)
     whole = many.peak_mib + (N_VIEWS - _MANY) * max(by_view, 0)
     seconds = (many.associate_s - few.associate_s) / (_MANY - _FEW)
@@ -41,6 +42,10 @@ def figures() -> list[Figure]:
         Figure("scale: share of that which is votes", many.vote_s / many.associate_s, ""),
         Figure("scale: identity encodings in closed form", many.identity_s, "s"),
         Figure("scale: association and vote, robust, a view", robust.associate_s / _FEW, "s"),
+        Figure(
+            f"scale: peak memory, without a model, {_FEW} views", regions.peak_mib, "MiB", limit
+        ),
+        Figure("scale: association without a model, a view", regions.associate_s / _FEW, "s"),
         Figure("scale: groups found of 300", many.groups, ""),
         Figure("scale: splats of balls in their ball's group", many.right, ""),
         Figure(f"scale: the same, robust, {_FEW} views", robust.right, ""),

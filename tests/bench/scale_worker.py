@@ -1,7 +1,8 @@
 """A process of its own that groups a large scene and says what it took.
 
-``python -m tests.bench.scale_worker FOLDER N_VIEWS PRESET`` reads the masks that `write_masks` left
-in FOLDER and prints one line of JSON. The peak of memory is that of the whole process: the scene
+``python -m tests.bench.scale_worker FOLDER N_VIEWS PRESET [N_SPLATS]`` reads the masks that
+`write_masks` left in FOLDER and prints one line of JSON. PRESET "regions" takes them for masks that
+no model made. The peak of memory is that of the whole process: the scene
 with all its view-dependent color, the association, the vote, the identity encodings.
 """
 
@@ -105,7 +106,8 @@ def group_scene(folder: Path, n_views: int, preset: str, n: int = N_SPLATS) -> C
     gaussians, truth = large_scene(n)
     scene_mib = _peak_mib()
     views = cameras(n_views)
-    masks = MaskSet({c.name: partial(_load, folder / f"{c.name}.npy") for c in views}, "scale")
+    loaders = {c.name: partial(_load, folder / f"{c.name}.npy") for c in views}
+    masks = MaskSet(loaders, "scale", are_regions=preset == "regions")
     voting, last = 0.0, time.perf_counter()
 
     def watch(step: Progress) -> None:
@@ -116,7 +118,7 @@ def group_scene(folder: Path, n_views: int, preset: str, n: int = N_SPLATS) -> C
 
     start = time.perf_counter()
     engine = choose("cpu")
-    config = AssociateConfig.of(preset)
+    config = AssociateConfig.of("robust" if masks.are_regions else preset)
     found = run_stage(associate_stage(gaussians, views, masks, engine, config), watch)
     associated = time.perf_counter()
     voted = Voted(found.labels, found.confidence)
@@ -144,5 +146,6 @@ def _share_right(labels: IntArray, truth: IntArray) -> float:
 
 
 if __name__ == "__main__":
-    cost = group_scene(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
+    n_splats = int(sys.argv[4]) if len(sys.argv) > 4 else N_SPLATS
+    cost = group_scene(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3], n_splats)
     sys.stdout.write(json.dumps(asdict(cost)) + "\n")

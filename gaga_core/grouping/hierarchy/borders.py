@@ -3,7 +3,9 @@
 Views: the share of them that show both sides in one region. Regions of several levels of detail
 count as so many views, because a single level is an accident of its threshold. Shape: concave
 creases and steps speak for two things, even and bulging borders for one (local convexity: Stein et
-al., CVPR 2014). Two pieces that both stand on a plane and meet in a crease are two things, too.
+al., CVPR 2014). Where the surface is even, views say nothing against one thing: print, shadows and
+texture part regions as well. Two pieces that both stand on a plane and meet in a crease are two
+things, too.
 
 The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
 demo scene and of one generated room, from regions of two widths each
@@ -24,6 +26,7 @@ _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
 _HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
 _SMOOTHED = 2  # rounds of averaging over neighbours within a piece
 _SHARP = 0.4  # crease or step that counts in full
+_EVEN = 0.3  # share of that from which on views for two regions count in full
 _DEEP = 0.4  # crease from which on more is said
 _STANDS = 0.3  # crease at which standing side by side counts in full
 _ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
@@ -32,10 +35,10 @@ _FOOT = 0.1  # least crease between a thing and its support
 _OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 # Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
 _FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
-# Of larger ones: bias, crease, bulge, step, views for one region, views for two, the latter where
-# the surface parts as well, both on one plane, deep crease, views for one region at a crease or
-# step, both standing on a plane at a crease.
-_COARSE = np.array([2.03, -2.83, 1.8, -1.83, 2.05, 4.26, -0.13, 0.89, -2.0, 1.94, -1.09])
+# Of larger ones: bias, crease, bulge, step, views for one region, views for two where the surface
+# parts as well, both on one plane, deep crease, views for one region at a crease or step, both
+# standing on a plane at a crease.
+_COARSE = np.array([1.73, -2.25, 1.91, -1.4, 2.53, 4.22, 0.91, -2.61, 1.38, -1.08])
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +122,8 @@ def coarse_graph(
     view = 2 * (seen[0] + _PRIOR) / (seen[1] + 2 * _PRIOR) - 1
     crease, step = np.clip(crease, 0, 1), np.clip(step, 0, 1)
     parts = np.clip(np.maximum(crease, step) / _SHARP, 0, 1)
-    one, two = np.maximum(view, 0), np.minimum(view, 0)
-    features = [np.ones_like(bend), crease, np.clip(bend, 0, 1), step, one, two, two * parts]
+    one, two = np.maximum(view, 0), np.minimum(view, 0) * np.clip(parts / _EVEN, 0, 1)
+    features = [np.ones_like(bend), crease, np.clip(bend, 0, 1), step, one, two]
     features += [coplanar, np.clip(crease - _DEEP, 0, 1), one * parts]
     features += [stand * np.clip(crease / _STANDS, 0, 1)]
     return SignedGraph(size, first, second, length, np.stack(features, axis=1) @ _COARSE)

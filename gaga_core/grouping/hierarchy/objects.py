@@ -36,7 +36,7 @@ class HierarchyConfig:
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
     pieces: float = 2.3  # evidence at which small pieces join to those that are judged in full
     finer: tuple[float, ...] = (3.0, 2.0, 1.2)  # levels of parts, descending
-    objects: float = 0.9  # the level of whole objects
+    objects: float = 0.6  # the level of whole objects
     coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of things together, descending
     least_part: float = 1.5  # samples that a view shows of the smallest part, on average ...
     least_object: float = 6.0  # ... and of the smallest object

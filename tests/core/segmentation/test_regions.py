@@ -13,7 +13,7 @@ from gaga_core.io.ply import read_ply_stage
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.segmentation.regions import RegionsConfig, regions
+from gaga_core.segmentation.regions import RegionsConfig, regions, regions_at
 
 H, W = 120, 160
 _ROWS, _COLUMNS = np.mgrid[:H, :W]
@@ -220,6 +220,15 @@ def test_more_detail_gives_more_regions_each_within_one_of_the_coarser() -> None
     assert counts[0] < counts[1] < counts[2]
     for coarse, fine in pairwise(maps):
         assert len(np.unique(fine * 10_000 + coarse)) == fine.max()
+
+
+def test_several_levels_at_once_are_those_of_the_settings() -> None:
+    image = _busy()
+    for steps in ((1.0,), (2.0, 0.5, 1.0)):
+        maps = regions_at(steps, image, config=RegionsConfig(detail=1.5))
+        for step, labels in zip(steps, maps, strict=True):
+            alone = regions(image, config=RegionsConfig(detail=1.5 * step))
+            assert np.array_equal(labels, alone)
 
 
 @pytest.mark.parametrize(

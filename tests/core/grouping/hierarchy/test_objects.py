@@ -109,6 +109,22 @@ def test_each_ball_is_one_object(scene: Synthetic, found: Association) -> None:
     assert len(of_balls) <= _BALLS + 1  # the floor's group takes some of their lowest splats
 
 
+def test_print_does_not_split(scene: Synthetic) -> None:
+    """All views part each ball and the floor where one half has another color."""
+    means = scene.gaussians.means
+    middle = np.array([means[scene.labels == k, 0].mean() for k in range(_BALLS + 1)])
+    printed = 2 * scene.labels + (means[:, 0] > middle[scene.labels]) + 1
+    engine = choose("cpu")
+    maps = {
+        camera.name: engine.label_splat(scene.gaussians, camera, printed.astype(np.int32)).labels
+        for camera in scene.cameras
+    }
+    found = _found(scene.gaussians, scene.cameras, maps)
+    assert min(_best_ious(scene.labels, found.labels)) > 0.85
+    floor = np.bincount(found.labels[scene.labels == 0])
+    assert floor.max() > 0.9 * floor.sum()
+
+
 def test_other_levels_of_detail_of_the_masks_count(scene: Synthetic) -> None:
     maps = _masks(scene)
     everything = {name: np.ones_like(labels) for name, labels in maps.items()}
