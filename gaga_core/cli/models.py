@@ -50,8 +50,8 @@ class GetModels:
     downloaded: the licence and the size are shown, and the exit status is 2.
     """
 
-    names: Positional[tuple[str, ...]]
-    """Models, as gaga models list names them."""
+    names: Positional[tuple[str, ...]] = ()
+    """Models, as gaga models list names them; may be left out with --lock."""
     accept_licence: tuple[str, ...] = ()
     """Licences that you accept, by their names or by those of the models."""
     endpoint: str = ""
@@ -69,12 +69,14 @@ class GetModels:
         """Download what is missing."""
         from gaga_core.models.catalogue import known_model
         from gaga_core.models.hub import HubConfig
+        from gaga_core.models.lock_file import read_lock
 
-        if not self.names:
+        names = self.names or ((read_lock(self.lock).name,) if self.lock is not None else ())
+        if not names:
             raise GagaError("Name a model. gaga models list shows them.")
         config = HubConfig(self.endpoint, self.offline)
         results, status = [], 0
-        for model in [known_model(name) for name in self.names]:
+        for model in [known_model(name) for name in names]:
             installed = self._get(model, config)
             if installed is None:
                 status = _NO_CONSENT

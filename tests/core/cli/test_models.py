@@ -107,7 +107,7 @@ def test_a_lock_file_asks_for_its_commit(
     answer(capsys, "models", "get", TINY.name, "--lock", str(lock))
     assert main(["models", "remove", TINY.name]) == 0
     hub.requests.clear()
-    answer(capsys, "models", "get", TINY.name, "--lock", str(lock), *_ACCEPT)
+    assert answer(capsys, "models", "get", "--lock", str(lock), *_ACCEPT)["models"]
     assert any(f"/revision/{COMMIT}" in line for line in hub.requests)
     content = json.loads(lock.read_text())
     content["files"][-1]["sha256"] = "0" * 64
