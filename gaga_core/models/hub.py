@@ -222,14 +222,17 @@ def raise_for_status(response: "httpx2.Response") -> None:
     hf_raise_for_status(response)
 
 
+_Size = Annotated[int, msgspec.Meta(ge=0)]  # bytes
+
+
 class _Lfs(msgspec.Struct):
     sha256: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
-    size: int | None = None
+    size: _Size | None = None
 
 
 class _Sibling(msgspec.Struct):
     rfilename: str
-    size: int | None = None
+    size: _Size | None = None
     blobId: str | None = None  # noqa: N815  the hub's name
     lfs: _Lfs | None = None
 
@@ -259,7 +262,8 @@ def _remote_file(client: "httpx2.Client", listing: Listing, item: _Sibling) -> R
         head = client.head(listing.url(RemoteFile(item.rfilename, 0)))
         raise_for_status(head)
         said = [answer.headers for answer in (*head.history, head)]  # redirects name LFS files
-        size = int(_first(said, "x-linked-size") or head.headers.get("content-length") or 0)
+        stated = _first(said, "x-linked-size") or head.headers.get("content-length") or ""
+        size = int(stated) if stated.isdecimal() else 0
         etag = _first(said, "x-linked-etag") or head.headers.get("etag") or ""
         found = re.fullmatch(r'(?:W/)?"?([0-9a-f]{64})"?', etag)
         sha256 = sha256 or (found[1] if found else "")

@@ -29,7 +29,7 @@ class LockedFile(msgspec.Struct, frozen=True):
     """A file of a model."""
 
     name: _Name
-    size: int  # bytes
+    size: Annotated[int, msgspec.Meta(ge=0)]  # bytes
     sha256: _Sha256  # of the file as it lies here
     checked: str  # what the hub stated of it: "sha256", "git" (blob name), or "size"
 

@@ -20,6 +20,9 @@ from gaga_core.io.mask_import_base import MaskList
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.io.splat_files import read_splats, write_splats
+from gaga_core.models.catalogue import known_model
+from gaga_core.models.hub import Listing
+from gaga_core.models.lock_file import LockedFile, read_lock, write_lock
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import open_path_stage, save_project
@@ -145,6 +148,12 @@ def _make_settings(folder: Path) -> None:
     shutil.copyfile(settings_file(), folder / "settings.json")
 
 
+def _model_lock(folder: Path) -> None:
+    listing = Listing(known_model("sam2.1-tiny"), "https://hub", "main", "5c3e", "apache-2.0", ())
+    file = LockedFile("config.json", 2, "0" * 64, "git")
+    write_lock(folder, listing, "Apache-2.0", "2026-11-22T11:00:00+00:00", [file])
+
+
 def _write_map(path: Path) -> None:
     write_labels(path, (np.arange(600).reshape(20, 30) % 9).astype(np.int32))
 
@@ -175,4 +184,5 @@ TARGETS: Mapping[str, Target] = {
     "photo": Target(lambda f: _write_map(f / "a.png"), lambda f: read_rgb(f / "a.png")),
     "script": Target(_script, _run_script),
     "settings": Target(_make_settings, _read_settings),
+    "model lock": Target(_model_lock, read_lock),
 }  # fmt: skip

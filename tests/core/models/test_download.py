@@ -235,7 +235,14 @@ def test_what_is_not_on_the_hub_is_named(hub: Hub, repository: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [b"<html>", b"{}", b'{"sha": "../..", "siblings": []}', b'{"sha": 5}']
+    "answer",
+    [
+        b"<html>",
+        b"{}",
+        b'{"sha": "../..", "siblings": []}',
+        b'{"sha": 5}',
+        b'{"sha": "5c", "siblings": [{"rfilename": "config.json", "size": -1}]}',
+    ],
 )
 def test_an_answer_of_something_else_is_one_sentence(answer: bytes, tmp_path: Path) -> None:
     from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
