@@ -38,7 +38,7 @@ def first_splats_stage(
     """
     check_shape("points", points, ("P", 3))
     most = config.density.max_splats
-    n_shell = min(config.shell, most // _SHELL)
+    n_shell = min(config.shell_of(len(views)), most // _SHELL)
     most_points = most - min(config.cover + n_shell, most // _RESERVED)
     n_more = min(config.stereo, most_points) - len(points)
     if n_more > 0:

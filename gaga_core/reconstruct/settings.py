@@ -75,7 +75,7 @@ class TrainConfig:
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
     stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos
     cover: int = 10_000  # at most so many splats are put where views show no point
-    shell: int = 0  # splats of a sphere behind everything, if it were whole
+    shell: int = 0  # splats of a sphere behind everything, if it were whole; see `shell_of`
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
     dropout: float = 0.0  # share of splats left out of a step, see `dropout_at`: 0.2 (Park)
@@ -153,7 +153,12 @@ class TrainConfig:
     def dropout_at(self, moment: float, n_views: int) -> float:
         """Share of the splats that is left out of the step at a moment: 0 at first, `dropout` at
         the end; less with more than 25 photos and nothing from 50 on, where it costs detail."""
-        return self.dropout * moment * min(1.0, max(0.0, 2 - n_views / _FEW_PHOTOS))
+        return self.dropout * moment * fewness(n_views)
+
+    def shell_of(self, n_views: int) -> int:
+        """Splats of the far shell, if it were whole: none from 50 photos on, which leave hardly a
+        gap to look through, and for which plain walls would end on the shell."""
+        return self.shell if fewness(n_views) > 0 else 0
 
     def cpu_seconds(self, n_pixels: int) -> float:
         """Rough time of all processors together for photos of ``n_pixels`` at training size.
@@ -174,6 +179,11 @@ class TrainConfig:
     def with_cap(self, max_splats: int) -> "TrainConfig":
         """These settings with another greatest number of splats."""
         return replace(self, density=replace(self.density, max_splats=max_splats))
+
+
+def fewness(n_views: int) -> float:
+    """1 for up to 25 photos, falling to 0 at 50: how much a training needs that generalises."""
+    return min(1.0, max(0.0, 2 - n_views / _FEW_PHOTOS))
 
 
 def _quick(rates: RateConfig) -> RateConfig:

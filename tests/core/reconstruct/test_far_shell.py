@@ -138,3 +138,16 @@ def test_where_the_background_is_left_out_none_is_made() -> None:
     lit = replace(config, background=(0.2, 0.2, 0.2))
     around = run_stage(first_splats_stage(points, colors, views, lit, CPU))
     assert np.linalg.norm(around.means - _MIDDLE, axis=1).max() > 2
+
+
+def test_many_photos_need_none(room: tuple[DoubleArray, list[TrainView]]) -> None:
+    points, views = room
+    colors = np.full((len(points), 3), 90, np.uint8)
+
+    def n_first(n_copies: int, shell: int) -> int:
+        config = short(5, cover=1500, shell=shell).with_cap(40_000)
+        stage = first_splats_stage(points, colors, n_copies * views, config, CPU)
+        return len(run_stage(stage))
+
+    assert n_first(1, 2000) > n_first(1, 0)
+    assert n_first(10, 2000) == n_first(10, 0)
