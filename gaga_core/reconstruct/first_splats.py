@@ -14,7 +14,7 @@ from gaga_core.reconstruct.cover import CameraBall, cover_holes_stage
 from gaga_core.reconstruct.far_shell import far_shell
 from gaga_core.reconstruct.initial import initial_gaussians
 from gaga_core.reconstruct.optimizer import concatenate
-from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.reconstruct.settings import TrainConfig, fewness
 from gaga_core.reconstruct.stereo import stereo_points_stage
 from gaga_core.reconstruct.views import TrainView
 
@@ -51,7 +51,7 @@ def first_splats_stage(
     first = initial_gaussians(
         points, colors, opacity=config.initial_opacity, scale=config.initial_scale
     )
-    if config.cover > 0:
+    if config.cover > 0 and fewness(len(views)) > 0:
         first = _limited(first, views)
     covered = yield from cover_holes_stage(
         first, points, views, config.with_cap(most - n_shell), rasterizer
