@@ -210,6 +210,15 @@ def _select(d: Driver, shot: Shot) -> None:
     d.engine.mouse_up(0)
 
 
+def _click(d: Driver, shot: Shot) -> None:
+    """The teapot by one click, in a scene without groups."""
+    commands.run("tool.object", d.session)
+    d.until(lambda: d.session.jobs.running is None, "the scene was looked at")
+    width, height = d.size
+    d.click_picture(width * _TEAPOT[0], height * _TEAPOT[1])
+    shot.window(d)
+
+
 def _edit(d: Driver, shot: Shot) -> None:
     _select_teapot(d)
     color_grade.recolor(d.session, (0.25, 0.45, 0.85))
@@ -267,7 +276,7 @@ def _quality(d: Driver, shot: Shot) -> None:
 
 def _rest(d: Driver) -> None:
     """Nothing is hovered, and no notice is shown: those are read once and fade."""
-    d.move_to(d.size[0] * 0.75, -20)  # an empty part of the tool bar
+    d.move_to(d.size[0] * 0.86, -20)  # an empty part of the tool bar
     d.session.notices = ()
 
 
@@ -289,6 +298,7 @@ PICTURES = (
     Picture("find_objects", "the memory bank while it grows", _find_objects, opens="masks"),
     Picture("memory_bank", "an object, its masks, and one of them on its photo", _memory_bank),
     Picture("select", "a lasso on its way, and the panel Select by", _select),
+    Picture("click", "a thing selected by one click, without groups", _click, opens="masks"),
     Picture("edit", "an object with another color and the handles that move it", _edit),
     Picture("search", "the search box and what it found", _search),
     Picture("camera_path", "a camera path of four places", _camera_path),

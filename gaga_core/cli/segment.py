@@ -12,6 +12,7 @@ from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.click import ViewBox, ViewClick
+    from gaga_core.segmentation.prompter import Prompter
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class SegmentCommand:
     """Off the object: VIEW,U,V. May be given again; answered after all --click."""
     box: str | None = None
     """Around the object: VIEW,U0,V0,U1,V1. Answered before the clicks."""
+    model: str | None = None
+    """A Segment Anything model that is here (sam2.1-tiny, ...; see gaga models list), or the folder
+    of one: ask it in the view of the clicks and in views around. Default: no model."""
     name: str | None = None
     """Name of the new object."""
     dry_run: bool = False
@@ -46,7 +50,8 @@ class SegmentCommand:
 
         project = out.follow(open_path_stage(self.scene))
         start = time.perf_counter()
-        found = out.follow(after_warm_up(click_stage(project, clicks, box)))
+        prompter = None if self.model is None else _prompter(self.model)
+        found = out.follow(after_warm_up(click_stage(project, clicks, box, prompter=prompter)))
         values: dict[str, object] = {
             "splats": len(found.splats),
             "clicks": found.n_clicks,
@@ -64,6 +69,13 @@ class SegmentCommand:
             values["project"] = str(save_project(project))
         out.result(values, as_json=self.json)
         return 0
+
+
+def _prompter(model: str) -> "Prompter":
+    from gaga_core.segmentation.choose import prompter_named
+
+    folder = Path(model)
+    return prompter_named(model, weights=folder if folder.exists() else None)
 
 
 def _click(text: str, is_on: bool) -> "ViewClick":

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +14,16 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.selection.click_cut import Answer, Click, boxed, clicked, nothing_yet
 from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
 from gaga_core.scene.selection.click_views import click_views
 from gaga_core.scene.selection.picking import pick
+
+if TYPE_CHECKING:
+    from gaga_core.segmentation.prompter import Prompter
 
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 
@@ -58,20 +63,27 @@ def click_stage(
     box: ViewBox | None = None,
     *,
     rasterizer: Rasterizer | None = None,
+    prompter: "Prompter | None" = None,
 ) -> Stage[ClickedObject]:
     """The splats that clicks on a thing and off it, in their order, select; a box comes first.
 
     Views are those of the scene folder, or the numbers from 0 of the views around a lone file of
-    splats. Raises ``GagaError`` for a view that is not there, a place outside of it, one without a
-    surface, and a box that holds no whole object.
+    splats. With a ``prompter`` a model is asked, in the view of the first click. Raises
+    ``GagaError`` for a view that is not there, a place outside of it, one without a surface, and a
+    box that holds no whole object.
     """
     scene, engine = project.scene, rasterizer or choose()
     if box is None and not any(click.is_on for click in clicks[:1]):
         raise GagaError("Click the object first: give --click or --box before --not.")
     cameras = () if project.folder is None else project.folder.cameras
     views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
+    if prompter is not None and box is not None:
+        raise GagaError("A model is asked by clicks. Give --click instead of --box.")
     places = [_on_surface(project, views, click) for click in clicks]
     frame = None if box is None else _view(project, views, box.view)
+    if prompter is not None:
+        camera = _view(project, views, clicks[0].view)
+        return (yield from _asked(project, camera, places, prompter, engine))
     graph = yield from click_graph_stage(scene, views, engine)
     answer = nothing_yet(graph)
     if box is not None and frame is not None:
@@ -86,6 +98,26 @@ def click_stage(
     if len(splats) == 0:
         raise GagaError("Nothing is left of the object: the last clicks took all of it away.")
     return ClickedObject(splats, len(clicks) + (box is not None))
+
+
+def _asked(
+    project: Project,
+    camera: Camera,
+    clicks: Sequence[Click],
+    prompter: "Prompter",
+    rasterizer: Rasterizer,
+) -> Stage[ClickedObject]:
+    """What a model says that clicks mean, asked in ``camera`` first."""
+    from gaga_core.pipeline.click_model import model_clicks_stage
+
+    rows = np.flatnonzero(project.scene.visible).astype(np.int32)
+    gaussians = yield from bake_stage(project.scene, indices=rows)
+    cameras = () if project.folder is None else project.folder.cameras
+    up = estimate_up(cameras)
+    lifted = yield from model_clicks_stage(gaussians, camera, clicks, prompter, rasterizer, up=up)
+    splats: IntArray = rows[lifted.splats]
+    splats = splats[algebra.selectable(project.scene)[splats]]
+    return ClickedObject(splats, len(clicks))
 
 
 def _selectable(project: Project, graph: ClickGraph, answer: Answer) -> IntArray:

@@ -28,7 +28,10 @@ from gaga_core.segmentation.regions import RegionsConfig
 from gaga_core.segmentation.settings import Device, GeneratorConfig, UniversalConfig
 
 if TYPE_CHECKING:
+    from torch.nn import Module
+
     from gaga_core.segmentation.model_provider import MaskMaker
+    from gaga_core.segmentation.prompter import SamPrompter
 
 _NO_TRANSFORMERS = (
     "The package transformers is missing. Install it: pip install 'gaga-studio[models]'."
@@ -144,6 +147,26 @@ def provider_named(
     return ModelProvider(name, card, weights_id(found), load, settings.flatten)
 
 
+def prompter_named(
+    name: str, *, weights: Path | None = None, device: Device = "auto"
+) -> "SamPrompter":
+    """The Segment Anything model called ``name``, ready to be asked for one thing; read when asked.
+
+    ``weights`` as in `provider_named`. Raises ``GagaError`` for other models, and where it says
+    what to put where.
+    """
+    model = next((known for known in KNOWN if known.name == name), None)
+    found = _weights_of(name, model, weights)
+    if found.family != "sam":
+        raise GagaError(f"{name} cannot be asked for one thing. Choose a Segment Anything model.")
+    if importlib.util.find_spec("transformers") is None:
+        raise GagaError(_NO_TRANSFORMERS)
+    from gaga_core.segmentation.loading import choose_device
+    from gaga_core.segmentation.prompter import SamPrompter
+
+    return SamPrompter(_network(found), choose_device(device))
+
+
 def _known_entry(model: KnownModel, has_package: bool) -> ProviderEntry:
     try:
         found, reason = find_weights(model), ""
@@ -194,20 +217,23 @@ def _sam_loader(
     weights: Weights, settings: ProviderSettings
 ) -> tuple[Callable[[], "MaskMaker"], dict[str, object]]:
     """What loads the model, and the settings that change its masks."""
-    from gaga_core.segmentation.loading import choose_device, load_folder
+    from gaga_core.segmentation.loading import choose_device
     from gaga_core.segmentation.sam import load_sam, sam_settings
-    from gaga_core.segmentation.sam_checkpoint import load_sam_checkpoint
 
     device = choose_device(settings.device)
     generator = settings.generator_of(weights.model_type, on_gpu=device.type != "cpu")
-    is_folder = weights.path.is_dir()
-    network = (
-        partial(load_folder, "mask_generation", weights.path)
-        if is_folder
-        else partial(load_sam_checkpoint, weights.path)
-    )
-    load = partial(load_sam, network, generator, device)
+    load = partial(load_sam, _network(weights), generator, device)
     return load, sam_settings(generator, settings.flatten)
+
+
+def _network(weights: Weights) -> "Callable[[], Module]":
+    """What loads a model prompted with points, from a folder or an original checkpoint."""
+    from gaga_core.segmentation.loading import load_folder
+    from gaga_core.segmentation.sam_checkpoint import load_sam_checkpoint
+
+    if weights.path.is_dir():
+        return partial(load_folder, "mask_generation", weights.path)
+    return partial(load_sam_checkpoint, weights.path)
 
 
 def _universal_loader(

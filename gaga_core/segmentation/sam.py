@@ -9,12 +9,13 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import Module
 from torch.nn.functional import interpolate, pad
 
-from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.arrays import BoolArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.generator import Encoded, Encoder, generate
@@ -72,13 +73,23 @@ def sam_encoder(module: Module) -> Encoder:
             out = model(input_points=placed, input_labels=ones, multimask_output=True, **embeddings)
             return out.pred_masks[0], out.iou_scores[0]
 
+        @torch.inference_mode()
+        def prompt(points: FloatArray, is_on: BoolArray) -> tuple[Tensor, Tensor]:
+            placed = (torch.from_numpy(points) * scale)[None, None].to(pixels.dtype)
+            placed = placed.to(parameter.device, parameter.dtype)
+            signs = torch.from_numpy(is_on.astype(np.int64))[None, None].to(parameter.device)
+            out = model(
+                input_points=placed, input_labels=signs, multimask_output=True, **embeddings
+            )
+            return out.pred_masks[0, 0], out.iou_scores[0, 0]
+
         def upscale(logits: Tensor) -> Tensor:
             values = logits[:, None]
             if is_padded:
                 values = _bilinear(values, side, side)[..., :inner_h, :inner_w]
             return _bilinear(values, height, width)[:, 0]
 
-        return Encoded(decode, upscale, (inner_h / side, inner_w / side))
+        return Encoded(decode, upscale, (inner_h / side, inner_w / side), prompt)
 
     return encode
 

@@ -18,7 +18,9 @@ from gaga_core.camera import Camera
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.selection.click_graph import ClickGraph
 
-_STAY = 5.0  # cost of a sample that changes its side far from the click
+_STAY = 10.0  # cost of a sample that changes its side far from the click
+_NEAREST = 7  # samples around a click that tell how far they are apart
+_NARROW = 1.5  # times the spacing of samples: half the width of an error that is an edge
 _REACH = 0.5  # of the way to the nearest click of the other side: how far a click reaches
 _LARGER = 1.5  # times what is chosen: the largest object that joins as a whole
 _AROUND = 3.0  # times the size of what is chosen: what a click may change
@@ -135,14 +137,37 @@ def _cut(graph: ClickGraph, before: BoolArray, clicks: tuple[Click, ...]) -> Boo
     far = min((float(np.linalg.norm(last - p)) for p in others), default=spread)
     away = np.linalg.norm(graph.centre - last, axis=1)
     rows = np.flatnonzero(before | (away < _AROUND * max(spread, far)))
-    stay = _STAY * np.bincount(graph.node) * (1 - np.exp(-((away / max(_REACH * far, 1e-9)) ** 2)))
+    stay = _cost_of_changing(graph, before, clicks[-1], far)
     on, off = np.where(before, stay, 0.0), np.where(before, 0.0, stay)
-    for click in clicks:  # the last one decides about a node that is clicked on and off
-        at = graph.node[_sample_at(graph, click)]
-        on[at], off[at] = (_MOST, 0) if click.is_on else (0, _MOST)
+    at = graph.node[[_sample_at(graph, click) for click in clicks]]
+    is_on = np.array([click.is_on for click in clicks])
+    both = np.intersect1d(at[is_on], at[~is_on])  # stay what they are; `_samples` divides them
+    for nodes, given in ((at[is_on], True), (at[~is_on], False), (both, before[both])):
+        on[nodes], off[nodes] = np.where(given, _MOST, 0), np.where(given, 0, _MOST)
     after = before.copy()
     after[rows] = _minimum_cut(graph, rows, on, off, before)
     return after
+
+
+def _cost_of_changing(
+    graph: ClickGraph, before: BoolArray, click: Click, far: float
+) -> DoubleArray:
+    """What it costs (n,) that a node changes its side for a click ``far`` from any of the other.
+
+    The wider what is wrong around the click, the more may change. Half of its width is the way to
+    the other side; an error that is narrow is an edge, and only what is at the click changes.
+    """
+    last = np.array(click.point)
+    wrong_until = graph.points[before[graph.node] == click.is_on]
+    wide = float(np.linalg.norm(wrong_until - last, axis=1).min(initial=far))
+    spacing = float(np.median(graph.tree.query(last, k=_NEAREST)[0]))
+    narrow = min(1.0, _NARROW * spacing / max(wide, 1e-9))
+    away = np.linalg.norm(graph.centre - last, axis=1)
+    far_off = 1 - np.exp(-((away / max(_REACH * far, spacing)) ** 2))
+    here = graph.part == graph.part[graph.node[_sample_at(graph, click)]]
+    size = np.bincount(graph.node)
+    cost: DoubleArray = _STAY * narrow**2 * size * far_off * np.where(here, narrow, 1.0)
+    return cost
 
 
 def _minimum_cut(

@@ -10,6 +10,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from tests.app.folders import write_scene
 from tests.core.cli.calls import Capture, answer, refusal
+from tests.core.segmentation.tiny_models import save_tiny
 from tests.scenes import Synthetic
 
 _VIEW = 0
@@ -76,6 +77,30 @@ def test_what_cannot_be_done_is_told(
     root, scene = made
     view = scene.cameras[_VIEW].name
     assert said in refusal(capsys, "segment", str(root), *(g.format(view=view) for g in given))
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "said"),
+    [
+        ("no-such-model", [], "There is no mask provider 'no-such-model'"),
+        ("regions", [], "There is no mask provider 'regions'"),
+        ("{tiny}", ["--box", "{view},10,10,90,90"], "Give --click instead of --box."),
+    ],
+)
+def test_what_a_model_cannot_do_is_told(
+    made: tuple[Path, Synthetic],
+    tmp_path: Path,
+    capsys: Capture,
+    model: str,
+    given: list[str],
+    said: str,
+) -> None:
+    root, scene = made
+    view, tiny = scene.cameras[_VIEW].name, tmp_path / "sam2"
+    save_tiny("sam2", tiny)
+    given = [g.format(view=view) for g in given]
+    arguments = ("--click", _nearest(scene)[1], "--model", model.format(tiny=tiny), *given)
+    assert said in refusal(capsys, "segment", str(root), *arguments)
 
 
 def test_a_lone_file_has_numbered_views(made: tuple[Path, Synthetic], capsys: Capture) -> None:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.progress import Progress, run_stage
 from gaga_core.segmentation.base import ScoredMasks
 from gaga_core.segmentation.generator import (
@@ -55,7 +55,10 @@ class Tiles:
         def upscale(logits: Tensor) -> Tensor:
             return interpolate(logits[:, None], (height, width), mode="nearest")[:, 0]
 
-        return Encoded(decode, upscale, (1.0, 1.0))
+        def prompt(points: FloatArray, is_on: AnyArray) -> tuple[Tensor, Tensor]:
+            raise AssertionError("the generator asks with single points")
+
+        return Encoded(decode, upscale, (1.0, 1.0), prompt)
 
 
 def _picture(rows: int = 3, columns: int = 4) -> UInt8Array:

@@ -1,0 +1,51 @@
+"""A Segment Anything model asked for one thing, with random weights: every family, both signs."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.segmentation.choose import prompter_named
+from tests.core.segmentation.conftest import SAM_KINDS
+
+Folder = Callable[[str], Path]
+_POINTS = np.array([[30.5, 20.5], [100.5, 70.5]], np.float32)
+
+
+@pytest.mark.parametrize("kind", SAM_KINDS)
+def test_every_family_answers_points_of_both_signs(
+    kind: str, model_folder: Folder, photo: UInt8Array
+) -> None:
+    ask = prompter_named("tiny", weights=model_folder(kind), device="cpu")
+    both = ask(photo, _POINTS, np.array([True, True]))
+    other = ask(photo, _POINTS, np.array([True, False]))
+    assert both.masks.shape == other.masks.shape == (3, *photo.shape[:2])
+    assert both.masks.dtype == np.bool_
+    assert (np.diff(both.scores) <= 0).all()
+    assert not np.array_equal(both.scores, other.scores)  # the sign is heard
+    again = ask(photo, _POINTS, np.array([True, True]))
+    np.testing.assert_array_equal(again.masks, both.masks)
+
+
+def test_one_point_is_answered_as_the_generator_is(model_folder: Folder, photo: UInt8Array) -> None:
+    from gaga_core.segmentation.loading import load_folder
+    from gaga_core.segmentation.sam import sam_encoder
+
+    encoded = sam_encoder(load_folder("mask_generation", model_folder("sam2")))(photo)
+    logits, scores = encoded.decode(_POINTS[:1])
+    asked = encoded.prompt(_POINTS[:1], np.array([True]))
+    np.testing.assert_allclose(asked[0].numpy(), logits[0].numpy(), atol=1e-4)
+    np.testing.assert_allclose(asked[1].numpy(), scores[0].numpy(), atol=1e-5)
+
+
+def test_wrong_questions_are_refused(model_folder: Folder, photo: UInt8Array) -> None:
+    ask = prompter_named("tiny", weights=model_folder("sam2"), device="cpu")
+    with pytest.raises(ValueError, match="at least one point on the thing"):
+        ask(photo, _POINTS, np.array([False, False]))
+    with pytest.raises(ValueError, match="points"):
+        ask(photo, _POINTS[:1], np.array([True, False]))
+    with pytest.raises(GagaError, match="cannot be asked for one thing"):
+        prompter_named("tiny", weights=model_folder("mask2former"), device="cpu")
