@@ -1,5 +1,6 @@
 """A posed pinhole camera."""
 
+import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,6 +9,17 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, check_shape
 
 MOST_PIXELS = 65_536  # of a side of a picture
+_NUMBER = re.compile("([0-9]+)")
+
+
+def natural_order(name: str) -> tuple[tuple[tuple[int, str], ...], str]:
+    """Key that sorts names of views by their numbers: rgb_2 before rgb_10, as rgb_02 is.
+
+    Names that differ in leading zeros only come one after the other.
+    """
+    parts = _NUMBER.split(name)  # text and numbers in turns
+    parts[1::2] = (number.lstrip("0") for number in parts[1::2])
+    return tuple((len(part) * (k % 2), part) for k, part in enumerate(parts)), name
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
+from gaga_core.identity.field import IdentityField
 from gaga_core.io.json_file import read_json
 from gaga_core.scene.project import Project
 
@@ -73,12 +74,15 @@ class ExportCommand:
     groups: bool = False
     """Add a column with the group id of each Gaussian (scene)."""
     identity: bool = False
-    """Add the identity encodings of gaga lift as obj_dc_0..15, Gaussian Grouping's columns."""
+    """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
+    the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
     json: bool = False
     """Print the result as JSON."""
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
+        from gaga_core.identity.classifier_io import FILE as CLASSIFIER
+        from gaga_core.identity.classifier_io import write_classifier
         from gaga_core.io.splat_files import SplatFormat, form_of
         from gaga_core.pipeline.describe import describe_project
         from gaga_core.scene.export import (
@@ -95,24 +99,32 @@ class ExportCommand:
             form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.follow(open_path_stage(self.scene))
         scene = project.scene
-        if self.identity:
-            _add_identity(project)
         if self.what == "masks":
             return self._masks(project)
+        if self.identity and form is not SplatFormat.PLY:
+            raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
+        field = _add_identity(project) if self.identity else None
+        folder = self.out.parent if self.what == "scene" else self.out
+        values: dict[str, object] = {}
+        if field is not None:
+            values["classifier"] = str(folder / CLASSIFIER)
         if self.what == "scene":
             _say(export_losses(scene, form, groups=self.groups))
             stage = export_scene_stage(scene, self.out, groups=self.groups, form=form)
             written = out.follow(stage)
-            out.result({"file": str(self.out), "gaussians": written}, as_json=self.json)
-            return 0
-        describe_project(project)
-        _say(objects_losses(scene, form, self.only or None))
-        objects = export_objects_stage(
-            scene, self.out, self.only or None, source=str(self.scene), form=form
-        )
-        manifest = out.follow(objects)
-        files = len(listed_files(manifest))
-        out.result({"manifest": str(manifest), "files": files}, as_json=self.json)
+            values = {"file": str(self.out), "gaussians": written, **values}
+        else:
+            describe_project(project)
+            _say(objects_losses(scene, form, self.only or None))
+            objects = export_objects_stage(
+                scene, self.out, self.only or None, source=str(self.scene), form=form
+            )
+            manifest = out.follow(objects)
+            files = len(listed_files(manifest))
+            values = {"manifest": str(manifest), "files": files, **values}
+        if field is not None:
+            write_classifier(folder / CLASSIFIER, field.weight, field.bias)
+        out.result(values, as_json=self.json)
         return 0
 
     def _masks(self, project: Project) -> int:
@@ -194,15 +206,23 @@ def _say(losses: Iterable[str]) -> None:
         out.say(sentence)
 
 
-def _add_identity(project: Project) -> None:
-    """Give the splats of ``project`` their encodings as extra columns."""
-    from gaga_core.identity.classifier_io import with_encodings
-    from gaga_core.pipeline.lift import read_identity
+def _add_identity(project: Project) -> IdentityField:
+    """Give the splats of ``project`` their encodings as extra columns; the layer that reads them.
 
-    if project.folder is None:
+    They are of `gaga lift`; without one, those with which the model came.
+    """
+    from gaga_core.identity.classifier_io import field_of_model, with_encodings
+    from gaga_core.pipeline.lift import FILE, read_identity
+
+    field = field_of_model(project.scene.gaussians, project.model_path)
+    folder = project.folder
+    if folder is not None and (field is None or (folder.work / FILE).is_file()):
+        field = read_identity(folder, project.scene.n_opened).field
+    if field is None:
         raise GagaError("Identity encodings belong to a scene folder. Name that instead.")
-    encodings = read_identity(project.folder, project.scene.n_opened).field.encodings
+    encodings = field.encodings
     none = np.zeros((1, encodings.shape[1]), encodings.dtype)  # of splats of added files
     rows = np.minimum(project.scene.source, len(encodings))
     encodings = np.concatenate([encodings, none])[rows]
     project.scene.gaussians = with_encodings(project.scene.gaussians, encodings)
+    return field

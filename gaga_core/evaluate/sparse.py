@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gaga_core.camera import natural_order
 from gaga_core.errors import GagaError
 
 SHARES = (0.30, 0.20, 0.10, 0.05)  # of the train views, as published
@@ -17,7 +18,7 @@ def sparse_views(names: Sequence[str], share: float, seed: int) -> tuple[str, ..
     """
     if not 0 < share <= 1:
         raise GagaError(f"A share of {share} of the views cannot be taken. Choose one in (0, 1].")
-    ordered = sorted(names)
+    ordered = sorted(names, key=natural_order)
     n = min(len(ordered), max(1, round(share * len(ordered))))
     chosen = np.random.default_rng(seed).permutation(len(ordered))[:n]
     return tuple(ordered[i] for i in np.sort(chosen))

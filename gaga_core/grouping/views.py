@@ -5,24 +5,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaga_core.arrays import IntArray, check_shape
-from gaga_core.camera import Camera
+from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.masks import MaskSet, resize_labels
 
 
 def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:
-    """The cameras that have masks, in the order of their names. ``GagaError`` if there are none."""
+    """The cameras that have masks, in `camera.natural_order` of their names.
+
+    Raises ``GagaError`` if there are none.
+    """
     where = f" in {masks.source}" if masks.source else ""
     if len(masks) == 0:
         raise GagaError(f"There are no masks{where}. Make masks, or choose another mask folder.")
-    views = sorted((c for c in cameras if c.name in masks), key=lambda camera: camera.name)
+    views = [camera for camera in cameras if camera.name in masks]
     if not views:
         raise GagaError(
             f"None of the {len(cameras)} views has masks{where}. "
             "Name each mask file like its photo, or choose another mask folder."
         )
-    return tuple(views)
+    return tuple(sorted(views, key=lambda camera: natural_order(camera.name)))
 
 
 def load_further(masks: MaskSet, camera: Camera) -> list[IntArray]:

@@ -14,9 +14,11 @@ import numpy as np
 from gaga_core.arrays import FloatArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.identity.field import IdentityField
 from gaga_core.identity.linear_kernels import D
 from gaga_core.io.files import atomic_write, explain_os_error
 
+FILE = "classifier.pth"  # next to the .ply, as Gaussian Grouping and Gaga leave it
 COLUMNS = tuple(f"obj_dc_{c}" for c in range(D))
 
 
@@ -103,3 +105,14 @@ def write_classifier(path: Path, weight: FloatArray, bias: FloatArray) -> None:
     }
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         torch.save(state, file)
+
+
+def field_of_model(gaussians: Gaussians, path: Path) -> IdentityField | None:
+    """The identities of a model that was trained elsewhere; None without encodings or classifier.
+
+    ``path`` is its .ply, ``classifier.pth`` lies next to it. Raises ``GagaError`` where one of them
+    is damaged.
+    """
+    classifier = path.parent / FILE
+    encodings = encodings_of(gaussians) if classifier.is_file() else None
+    return None if encodings is None else IdentityField(encodings, *read_classifier(classifier))

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from gaga_core.camera import Camera
+from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import read_cameras_json
@@ -102,6 +102,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     finally:
         if reading is not None:
             reading.close()
+    cameras = tuple(sorted(cameras, key=lambda camera: natural_order(camera.name)))
     train, test = _split_of(root, tuple(camera.name for camera in cameras))
     images = _image_paths(root / "images", cameras)
     return SceneFolder(root, model_path, cameras, images, masks, train, test)
@@ -232,10 +233,9 @@ def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
 
 
 def _trained_cameras(root: Path) -> tuple[Camera, ...]:
-    """Cameras by name of the ``cameras.json`` in a training's output folder; none without one."""
+    """Cameras of the ``cameras.json`` in a training's output folder; none without one."""
     path = root / "cameras.json"
-    cameras = read_cameras_json(path) if path.is_file() else ()
-    return tuple(sorted(cameras, key=lambda camera: camera.name))
+    return tuple(read_cameras_json(path)) if path.is_file() else ()
 
 
 def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
@@ -255,9 +255,11 @@ def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
 
 
 def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of training and test views: of split.json, else every 8th by alphabet is a test view,
+    as the published loaders of 3D Gaussian Splatting take them."""
     path = root / "split.json"
     if not path.is_file():
-        test = names[::_TEST_EVERY] if len(names) > 1 else ()
+        test = tuple(sorted(names)[::_TEST_EVERY]) if len(names) > 1 else ()
         return tuple(n for n in names if n not in set(test)), test
     cure = 'It must be {"train": [names], "test": [names]}. Fix or remove it.'
     split = read_json(path, Split, cure)

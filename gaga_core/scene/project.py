@@ -23,11 +23,8 @@ import msgspec
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank
-from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write, fingerprint
 from gaga_core.io.folder_lock import lock_folder
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
@@ -37,8 +34,8 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.edits.append import with_added_stage
-from gaga_core.scene.edits.groups import as_bytes
 from gaga_core.scene.model_copy import KnownCopies, current_file
+from gaga_core.scene.opened_labels import labels_of_file, read_labels
 from gaga_core.scene.project_file import (
     FILE,
     FORMAT,
@@ -88,7 +85,8 @@ def open_path_stage(path: Path) -> Stage[Project]:
     """Open whatever a person chose: a scene folder, a file of splats, or a saved project.
 
     A scene folder that has a saved project is opened with its edits; else with the groups of the
-    last association, if any. Raises ``GagaError`` with one sentence.
+    last association, else with those that the model itself carries (`opened_labels`). Raises
+    ``GagaError`` with one sentence.
     """
     path = Path(path)
     if not path.exists():
@@ -110,7 +108,8 @@ def open_path_stage(path: Path) -> Stage[Project]:
 def _open_model(path: Path) -> Stage[Project]:
     digest = fingerprint(path)
     gaussians = yield from read_splats_stage(path)
-    scene = Scene.of(gaussians, _labels_of_columns(gaussians))
+    scene = Scene.of(gaussians)
+    scene.labels, scene.confidence = labels_of_file(gaussians, path)
     return Project(scene, path, model_fingerprint=digest)
 
 
@@ -208,12 +207,14 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
         )
     digest = fingerprint(folder.model_path)
     gaussians = yield from read_splats_stage(folder.model_path)
-    scene = Scene.of(gaussians, _labels_of_columns(gaussians))
+    scene = Scene.of(gaussians)
     labels = folder.work / "labels.npz"
     if labels.is_file():
-        scene.labels, scene.confidence = _read_labels_npz(labels, len(gaussians))
+        scene.labels, scene.confidence = read_labels(labels, len(gaussians))
         bank = folder.work / "bank.npz"
         scene.bank = load_bank(bank) if bank.is_file() else None
+    else:
+        scene.labels, scene.confidence = labels_of_file(gaussians, folder.model_path)
     return Project(scene, folder.model_path, folder, model_fingerprint=digest)
 
 
@@ -274,34 +275,6 @@ def _colors_of(content: object) -> dict[int, RGB]:
             with suppress(TypeError, ValueError):
                 colors[int(group)] = (float(rgb[0]), float(rgb[1]), float(rgb[2]))
     return colors
-
-
-def _read_labels_npz(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | None]:
-    """Groups (N,) and their confidence (N,), if it is there."""
-    cure = "Run Associate again, or remove it."
-    arrays = read_arrays(path, cure)
-    labels = arrays.get("labels", np.zeros(0, np.float32))
-    confidence = arrays.get("confidence")
-    is_right = labels.ndim == 1 and labels.dtype.kind in "iu"
-    if confidence is not None:
-        is_right &= confidence.shape == labels.shape and confidence.dtype.kind == "f"
-    if not is_right:
-        raise GagaError(f"{path} is damaged. {cure}")
-    if len(labels) != n_gaussians:
-        raise GagaError(
-            f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
-            "Run Associate again, or remove it."
-        )
-    sure = None if confidence is None else as_bytes(confidence)
-    return np.ascontiguousarray(labels, np.int32), sure
-
-
-def _labels_of_columns(gaussians: Gaussians) -> IntArray | None:
-    """Group ids that the file itself carries in a column ``group``."""
-    column = gaussians.extra.get("group")
-    if column is None or column.dtype.kind not in "iu":
-        return None
-    return np.maximum(column.astype(np.int64), 0).astype(np.int32)
 
 
 def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEntry]:

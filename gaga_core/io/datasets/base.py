@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.camera import Camera
+from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
@@ -87,9 +87,11 @@ def scene_of(
     prompts: PromptTruth | None = None,
 ) -> DatasetScene:
     """The description of a scene, with what it lacks; only views that have a camera count."""
-    cameras = tuple(sorted(views.cameras, key=lambda camera: camera.name))
+    cameras = tuple(sorted(views.cameras, key=lambda camera: natural_order(camera.name)))
     posed = {camera.name for camera in cameras}
-    train, test = (tuple(sorted(set(part) & posed)) for part in (views.train, views.test))
+    train, test = (
+        tuple(sorted(set(part) & posed, key=natural_order)) for part in (views.train, views.test)
+    )
     folder = SceneFolder(
         root=root,
         model_path=model or find_model(root) or find_model(root / "output"),
