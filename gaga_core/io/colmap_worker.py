@@ -16,7 +16,7 @@ from gaga_core.io.child_process import end_with_parent
 
 # Address space beyond what the interpreter has: a damaged count asks for far more, and filling
 # even 8 GiB before the refusal takes half a minute.
-_CPU_SECONDS, _BYTES_PER_SECOND = 8, 1 << 20  # a tenth of what a whole model is read at
+_CPU_SECONDS, _BYTES_PER_SECOND = 4, 1 << 20  # a tenth of what a whole model is read at
 _MEMORY = 1 << 30  # bytes
 _MEMORY_PER_BYTE = 20  # of the model's files
 

@@ -150,7 +150,7 @@ def _mask_list(
         for entry in entries:
             yield _decode(file, entry["segmentation"], (height, width))
 
-    return MaskList(height, width, masks(), tuple(_score(entry) for entry in entries))
+    return MaskList(height, width, masks(), tuple(_score(file, e) for e in entries))
 
 
 def _rle_size(file: str, rle: Mapping[str, object]) -> tuple[int, int]:
@@ -188,9 +188,12 @@ def _fill(file: str, polygons: Sequence[object], size: tuple[int, int]) -> BoolA
     return mask
 
 
-def _score(entry: MaskEntry) -> float:
+def _score(file: str, entry: MaskEntry) -> float:
     for key in SCORE_KEYS:
         value = entry.get(key)
         if isinstance(value, int | float):
-            return float(value)
+            try:
+                return float(value)
+            except OverflowError as error:
+                raise GagaError(f"{file} has a {key} that is no number. Write it again.") from error
     return 1.0

@@ -99,12 +99,18 @@ def _one_window(result: Soak, scene: Path, seed: int, end: float) -> None:
         if time.monotonic() > end:
             hello_imgui.get_runner_params().app_shall_exit = True
 
-    params.callbacks.after_swap = after_frame
+    close = params.callbacks.before_exit
+
+    def before_exit() -> None:
+        for hand in hands:  # nothing may be sent to a window that is gone
+            hand.is_over = True
+            hand.join()
+        if close is not None:
+            close()
+
+    params.callbacks.after_swap, params.callbacks.before_exit = after_frame, before_exit
     immapp.run(params, immapp.AddOnsParams())
     faulthandler.cancel_dump_traceback_later()
-    for hand in hands:
-        hand.is_over = True
-        hand.join()
     result.n_windows += 1
     result.memory.append(psutil.Process().memory_info().rss)
 

@@ -135,6 +135,9 @@ def test_ids_beyond_16_bits_are_numbered_anew(tmp_path: Path) -> None:
     assert np.array_equal(read_labels(tmp_path / "masks/s/frame_007.png"), TRUE["a.b"])
 
 
+_EMPTY = {"size": [H, W], "counts": [H * W]}  # a run-length mask
+
+
 def refused(root: Path, source: Path, name: str | None = "new") -> str:
     """The sentence of an import that fails, and leaves nothing."""
     before = sorted(root.rglob("*"))
@@ -172,6 +175,7 @@ def test_what_is_no_masks_is_refused_in_one_sentence(tmp_path: Path) -> None:
         ([{"segmentation": {"size": [H, W], "counts": [1, 2]}}], "covers 3 pixels"),
         ([{"segmentation": {"counts": [1, 2]}}], "no size"),
         ([{"segmentation": [[1, 2, 3, 4, 5, 6]]}], "height and width"),
+        ([{"segmentation": _EMPTY, "score": 10**400}], "a score that is no number"),
         ({"images": [{"id": 1}], "annotations": []}, "an id and a file_name"),
         ({"images": [], "annotations": [{"image_id": 3, "segmentation": []}]}, "unknown image"),
     ):
