@@ -34,18 +34,18 @@ class ImageStore:
         self._thread = threading.Thread(target=self._work, name="gaga-images", daemon=True)
         self._thread.start()
 
-    def texture(self, key: str, load: Load) -> tuple[int, int, int] | None:
+    def texture(self, key: str, load: Load | None) -> tuple[int, int, int] | None:
         """OpenGL name, width and height; None while it is loading, and if it cannot be read.
 
-        ``load`` gives (H, W, 3) or (H, W, 4) and runs in a thread of the store, once. Row 0 of the
-        texture is the picture's first row.
+        ``load`` gives (H, W, 3) or (H, W, 4) and runs in a thread of the store, once; without it
+        only what is there is given. Row 0 of the texture is the picture's first row.
         """
         self._receive()
         texture = self._textures.get(key)
         if texture is not None:
             self._textures.move_to_end(key)
             return int(texture.glo), texture.width, texture.height
-        if key not in self._failed:
+        if load is not None and key not in self._failed:
             self._request(key, load)
         return None
 

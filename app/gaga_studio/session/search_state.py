@@ -25,6 +25,7 @@ from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.scene import Scene, State
 
+_WORD = (1 << 64) - 1
 _PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be complete
 
 
@@ -111,6 +112,19 @@ class SearchState:
             self._state = (state, zlib.crc32(gone.tobytes()))
         looks = (r.splats, r.labels, r.placement, r.placements)
         return (looks, self._state[1], len(cameras), self._new_index)
+
+    def digest_of(self, group: int) -> int | None:
+        """Digest of what a group looked like when it was measured; None if it was not."""
+        if self.measured is None:
+            return None
+        at = int(np.searchsorted(self.measured.groups, group))
+        known = at < len(self.measured.groups) and self.measured.groups[at] == group
+        return int(self.measured.digests[at]) & _WORD if known else None
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether what was measured is the scene as `rests` saw it last."""
+        return self.measured is not None and self.measured.key == self._newest[0]
 
     def rests(self, key: object) -> bool:
         """Whether the scene has been in the state ``key`` for a moment: a drag may be over."""

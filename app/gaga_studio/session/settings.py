@@ -52,6 +52,7 @@ class Settings:
     first_steps_done: bool = False  # the card of five steps is hidden
     hub_mirror: str = ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
     works_offline: bool = False  # no hub is ever asked
+    folds_background: bool = True  # in the object list
 
     @property
     def background_color(self) -> tuple[float, float, float]:

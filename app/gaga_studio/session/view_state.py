@@ -126,6 +126,11 @@ class ViewState:
 class ImageSource(Protocol):
     """Pictures as textures; the window gives one (``gpu.images.ImageStore``)."""
 
-    def texture(self, key: str, load: Callable[[], UInt8Array]) -> tuple[int, int, int] | None:
-        """GL name, width and height; None while ``load`` runs in the background."""
+    def texture(
+        self, key: str, load: Callable[[], UInt8Array] | None
+    ) -> tuple[int, int, int] | None:
+        """GL name, width and height; None while ``load`` runs in the background.
+
+        Without ``load`` only a picture that is there.
+        """
         ...

@@ -1,21 +1,16 @@
 """Repairs as a person does them: moved masks, split objects; quality, doubt and thumbnails."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio.actions import (
     association_repair,
-    color_grade,
     history,
     objects,
     quality,
     selection,
-    thumbnails,
     transform,
 )
 from gaga_studio.commands import run
@@ -187,49 +182,3 @@ def test_a_group_color_is_an_edit(associated: Session) -> None:
     assert session.unsaved
     history.undo(session)
     np.testing.assert_array_equal(session.objects().colors[2], first)
-
-
-@pytest.fixture
-def picture(associated: Session) -> Callable[[int], UInt8Array]:
-    """The thumbnail of an object."""
-
-    def make(group: int) -> UInt8Array:
-        table = associated.objects()
-        row = table.row(group)
-        assert row is not None
-        found = thumbnails.request(associated, table, row)
-        assert found is not None
-        return found[1]()
-
-    return make
-
-
-def test_thumbnails_come_from_photos_or_from_the_splats(
-    associated: Session, picture: Callable[[int], UInt8Array]
-) -> None:
-    session = associated
-    assert session.jobs.wait()
-    while session.jobs.quiet is not None:
-        session.jobs.poll()
-    table = session.objects()
-    keys = [thumbnails.request(session, table, row) for row in range(1, len(table))]
-    assert all(key is not None and key[0].startswith("crop") for key in keys)
-    shape = (thumbnails.SIDE, thumbnails.SIDE, 3)
-    assert picture(2).shape == shape
-    selection.select_groups(session, (2,))
-    rows = session.selected_indices()
-    session.need().select(rows[: len(rows) // 2])
-    assert objects.separate(session)
-    table = session.objects()
-    made = len(table) - 1
-    first = thumbnails.request(session, table, made)
-    assert first is not None
-    assert first[0].startswith("alone")
-    alone = first[1]()
-    assert alone.shape == shape
-    assert (np.abs(alone.astype(int) - 46).max(axis=2) > 8).mean() > 0.05
-    selection.select_groups(session, (int(table.ids[made]),))
-    assert color_grade.recolor(session, (1.0, 0.0, 0.0))
-    again = thumbnails.request(session, session.objects(), made)
-    assert again is not None
-    assert again[0] != first[0]

@@ -237,6 +237,18 @@ def elided(text: str, width: float) -> str:
     return text[:low] + "…"
 
 
+def two_lines(text: str, width: float) -> list[str]:
+    """``text`` on two lines of ``width`` pixels, parted at a space if possible, else cut."""
+    words = text.split(" ")
+    n = 1
+    while n < len(words) and imgui.calc_text_size(" ".join(words[: n + 1])).x <= width:
+        n += 1
+    first, rest = " ".join(words[:n]), " ".join(words[n:])
+    if not rest or imgui.calc_text_size(first).x > width:
+        return [elided(text, width)]
+    return [first, elided(rest, width)]
+
+
 def line(text: str, color: ImVec4 | None = None) -> None:
     """One line of text that is cut at the edge of the panel and whole in its tooltip."""
     shown = elided(text, imgui.get_content_region_avail().x)

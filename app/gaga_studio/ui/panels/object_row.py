@@ -8,11 +8,11 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
-from gaga_studio.actions import association_repair, history, objects, selection, thumbnails
+from gaga_studio.actions import association_repair, history, objects, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, object_menu, theme, widgets
+from gaga_studio.ui.kit import icons, object_menu, object_picture, theme, widgets
 from gaga_studio.ui.kit.object_menu import MASK_DRAG, OBJECT_DRAG, ObjectMenuState
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
@@ -22,6 +22,9 @@ _ROW_FLAGS = (
     | imgui.SelectableFlags_.allow_overlap
     | imgui.SelectableFlags_.allow_double_click
 )
+_HIGH, _LOW = 50.0, 32.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
+_ENOUGH = 5  # high rows that a list must have room for
+_HALF_LIT = 0.4  # of the color of a row whose object is selected whole
 _GOOD, _FAIR = 0.75, 0.5  # agreements
 
 
@@ -29,10 +32,12 @@ _GOOD, _FAIR = 0.75, 0.5  # agreements
 class RowColumns:
     """Where the columns are that not every width has; -1 = not there."""
 
+    splats: int
     views: int
     quality: int
     shown: int
     is_roomy: bool  # whole numbers, and a third switch
+    height: float  # of a row, pixels of this screen
 
 
 @dataclass
@@ -49,9 +54,9 @@ class RowState:
     menu: ObjectMenuState = field(default_factory=ObjectMenuState)
 
 
-def height() -> float:
-    """Of a line, in pixels of this screen."""
-    return em(1.7)
+def height(room: float) -> float:
+    """Of a row in a list ``room`` pixels high, in pixels of this screen."""
+    return theme.scaled(_HIGH if room > _ENOUGH * theme.scaled(_HIGH) else _LOW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +83,18 @@ class _Row:
         self.rows, self.row = rows, row
         self.session, self.document, self.state = rows.session, rows.document, rows.state
         self.group = int(table.ids[row])
-        self.name = table.names[row]
+        self.name, self.height = table.names[row], rows.columns.height
         self.color = tuple(float(c) for c in table.colors[row])
         self.is_selected = bool(table.n_selected[row] > 0)
+        whole = table.counts[row] - max(table.n_hidden[row], table.n_locked[row])
+        self.is_partly_selected = bool(0 < table.n_selected[row] < whole)
         self.is_hidden = bool(table.n_hidden[row] == table.counts[row])
         self.is_locked = bool(table.n_locked[row] == table.counts[row])
 
     def draw(self) -> None:
         """The cells."""
         table, columns = self.rows.table, self.rows.columns
-        imgui.table_next_row(0, height())
+        imgui.table_next_row(0, self.height)
         imgui.push_id(f"object {self.group}")
         imgui.table_set_column_index(0)
         self._select_area()
@@ -98,18 +105,19 @@ class _Row:
         imgui.table_set_column_index(1)
         self._name()
         color = theme.FAINT if self.is_hidden else theme.DIM
-        imgui.table_set_column_index(2)
-        _lower()
-        count = int(table.counts[self.row])
-        widgets.number(f"{count:,}" if columns.is_roomy else compact(count), color)
+        if columns.splats >= 0:
+            imgui.table_set_column_index(columns.splats)
+            self._lower()
+            count = int(table.counts[self.row])
+            widgets.number(f"{count:,}" if columns.is_roomy else compact(count), color)
         if columns.views >= 0:
             imgui.table_set_column_index(columns.views)
-            _lower()
+            self._lower()
             n_views = int(table.n_views[self.row])
             widgets.number(f"{n_views}" if n_views else "–", color)
         if columns.quality >= 0:
             imgui.table_set_column_index(columns.quality)
-            _lower()
+            self._lower()
             self._quality()
         imgui.table_set_column_index(columns.shown)
         self._switches()
@@ -118,8 +126,13 @@ class _Row:
     # --- selecting, dragging, the menu
 
     def _select_area(self) -> None:
-        size = ImVec2(0, height())
+        size = ImVec2(0, self.height)
+        lit = imgui.get_style_color_vec4(imgui.Col_.header)
+        if self.is_partly_selected:
+            lit = imgui.ImVec4(lit.x, lit.y, lit.z, lit.w * _HALF_LIT)
+        imgui.push_style_color(imgui.Col_.header, lit)
         clicked, _ = imgui.selectable("##row", self.is_selected, _ROW_FLAGS, size)
+        imgui.pop_style_color()
         if imgui.is_item_hovered() and self.group:
             self.state.hovered = self.group
         if clicked and self.state.renaming != self.group:
@@ -196,14 +209,14 @@ class _Row:
     def _swatch(self) -> None:
         """A dot in the color of the object; a click changes it."""
         side, corner = em(1.0), imgui.get_cursor_screen_pos()
-        centre = ImVec2(corner.x + side * 0.5, corner.y + height() * 0.5)
+        centre = ImVec2(corner.x + side * 0.5, corner.y + self.height * 0.5)
         color = widgets.rgba(self.color, 0.35 if self.is_hidden else 1.0)
         drawing = imgui.get_window_draw_list()
         if not self.group:
             drawing.add_circle_filled(centre, side * 0.33, imgui.get_color_u32(color), 20)
-            imgui.dummy(ImVec2(side, height()))
+            imgui.dummy(ImVec2(side, self.height))
             return
-        if imgui.invisible_button("Color", ImVec2(side, height())):
+        if imgui.invisible_button("Color", ImVec2(side, self.height)):
             imgui.open_popup("List color")
         is_over = imgui.is_item_hovered()
         drawing.add_circle_filled(
@@ -230,41 +243,50 @@ class _Row:
             state.is_coloring = False
 
     def _picture(self) -> None:
-        side, corner = height(), imgui.get_cursor_screen_pos()
-        found = thumbnails.request(self.session, self.rows.table, self.row)
-        images = self.session.images
-        texture = images.texture(*found) if found is not None and images is not None else None
+        gap, side = theme.scaled(1), self.height
+        corner = imgui.get_cursor_screen_pos()
         imgui.dummy(ImVec2(side, side))
-        gap = theme.scaled(1)
-        low = ImVec2(corner.x + gap, corner.y + gap)
-        high = ImVec2(corner.x + side - gap, corner.y + side - gap)
-        drawing = imgui.get_window_draw_list()
-        alpha = 0.4 if self.is_hidden else 1.0
-        if texture is None:
-            drawing.add_rect_filled(low, high, theme.u32(theme.RAISED, alpha), em(0.2))
-            return
-        tint = imgui.get_color_u32(imgui.ImVec4(1, 1, 1, alpha))
-        reference = imgui.ImTextureRef(texture[0])
-        drawing.add_image_rounded(reference, low, high, ImVec2(0, 0), ImVec2(1, 1), tint, em(0.2))
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and imgui.begin_tooltip():
-            imgui.image(reference, ImVec2(em(8), em(8)))
-            widgets.dim(self.name)
-            imgui.end_tooltip()
+        object_picture.draw(
+            self.session,
+            self.rows.table,
+            self.row,
+            ImVec2(corner.x + gap, corner.y + gap),
+            side - 2 * gap,
+            0.4 if self.is_hidden else 1.0,
+        )
+        object_picture.tooltip(self.session, self.rows.table, self.row)
 
     def _name(self) -> None:
         if self.state.renaming == self.group:
             self._name_field()
             return
-        _lower()
         is_plain = self.name == UNASSIGNED or self.is_hidden
-        widgets.line(self.name, theme.FAINT if is_plain else theme.TEXT)
+        color = theme.FAINT if is_plain else theme.TEXT
+        room = imgui.get_content_region_avail().x
+        lines = [widgets.elided(self.name, room)]
+        if self.is_partly_selected:
+            n, of = self.rows.table.n_selected[self.row], self.rows.table.counts[self.row]
+            lines.append(f"{n:,} of {of:,}")
+        elif lines[0] != self.name and self.height >= 2 * imgui.get_text_line_height():
+            lines = widgets.two_lines(self.name, room)
+        self._lower(len(lines))
+        top = imgui.get_cursor_pos()
+        for i, text in enumerate(lines):
+            imgui.set_cursor_pos(ImVec2(top.x, top.y + i * imgui.get_text_line_height()))
+            is_count = self.is_partly_selected and i == 1
+            with theme.text_color(theme.ACCENT if is_count else color):
+                imgui.text_unformatted(text)
+        if " ".join(lines) != self.name and not self.is_partly_selected:
+            widgets.tooltip(self.name)
 
     def _name_field(self) -> None:
         state = self.state
         if not state.has_keyboard:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (height() - em(1)) / 2))
+        imgui.push_style_var(
+            imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (self.height - em(1)) / 2)
+        )
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         entered, state.text = imgui.input_text("##Name", state.text, flags)
         imgui.pop_style_var()
@@ -288,7 +310,7 @@ class _Row:
     # --- switches
 
     def _switches(self) -> None:
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (height() - em(1.25)) / 2)
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (self.height - em(1.25)) / 2)
         self._eye()
         imgui.same_line(0, 0)
         self._lock()
@@ -322,6 +344,11 @@ class _Row:
         if widgets.small_icon("Alone", icons.ISOLATE, hint=hint, color=color):
             objects.isolate_group(self.session, self.group)
 
+    def _lower(self, n_lines: int = 1) -> None:
+        """Text in the middle of the row."""
+        room = self.height - n_lines * imgui.get_text_line_height()
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + room / 2)
+
 
 def compact(n: int) -> str:
     """A number in at most four letters: "604", "4.5k", "12k", "3.1M"."""
@@ -334,9 +361,3 @@ def compact(n: int) -> str:
 def start_renaming(state: RowState, group: int, name: str) -> None:
     """Turn a name into a text field."""
     state.renaming, state.text, state.has_keyboard = group, name, False
-
-
-def _lower() -> None:
-    """Text in the middle of the line."""
-    y = imgui.get_cursor_pos_y() + (height() - imgui.get_text_line_height()) / 2
-    imgui.set_cursor_pos_y(y)

@@ -1,12 +1,13 @@
 """The object list: find, sort, and a line for each object (`object_row`)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.actions import quality
 from gaga_studio.session.document import Document
@@ -31,8 +32,9 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
-# Widths of the panel, in lines of text, from which on there is room for more.
-_ROOM_FOR_VIEWS, _ROOM_FOR_SOLO, _ROOM_FOR_ALL = 18.0, 20.0, 23.0
+_NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
+# Widths of the other columns, ems: narrow and roomy.
+_SHOWN, _SPLATS, _QUALITY, _VIEWS = (2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
 _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
 
@@ -87,7 +89,8 @@ def _list(
     table: ObjectTable,
 ) -> None:
     measured = quality.column(session, table)
-    columns = _columns_for(bool((measured >= 0).any()))
+    height = object_row.height(imgui.get_content_region_avail().y)
+    columns = _columns_for(bool((measured >= 0).any()), height)
     size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
     is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
@@ -95,30 +98,82 @@ def _list(
     if not is_open:
         return
     _columns(columns)
-    rows = document.read.listed(table, "", *_sorting(), measured)
-    groups = [int(group) for group in table.ids[rows]]
-    _follow_selection(session, state, groups)
-    lines = object_row.Rows(session, document, state.rows, masks, table, measured, groups, columns)
+    rows, n_behind = _ordered(session, document, table, measured)
+    groups = [int(table.ids[row]) if row >= 0 else -1 for row in rows]
+    _follow_selection(session, state, groups, height)
+    shown = [group for group in groups if group >= 0]
+    lines = object_row.Rows(session, document, state.rows, masks, table, measured, shown, columns)
     clipper = imgui.ListClipper()
     clipper.begin(len(rows))
     while clipper.step():
         for at in range(clipper.display_start, clipper.display_end):
-            lines.draw(int(rows[at]))
+            if rows[at] >= 0:
+                lines.draw(rows[at])
+            else:
+                _background_row(session, n_behind, height)
     clipper.end()
     imgui.end_table()
 
 
-def _columns_for(is_measured: bool) -> RowColumns:
-    """What fits: views make room for the quality when it is known."""
-    room = imgui.get_content_region_avail().x / em(1)
-    has_views = room > (_ROOM_FOR_ALL if is_measured else _ROOM_FOR_VIEWS)
-    last = 3 + has_views
+def _ordered(
+    session: Session, document: Document, table: ObjectTable, measured: DoubleArray
+) -> tuple[list[int], int]:
+    """Rows in the order of the list, -1 where the background begins, and how many that are.
+
+    Objects come first, then the background unless it is folded, then what is in no group.
+    """
+    rows = document.read.listed(table, "", *_sorting(), measured).tolist()
+    found = document.search.described
+    behind = found.description.background if found is not None else frozenset()
+    back = [row for row in rows if int(table.ids[row]) in behind]
+    objects = [row for row in rows if table.ids[row] and int(table.ids[row]) not in behind]
+    if not back or not objects:
+        return rows, 0
+    rest = [row for row in rows if table.ids[row] == 0]
+    shown = [] if session.settings.folds_background else back
+    return [*objects, -1, *shown, *rest], len(back)
+
+
+def _background_row(session: Session, n: int, high: float) -> None:
+    """The line that folds and unfolds walls, floors, tables and what else is no object."""
+    folds = session.settings.folds_background
+    imgui.table_next_row(0, high)
+    imgui.table_set_column_index(0)
+    flags = imgui.SelectableFlags_.span_all_columns
+    if imgui.selectable("##background", False, flags, ImVec2(0, high))[0]:
+        session.change_settings(replace(session.settings, folds_background=not folds))
+    widgets.tooltip("Walls, floors, tables and other large flat things; click to show or hide them")
+    low = imgui.get_item_rect_min()
+    icon = icons.FOLDED if folds else icons.UNFOLDED
+    at = ImVec2(low.x + em(0.4), low.y + (high - em(1)) / 2)
+    drawing = imgui.get_window_draw_list()
+    drawing.push_clip_rect(low, imgui.get_item_rect_max())  # over all columns
+    drawing.add_text(at, theme.u32(theme.DIM), f"{icon}  Background and supports ({n:,})")
+    drawing.pop_clip_rect()
+
+
+def _columns_for(is_measured: bool, height: float) -> RowColumns:
+    """What fits next to a name of `_NAME`: switches first, then splats, quality and views."""
+    room = imgui.get_content_region_avail().x / em(1) - _picture_width(height) / em(1) - _NAME
+    is_roomy = room > _SHOWN[1] + _SPLATS[1] + is_measured * _QUALITY[1]
+    shown, splats, quality = _SHOWN[is_roomy], _SPLATS[is_roomy], _QUALITY[is_roomy]
+    has_splats = room > shown + splats
+    has_quality = is_measured and room > shown + splats + quality
+    has_views = room > shown + splats + is_measured * quality + _VIEWS
+    last = 2 + has_splats + has_views
     return RowColumns(
+        splats=2 if has_splats else -1,
         views=3 if has_views else -1,
-        quality=last if is_measured else -1,
-        shown=last + is_measured,
-        is_roomy=room > _ROOM_FOR_SOLO,
+        quality=last if has_quality else -1,
+        shown=last + has_quality,
+        is_roomy=is_roomy,
+        height=height,
     )
+
+
+def _picture_width(height: float) -> float:
+    """Of the first column, with the dot of the color; pixels of this screen."""
+    return height + em(1.15)
 
 
 def _highlight(session: Session, state: ObjectListState) -> None:
@@ -136,17 +191,20 @@ def _columns(columns: RowColumns) -> None:
     fixed = imgui.TableColumnFlags_.width_fixed
     plain = fixed | imgui.TableColumnFlags_.no_sort | imgui.TableColumnFlags_.no_header_label
     falling = fixed | imgui.TableColumnFlags_.prefer_sort_descending
-    pictures = object_row.height() + em(1.15)
     imgui.table_setup_scroll_freeze(0, 1)
-    imgui.table_setup_column("id", fixed | imgui.TableColumnFlags_.no_header_label, pictures, 0)
+    imgui.table_setup_column(
+        "id", fixed | imgui.TableColumnFlags_.no_header_label, _picture_width(columns.height), 0
+    )
     imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch, 1.0, 1)
-    imgui.table_setup_column("Splats", falling, em(3.3 if columns.is_roomy else 2.6), 2)
+    wide = columns.is_roomy
+    if columns.splats >= 0:
+        imgui.table_setup_column("Splats", falling, em(_SPLATS[wide] - 0.2), 2)
     if columns.views >= 0:
-        imgui.table_setup_column("Views", falling, em(2.6), 3)
+        imgui.table_setup_column("Views", falling, em(_VIEWS - 0.2), 3)
     if columns.quality >= 0:
-        title = "Quality" if columns.is_roomy else f"{icons.QUALITY}###Quality"
-        imgui.table_setup_column(title, fixed, em(3.1 if columns.is_roomy else 1.7), 4)
-    imgui.table_setup_column("Shown", plain, em(4.1 if columns.is_roomy else 2.75), 9)
+        title = "Quality" if wide else f"{icons.QUALITY}###Quality"
+        imgui.table_setup_column(title, fixed, em(_QUALITY[wide] - 0.2), 4)
+    imgui.table_setup_column("Shown", plain, em(_SHOWN[wide]), 9)
     with theme.text_color(theme.DIM):
         imgui.table_headers_row()
 
@@ -160,7 +218,9 @@ def _sorting() -> tuple[SortKey, bool]:
     return key, spec.get_sort_direction() == imgui.SortDirection.descending
 
 
-def _follow_selection(session: Session, state: ObjectListState, groups: Sequence[int]) -> None:
+def _follow_selection(
+    session: Session, state: ObjectListState, groups: Sequence[int], height: float
+) -> None:
     """Scroll to an object that was selected in the picture."""
     selected = session.selected_groups()
     if selected != state.last_selected:
@@ -172,7 +232,7 @@ def _follow_selection(session: Session, state: ObjectListState, groups: Sequence
     if state.scroll_to is None:
         return
     if state.scroll_to in groups:
-        line = object_row.height() + theme.scaled(2)
+        line = height + theme.scaled(2)
         top = groups.index(state.scroll_to) * line
         if (
             not imgui.get_scroll_y()

@@ -8,13 +8,13 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio import commands
 from gaga_studio.actions import search as search_actions
-from gaga_studio.actions import selection, thumbnails
+from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.requests import Request
 from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit import icons, object_picture, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
@@ -181,7 +181,7 @@ def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: S
 def _lines(
     session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState
 ) -> None:
-    high = em(2.5)
+    high = theme.scaled(48)
     step = high + imgui.get_style().item_spacing.y
     if state.seen != search.at:
         state.seen = search.at
@@ -214,7 +214,9 @@ def _line(
         state.hovered = hit.group
     if clicked:
         _clicked(session, at)
-    _picture(session, table, row, corner, high)
+    object_picture.draw(session, table, row, corner, high)
+    object_picture.tooltip(session, table, row)
+    _color_edge(table, row, corner, high)
     left = corner.x + high + em(0.5)
     name = table.names[row]
     _words(hit, name, ImVec2(left, corner.y), corner.x + room - left, table.n_selected[row] > 0)
@@ -232,23 +234,11 @@ def _clicked(session: Session, at: int) -> None:
     )
 
 
-def _picture(session: Session, table: ObjectTable, row: int, corner: ImVec2, side: float) -> None:
-    """The object cut out of its best photo, with its color at the edge."""
-    drawing = imgui.get_window_draw_list()
-    high = ImVec2(corner.x + side, corner.y + side)
-    texture = None
-    wanted = thumbnails.request(session, table, row)
-    if wanted is not None and session.images is not None:
-        texture = session.images.texture(*wanted)
-    if texture is None:
-        drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED), em(0.2))
-    else:
-        ends = (ImVec2(0, 0), ImVec2(1, 1))
-        picture = imgui.ImTextureRef(texture[0])
-        drawing.add_image_rounded(picture, corner, high, *ends, 0xFFFFFFFF, em(0.2))
+def _color_edge(table: ObjectTable, row: int, corner: ImVec2, side: float) -> None:
+    """The object's color at the edge of its picture."""
     color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
-    edge = ImVec2(corner.x + em(0.22), high.y)
-    drawing.add_rect_filled(corner, edge, color, em(0.1))
+    edge = ImVec2(corner.x + em(0.22), corner.y + side)
+    imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
 
 
 def _words(hit: SearchHit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:
