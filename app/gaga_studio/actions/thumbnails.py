@@ -137,5 +137,5 @@ def _tight(camera: Camera, splats: Gaussians) -> Camera:
 
 
 def _opacity(splats: Gaussians) -> FloatArray:
-    result: FloatArray = 1 / (1 + np.exp(-splats.logit_opacities, dtype=np.float32))
+    result: FloatArray = (1 / (1 + np.exp(-splats.logit_opacities))).astype(np.float32)
     return result
