@@ -25,8 +25,9 @@ from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
+from gaga_studio.system.layout import Panel
 from gaga_studio.system.log import start_log
-from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
+from gaga_studio.system.window import Hooks, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
 from gaga_studio.ui.chrome.status_text import status_text
 from gaga_studio.ui.dialogs import (
@@ -91,7 +92,8 @@ class Studio:
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
-        self.window = Window(self._hooks(), self._panels(), options or remembered)
+        options = replace(options or remembered, ui_scale=self.session.settings.ui_scale)
+        self.window = Window(self._hooks(), self._panels(), options)
 
     def run(self) -> None:
         """Open the window and stay until it is closed. Raises ``GagaError`` if it cannot open."""

@@ -13,20 +13,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError
 from gaga_studio.system.key_queue import KeyQueue
-
-Draw = Callable[[], None]
-_WIDE, _COMPACT = "Wide", "Compact"  # layouts
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A dockable panel: its title is also its name for tests and for the saved layout."""
-
-    label: str
-    draw: Draw
-    space: str  # dock space of the wide layout
-    compact_space: str  # dock space of the compact layout
-    is_bare: bool = False  # no padding, no scrolling: the picture fills it
+from gaga_studio.system.layout import Draw, Layout, Panel
 
 
 @dataclass(frozen=True)
@@ -57,6 +44,7 @@ class WindowOptions:
     size: tuple[int, int] = (1440, 900)  # at 96 dpi
     settings_file: Path | None = None  # None: no layout is remembered (tests)
     compact_below: tuple[int, int] = (1100, 640)  # smaller windows start with the compact layout
+    ui_scale: float = 1.0  # of text, times what the screen asks for
 
 
 @dataclass
@@ -66,11 +54,14 @@ class Window:
     hooks: Hooks
     panels: Sequence[Panel]
     options: WindowOptions = field(default_factory=WindowOptions)
-    _layout: str = ""
+    _layout: Layout = field(init=False)
     _title: str = ""
     _panels_shown: bool = True
     _key_queue: KeyQueue = field(default_factory=KeyQueue)
     _drop: object = None  # GLFW keeps no reference to its callback: we must
+
+    def __post_init__(self) -> None:
+        self._layout = Layout(self.panels, _dockable, self.options.compact_below)
 
     def params(self) -> hello_imgui.RunnerParams:
         """Everything that the runner wants to know, ready for ``run`` or for the test engine."""
@@ -84,12 +75,7 @@ class Window:
         _frame(p)
         p.fps_idling.time_active_after_last_event = 1.0
         self._callbacks(p.callbacks)
-        wide, compact = self._layouts()
-        self._layout = self._layout_for(self.options.size)
-        first, second = (compact, wide) if self._layout == _COMPACT else (wide, compact)
-        p.docking_params = first
-        p.alternative_docking_layouts = [second]
-        p.remember_selected_alternative_layout = False
+        self._layout.prepare(p, self.options.size, self.options.ui_scale)
         return p
 
     def run(self) -> None:
@@ -163,25 +149,12 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = rate > 0
         idling.fps_idle = max(rate, 1.0)
-        self._fit_layout()
+        style = imgui.get_style()
+        scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
+        if self._layout.fit(imgui.get_io().display_size, scale):
+            self._panels_shown = True
         self._show_panels(self.hooks.panels_shown())
         self.hooks.before_frame()
-
-    def _fit_layout(self) -> None:
-        """Fewer columns when the window becomes small, all of them when it becomes large."""
-        size, style = imgui.get_io().display_size, imgui.get_style()
-        scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
-        if size.x <= 0 or size.y <= 0:  # minimized
-            return
-        wanted = self._layout_for((int(size.x / scale), int(size.y / scale)))
-        if wanted != self._layout:
-            self._layout = wanted
-            self._panels_shown = True
-            hello_imgui.switch_layout(wanted)
-
-    def _layout_for(self, size: tuple[int, int]) -> str:
-        need = self.options.compact_below
-        return _COMPACT if size[0] < need[0] or size[1] < need[1] else _WIDE
 
     def _show_panels(self, shown: bool) -> None:
         """Show all panels, or the picture alone."""
@@ -192,27 +165,6 @@ class Window:
         for panel in self.panels:
             if not panel.is_bare:
                 docking.dockable_window_of_name(panel.label).is_visible = shown
-
-    def _layouts(self) -> tuple[hello_imgui.DockingParams, hello_imgui.DockingParams]:
-        wide = _layout(
-            _WIDE,
-            [
-                ("MainDockSpace", "Right", imgui.Dir.right, 0.24),
-                ("Right", "RightDown", imgui.Dir.down, 0.36),
-                ("MainDockSpace", "Bottom", imgui.Dir.down, 0.22),
-                ("MainDockSpace", "Left", imgui.Dir.left, 0.28),
-            ],
-            [(panel, panel.space) for panel in self.panels],
-        )
-        compact = _layout(
-            _COMPACT,
-            [
-                ("MainDockSpace", "Right", imgui.Dir.right, 0.43),
-                ("Right", "RightBottom", imgui.Dir.down, 0.53),
-            ],
-            [(panel, panel.compact_space) for panel in self.panels],
-        )
-        return wide, compact
 
 
 def physical_keys() -> dict[str, str]:
@@ -226,19 +178,6 @@ def physical_keys() -> dict[str, str]:
         typed = glfw.get_key_name(getattr(glfw, f"KEY_{letter}"), 0)
         names[letter] = typed.upper() if typed and typed.isalpha() and len(typed) == 1 else letter
     return names
-
-
-def _layout(
-    name: str,
-    splits: Sequence[tuple[str, str, imgui.Dir, float]],
-    places: Sequence[tuple[Panel, str]],
-) -> hello_imgui.DockingParams:
-    docking = hello_imgui.DockingParams()
-    docking.layout_name = name
-    docking.docking_splits = [hello_imgui.DockingSplit(*split) for split in splits]
-    docking.dockable_windows = [_dockable(panel, space) for panel, space in places]
-    docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
-    return docking
 
 
 def _dockable(panel: Panel, space: str) -> hello_imgui.DockableWindow:

@@ -1,0 +1,123 @@
+"""Where the panels are docked: a wide and a compact layout, sized for the text that they hold.
+
+Docks keep their pixels when the window grows; text does not when its scale changes. So another
+scale lays the panels anew, and so does a remembered layout in which there is no picture.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from imgui_bundle import hello_imgui, imgui
+
+Draw = Callable[[], None]
+Split = tuple[str, str, imgui.Dir, float]
+_WIDE, _COMPACT = "Wide", "Compact"
+_MAIN = "MainDockSpace"
+# Columns of the wide layout, pixels at 96 dpi, and the most of the window that they take.
+_RIGHT, _RIGHT_MOST, _LEFT, _LEFT_MOST = 345.0, 0.3, 310.0, 0.36
+_SETTLED = 4  # frames after which a layout is built: it is neither left nor looked at before
+_LEAST = 80.0  # pixels at 96 dpi: a picture that is smaller is lost
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A dockable panel: its title is also its name for tests and for the saved layout."""
+
+    label: str
+    draw: Draw
+    space: str  # dock space of the wide layout
+    compact_space: str  # dock space of the compact layout
+    is_bare: bool = False  # no padding, no scrolling: the picture fills it
+
+
+@dataclass
+class Layout:
+    """The two layouts of one window, and which of them is used."""
+
+    panels: Sequence[Panel]
+    dockable: Callable[[Panel, str], hello_imgui.DockableWindow]
+    compact_below: tuple[int, int]  # pixels at 96 dpi
+    _name: str = ""
+    _scale: float = 0.0
+    _frames: int = field(default=0)  # since the layout or its scale changed
+
+    def prepare(
+        self, params: hello_imgui.RunnerParams, size: tuple[int, int], scale: float
+    ) -> None:
+        """Give both layouts to the runner, the one for a window of ``size`` first."""
+        self._name = self._wanted(size, scale)
+        both = [self._docking(name, size[0] / scale) for name in (_WIDE, _COMPACT)]
+        both.sort(key=lambda docking: docking.layout_name != self._name)
+        params.docking_params, other = both
+        params.alternative_docking_layouts = [other]
+        params.remember_selected_alternative_layout = False
+
+    def fit(self, size: imgui.ImVec2, scale: float) -> bool:
+        """Bring the layout to a window of ``size`` pixels and text of ``scale``; every frame.
+
+        Returns whether another layout was taken. Fewer columns when the window becomes small for
+        its text, all of them when it becomes large.
+        """
+        if size.x <= 0 or size.y <= 0:  # minimized
+            return False
+        self._frames += 1
+        if self._frames <= _SETTLED:
+            return False
+        docking = hello_imgui.get_runner_params().docking_params
+        whole = (int(size.x), int(size.y))
+        wanted = self._wanted(whole, scale)
+        if wanted != self._name:
+            self._name, self._scale, self._frames = wanted, scale, 0
+            hello_imgui.switch_layout(wanted)
+            return True
+        is_new_scale = self._scale not in (0.0, scale)
+        if is_new_scale or (self._frames == _SETTLED + 1 and self._is_lost(scale)):
+            docking.docking_splits = _splits(self._name, size.x / scale)
+            docking.layout_reset = True
+            self._frames = 0
+        self._scale = scale
+        return False
+
+    def _is_lost(self, scale: float) -> bool:
+        """Whether a remembered layout shows no picture, or has panels outside of every dock."""
+        for panel in self.panels:
+            window = imgui.internal.find_window_by_name(panel.label)
+            if window is None or not panel.is_bare:
+                continue
+            least = _LEAST * scale
+            return window.dock_id == 0 or min(window.size.x, window.size.y) < least
+        return False
+
+    def _wanted(self, size: tuple[int, int], scale: float) -> str:
+        narrow, low = (side * scale for side in self.compact_below)
+        return _COMPACT if size[0] < narrow or size[1] < low else _WIDE
+
+    def _docking(self, name: str, width: float) -> hello_imgui.DockingParams:
+        docking = hello_imgui.DockingParams()
+        docking.layout_name = name
+        docking.docking_splits = _splits(name, width)
+        docking.dockable_windows = [
+            self.dockable(panel, panel.space if name == _WIDE else panel.compact_space)
+            for panel in self.panels
+        ]
+        docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
+        return docking
+
+
+def _splits(name: str, width: float) -> list[hello_imgui.DockingSplit]:
+    """How a layout divides a window ``width`` pixels wide, at 96 dpi."""
+    if name == _COMPACT:
+        splits: list[Split] = [
+            (_MAIN, "Right", imgui.Dir.right, 0.43),
+            ("Right", "RightBottom", imgui.Dir.down, 0.53),
+        ]
+    else:
+        right = min(_RIGHT / width, _RIGHT_MOST)
+        left = min(_LEFT / (width * (1 - right)), _LEFT_MOST)
+        splits = [
+            (_MAIN, "Right", imgui.Dir.right, right),
+            ("Right", "RightDown", imgui.Dir.down, 0.36),
+            (_MAIN, "Bottom", imgui.Dir.down, 0.22),
+            (_MAIN, "Left", imgui.Dir.left, left),
+        ]
+    return [hello_imgui.DockingSplit(*split) for split in splits]
