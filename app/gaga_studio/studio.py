@@ -273,6 +273,9 @@ class Studio:
         """End a preview or a gesture, or close the compared photo; whether there was one."""
         if cleanup.cancel(self.session):
             return True
+        if self.session.view.playback.is_playing:
+            self.session.view.playback.is_playing = False
+            return True
         if self.picture.cancel(self.session):
             return True
         evidence = self.ui.scene.picture.evidence

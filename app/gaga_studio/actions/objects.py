@@ -16,6 +16,8 @@ from gaga_core.scene.selection import algebra
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
+_FEW = 3  # objects that are shown while the others are isolated from them
+
 # --- the selected splats
 
 
@@ -27,8 +29,8 @@ def hide(session: Session) -> bool:
 
 @notifies
 def isolate(session: Session) -> bool:
-    """Hide everything but the selected splats."""
-    return session.need().edit_selected("Isolate", edits.isolate)
+    """Hide everything but the selected splats; show all again when that is so already."""
+    return session.need().edit_selected("Isolate", edits.isolate) or show_all(session)
 
 
 @notifies
@@ -177,6 +179,18 @@ def isolate_group(session: Session, group: int) -> bool:
     title = f"Isolate {document.name_of(group)}"
     alone = edits.isolate(scene, group_indices(scene, group), title)
     return document.do(alone) if alone is not None else show_all(session)
+
+
+def isolated(session: Session) -> str:
+    """Return what is shown while all other objects are hidden, "" while they are not."""
+    if session.document is None or session.live is not None:
+        return ""
+    table = session.objects()
+    shown = table.n_hidden < table.counts
+    names = [name for name, is_shown in zip(table.names, shown, strict=True) if is_shown]
+    if not 0 < len(names) <= _FEW or not (table.n_hidden[~shown] > 0).any():
+        return ""
+    return ", ".join(names)
 
 
 def _whole_objects(scene: Scene, splats: IntArray) -> tuple[int, ...]:

@@ -1,11 +1,13 @@
 """Where the panels are docked: a wide and a compact layout, sized for the text that they hold.
 
 Docks keep their pixels when the window grows; text does not when its scale changes. So another
-scale lays the panels anew, and so does a remembered layout in which there is no picture.
+scale lays the panels out again, and a remembered layout in which there is no picture is forgotten.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from imgui_bundle import hello_imgui, imgui
 
@@ -16,7 +18,8 @@ _MAIN = "MainDockSpace"
 # Columns of the wide layout, pixels at 96 dpi, and the most of the window that they take.
 _RIGHT, _RIGHT_MOST, _LEFT, _LEFT_MOST = 345.0, 0.3, 310.0, 0.36
 _SETTLED = 4  # frames after which a layout is built: it is neither left nor looked at before
-_LEAST = 80.0  # pixels at 96 dpi: a picture that is smaller is lost
+_LEAST = 80  # pixels: a remembered picture that is smaller is lost
+_PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
 
 
 @dataclass(frozen=True)
@@ -70,22 +73,11 @@ class Layout:
             self._name, self._scale, self._frames = wanted, scale, 0
             hello_imgui.switch_layout(wanted)
             return True
-        is_new_scale = self._scale not in (0.0, scale)
-        if is_new_scale or (self._frames == _SETTLED + 1 and self._is_lost(scale)):
+        if self._scale not in (0.0, scale):
             docking.docking_splits = _splits(self._name, size.x / scale)
             docking.layout_reset = True
             self._frames = 0
         self._scale = scale
-        return False
-
-    def _is_lost(self, scale: float) -> bool:
-        """Whether a remembered layout shows no picture, or has panels outside of every dock."""
-        for panel in self.panels:
-            window = imgui.internal.find_window_by_name(panel.label)
-            if window is None or not panel.is_bare:
-                continue
-            least = _LEAST * scale
-            return window.dock_id == 0 or min(window.size.x, window.size.y) < least
         return False
 
     def _wanted(self, size: tuple[int, int], scale: float) -> str:
@@ -102,6 +94,17 @@ class Layout:
         ]
         docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
         return docking
+
+
+def forget_if_lost(settings_file: Path) -> None:
+    """Remove a remembered layout that shows no picture: the panels are laid out as at first."""
+    try:
+        text = settings_file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return  # there is none, or it cannot be read: the toolkit says so in its log
+    sizes = [(int(width), int(height)) for width, height in _PICTURE.findall(text)]
+    if any(min(size) < _LEAST for size in sizes):
+        settings_file.unlink()
 
 
 def _splits(name: str, width: float) -> list[hello_imgui.DockingSplit]:

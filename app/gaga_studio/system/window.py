@@ -13,7 +13,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError
 from gaga_studio.system.key_queue import KeyQueue
-from gaga_studio.system.layout import Draw, Layout, Panel
+from gaga_studio.system.layout import Draw, Layout, Panel, forget_if_lost
 
 
 @dataclass(frozen=True)
@@ -219,6 +219,7 @@ def _open_gl() -> hello_imgui.OpenGlOptions:
 def _settings(p: hello_imgui.RunnerParams, settings_file: Path | None) -> None:
     p.ini_disable = settings_file is None
     if settings_file is not None:
+        forget_if_lost(settings_file)
         p.ini_filename = str(settings_file)
         p.app_window_params.restore_previous_geometry = True
 

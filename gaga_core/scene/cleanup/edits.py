@@ -100,14 +100,19 @@ def relabel(scene: Scene, labels: IntArray, title: str = "Clean") -> Edit | None
 
 
 def cleaned_edit(scene: Scene, preview: "CleanPreview", title: str) -> Edit | None:
-    """Give and take the splats of ``preview``, and select the object as it is then."""
+    """Give and take the splats of ``preview``, and select the object as it is then.
+
+    An object that is isolated stays so: what it loses is hidden, what it gains is shown.
+    """
     from gaga_core.scene.cleanup.clean import cleaned_labels
 
+    is_alone = bool((scene.labels[scene.visible] == preview.group).all())
     return _in_turn(
         scene,
         title,
         lambda s: cleaned_labels(s, preview),
         lambda s: select(s, preview.after),
+        lambda s: isolate(s, preview.after) if is_alone else None,
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.json import encode_edit
 from gaga_core.scene.edits.placement_values import SetPlacement
+from gaga_core.scene.edits.values import is_selection
 from gaga_core.scene.scene import Scene
 
 DEFAULT_BUDGET = 1 << 30  # bytes
@@ -18,6 +19,7 @@ class HistoryEntry:
     title: str
     nbytes: int
     done: bool  # False: undone, waiting for redo
+    is_selection: bool = False  # changes what is selected and nothing else
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,9 @@ class History:
     def entries(self) -> tuple[HistoryEntry, ...]:
         """All entries, oldest first."""
         return tuple(
-            HistoryEntry(step.edit.title, step.edit.nbytes, i < self._cursor)
+            HistoryEntry(
+                step.edit.title, step.edit.nbytes, i < self._cursor, is_selection(step.edit)
+            )
             for i, step in enumerate(self._steps)
         )
 

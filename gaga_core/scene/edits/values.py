@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.index_set import IndexSet, PackedInts
-from gaga_core.scene.scene import RGB, Scene
+from gaga_core.scene.scene import RGB, Scene, State
 
 
 class Edit(Protocol):
@@ -73,6 +73,13 @@ def together(title: str, edits: Iterable[Edit | None]) -> Edit | None:
     """One edit of those that change something; None when none does."""
     real = tuple(edit for edit in edits if edit is not None)
     return Edits(title, real) if real else None
+
+
+def is_selection(edit: Edit) -> bool:
+    """Whether an edit changes what is selected and nothing else."""
+    if isinstance(edit, Edits):
+        return all(is_selection(part) for part in edit.edits)
+    return isinstance(edit, FlipState) and all(bits == State.SELECTED for bits, _ in edit.flips)
 
 
 @dataclass(frozen=True, eq=False)

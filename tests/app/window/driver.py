@@ -175,13 +175,15 @@ def drive(
     settings: Settings | None = None,
     may_fail: bool = False,
     patience_s: float = PATIENCE_S,
+    layout_file: Path | None = None,
 ) -> Studio:
     """Open a window, run ``test`` in it, close it; errors of the test are raised here.
 
     So are errors of panels, which the window itself survives, unless the window ``may_fail``.
+    The layout is kept in ``layout_file``, if there is one.
     """
     session = Session(settings or Settings(first_steps_done=True))
-    options = WindowOptions(size=size)
+    options = WindowOptions(size=size, settings_file=layout_file)
     studio = Studio(path, demo=demo, session=session, options=options)
     studio.ui.files.use_native = False
     params = studio.window.params()

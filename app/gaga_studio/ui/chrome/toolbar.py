@@ -35,10 +35,6 @@ def draw(session: Session) -> None:
     ):
         _next(position)
         command_buttons.command_icon(session, f"tool.{tool}")
-    if session.tool in REGION_TOOLS and width > em(50):
-        _what_regions_take(session)
-    if session.tool is ToolName.OBJECT and width > em(50):
-        _clicks(session)
     _rule()
     for position, tool in enumerate(("move", "rotate", "scale")):
         _next(position)
@@ -59,6 +55,8 @@ def draw(session: Session) -> None:
     command_buttons.command_icon(session, "view.fly")
     _next()
     command_buttons.command_icon(session, "view.frame_all")
+    if width > em(50):
+        _options(session)
     imgui.same_line()
     used = imgui.get_cursor_screen_pos().x - left
     _search(session, width, used)
@@ -71,12 +69,21 @@ def _paint() -> None:
     imgui.get_window_draw_list().add_rect_filled(corner, end, theme.u32(theme.BACK))
 
 
+def _options(session: Session) -> None:
+    """Options of the tool, behind all buttons: those stay where they are when it changes."""
+    if session.tool in REGION_TOOLS:
+        _rule()
+        _what_regions_take(session)
+    elif session.tool is ToolName.OBJECT:
+        _rule()
+        _clicks(session)
+
+
 def _what_regions_take(session: Session) -> None:
     """In words, because "rings" and "centres" are what users of other editors stumble over."""
     view = session.view
     document = session.document
     no_objects = "" if document and document.read.has_groups() else NO_GROUPS
-    imgui.same_line(0, em(0.5))
     takes = widgets.segmented(
         "What is selected",
         _TAKES,
@@ -96,7 +103,6 @@ def _what_regions_take(session: Session) -> None:
 
 def _clicks(session: Session) -> None:
     """What is done with the clicks of the tool Object."""
-    imgui.same_line(0, em(0.5))
     command_buttons.command_button(session, "object.make", "Make object")
     imgui.same_line(0, em(0.4))
     command_buttons.command_button(session, "select.none", "Clear")

@@ -18,6 +18,8 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
+_OWN = ("Desktop", "Documents", "Downloads", "Pictures", "Videos")
+_MOUNTS = (Path("/media"), Path("/mnt"), Path("/Volumes"))
 _HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 
 
@@ -51,6 +53,8 @@ class FileDialog:
     _is_open: bool = False
     _entries: list[Path] = field(default_factory=list)
     _listed: Path | None = None
+    _new_name: str = ""  # of a folder to make
+    _had_keyboard: bool = False  # a field, in the frame before
     _native: native.open_file | native.save_file | native.select_folder | None = None
 
 
@@ -137,6 +141,7 @@ def _draw_own(dialog: FileDialog) -> None:
     _path_row(dialog)
     _entries(dialog)
     _answer_row(dialog)
+    _enter_accepts(dialog)
     if imgui.is_key_pressed(imgui.Key.escape) or dialog.is_done:
         dialog.is_done = True
         imgui.close_current_popup()
@@ -150,9 +155,75 @@ def _path_row(dialog: FileDialog) -> None:
     if widgets.icon_button("Home", icons.HOME, hint="Your home folder"):
         _enter(dialog, Path.home())
     imgui.same_line()
+    if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
+        imgui.open_popup("Places")
+    _places(dialog)
+    imgui.same_line()
+    if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
+        dialog._new_name = "New folder"
+        imgui.open_popup("New folder")
+    _new_folder(dialog)
+    imgui.same_line()
     shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
     widgets.dim(shown)
+
+
+def _places(dialog: FileDialog) -> None:
+    """Folders of the person and of the system that are here, one click away."""
+    if not imgui.begin_popup("Places"):
+        return
+    for i, place in enumerate(places()):
+        if imgui.menu_item_simple(f"{icons.FOLDER_PLAIN}  {place.name or place}###place {i}"):
+            _enter(dialog, place)
+    widgets.escape_closes()
+    imgui.end_popup()
+
+
+def places() -> list[Path]:
+    """Folders that people keep things in, those that exist: own ones, then mounted disks."""
+    own = [Path.home(), *(Path.home() / name for name in _OWN)]
+    mounted = [disk for root in _MOUNTS for disk in sorted(root.glob("*"))]
+    found = [*own, *mounted, Path(Path.home().anchor)]
+    return [place for place in dict.fromkeys(found) if place.is_dir()]
+
+
+def _new_folder(dialog: FileDialog) -> None:
+    """Ask for a name and make the folder; it is entered at once."""
+    if not imgui.begin_popup("New folder"):
+        return
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
+    imgui.set_next_item_width(em(14))
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    entered, dialog._new_name = imgui.input_text("##New folder name", dialog._new_name, flags)
+    if entered and dialog._new_name.strip():
+        _make_folder(dialog, dialog.folder / dialog._new_name.strip())
+        imgui.close_current_popup()
+    widgets.escape_closes()
+    imgui.end_popup()
+
+
+def _make_folder(dialog: FileDialog, folder: Path) -> None:
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        dialog.message = f"There is a {folder.name} here already."
+    except OSError as error:
+        dialog.message = f"No folder could be made here: {error.strerror}."
+    else:
+        _enter(dialog, folder)
+        dialog._listed = None
+
+
+def _enter_accepts(dialog: FileDialog) -> None:
+    """Enter presses the button of the dialog also where no field has the keyboard."""
+    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
+    is_free = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
+    is_free = is_free and not imgui.is_any_item_active() and not dialog._had_keyboard
+    if is_free and any(imgui.is_key_pressed(key, False) for key in keys):
+        _accept(dialog)
+    dialog._had_keyboard = imgui.is_any_item_active()
 
 
 def _entries(dialog: FileDialog) -> None:

@@ -1,12 +1,13 @@
 """What was done, newest last; a click goes back or forth to it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.scene.edits.history import HistoryEntry
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.theme import em
 
 
 @dataclass
@@ -14,6 +15,7 @@ class HistoryState:
     """Where the list was scrolled to."""
 
     seen: int = 0  # entries done at that time
+    unfolded: set[int] = field(default_factory=set)  # first entries of runs that are shown whole
 
 
 def draw(session: Session, state: HistoryState) -> None:
@@ -32,10 +34,15 @@ def draw(session: Session, state: HistoryState) -> None:
         return
     clicked = _line(0, "As opened", "", history.cursor == 0, True)
     target = 0 if clicked else None
-    for position, entry in enumerate(entries, start=1):
-        is_here = position == history.cursor
-        if _line(position, entry.title, _size(entry.nbytes), is_here, entry.done):
-            target = position
+    for first, last in _runs(entries):
+        if last - first and first not in state.unfolded:
+            if _folded(first, last, first <= history.cursor <= last, entries[first - 1].done):
+                state.unfolded.add(first)
+            continue
+        for position in range(first, last + 1):
+            entry, is_here = entries[position - 1], position == history.cursor
+            if _line(position, entry.title, _size(entry.nbytes), is_here, entry.done):
+                target = position
     if state.seen != history.cursor:
         state.seen = history.cursor
         line = imgui.get_text_line_height_with_spacing()
@@ -44,6 +51,26 @@ def draw(session: Session, state: HistoryState) -> None:
         document.go_to(target)
     imgui.end_child()
     _total(history.nbytes, history.budget)
+
+
+def _runs(entries: Sequence[HistoryEntry]) -> list[tuple[int, int]]:
+    """First and last entry, counted from 1, of each line: an edit, or selections in a row."""
+    runs: list[tuple[int, int]] = []
+    for position, entry in enumerate(entries, start=1):
+        joins = entry.is_selection and position > 1 and entries[position - 2].is_selection
+        runs.append((runs.pop()[0] if joins else position, position))
+    return runs
+
+
+def _folded(first: int, last: int, is_here: bool, done: bool) -> bool:
+    """The line of selections in a row; whether it was clicked."""
+    imgui.push_id(first)
+    with theme.text_color(theme.DIM if done else theme.FAINT):
+        text = f"{icons.FOLDED} {last - first + 1} selections"
+        clicked, _ = imgui.selectable(f"{text}###selections", is_here)
+    widgets.tooltip("Show them one by one")
+    imgui.pop_id()
+    return clicked
 
 
 def _total(used: int, budget: int) -> None:
@@ -60,17 +87,14 @@ def _room() -> float:
 
 
 def _line(position: int, title: str, size: str, is_here: bool, done: bool) -> bool:
+    """One entry, its bytes in its tooltip; whether it was clicked."""
     imgui.push_id(position)
     color = theme.TEXT if done else theme.FAINT
-    room = imgui.get_content_region_avail().x
-    right = imgui.calc_text_size(size).x
-    shown = widgets.elided(title, room - right - em(0.8))
+    shown = widgets.elided(title, imgui.get_content_region_avail().x)
     with theme.text_color(color):
         clicked, _ = imgui.selectable(f"{shown}###{title}", is_here)
-    widgets.tooltip("" if is_here else "Go back to here" if done else "Do again up to here")
-    if size:
-        imgui.same_line(imgui.get_cursor_pos_x() + room - right)
-        widgets.dim(size)
+    where = "You are here" if is_here else "Go back to here" if done else "Do again up to here"
+    widgets.tooltip(f"{where}{f', {size}' if size else ''}")
     imgui.pop_id()
     return clicked
 

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
-from gaga_studio.actions import association_repair, history, objects, selection
+from gaga_studio.actions import association_repair, history, objects, quality, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -300,12 +300,15 @@ class _Row:
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
         color = theme.GOOD if value >= _GOOD else theme.WARN if value >= _FAIR else theme.BAD
+        _, is_now = quality.shown(self.session)
+        color = color if is_now else theme.FAINT
         sign = " %" if self.rows.columns.is_roomy else ""
         if value < 0:
             widgets.number("–", theme.FAINT)
             return
         widgets.number(f"{100 * value:.0f}{sign}", color)
-        widgets.tooltip(f"{100 * value:.0f} % agreement of its picture with its masks")
+        text = f"{100 * value:.0f} % agreement of its picture with its masks"
+        widgets.tooltip(text if is_now else f"{text}, before the last change of the objects")
 
     # --- switches
 

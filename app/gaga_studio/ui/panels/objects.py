@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
+from gaga_studio import commands
 from gaga_studio.actions import quality
 from gaga_studio.session.document import Document
 from gaga_studio.session.requests import Request
@@ -18,6 +19,7 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.panels import detail, object_row, search
 from gaga_studio.ui.panels.detail import DetailState
 from gaga_studio.ui.panels.object_row import RowColumns, RowState
@@ -79,6 +81,12 @@ def _nothing_yet(session: Session) -> None:
     offer = session.stage_offer()
     reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
+    if offer is not None and offer.command:
+        width = min(em(14), imgui.get_content_region_avail().x)
+        room = imgui.get_content_region_avail().x - width
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room / 2)
+        if widgets.button(offer.action, Face(offer.label, icons.RUN, width=width)):
+            commands.run(offer.command, session)
 
 
 def _list(

@@ -29,6 +29,8 @@ def _agreement(session: Session, group: int) -> None:
     found = quality.of_group(session, group)
     _, is_now = quality.shown(session)
     text = "not measured" if found is None else f"{100 * found.agreement:.0f} %"
+    if found is not None and not is_now:
+        text = f"was {text}"
     if not widgets.section(f"Quality: {text}###Quality"):
         return
     if found is None:

@@ -29,7 +29,11 @@ class EvidenceState:
 
 def draw(session: Session, state: EvidenceState, corner: ImVec2, size: ImVec2) -> None:
     """A card over the lower left of the picture: the chosen mask, or the view of the moment."""
-    decision, document = state.decision, session.document
+    document = session.document
+    if document is not None and state.decision is not None and session.live is None:
+        was = state.decision  # the mask may have been moved, or that undone
+        state.decision = document.read.decision_of(was.view, was.mask) or was
+    decision = state.decision
     if document is None or (decision is None and session.live is None):
         return
     width = min(em(36 if decision is not None else 17), size.x - em(1.6))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import align_ground, cleanup
+from gaga_studio.actions import align_ground, cleanup, objects
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
 from gaga_studio.tools.base import RectShape
@@ -15,6 +15,7 @@ from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import (
     ground_overlay,
     mask_evidence,
@@ -202,9 +203,24 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
         _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR:
         _badge(mode_badge(session), corner)
+    _way_out_of_isolation(session, corner, size)
     next_stage.draw(session, state.offer, area)
     training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, corner, size)
+
+
+def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> None:
+    """A button at the head of the picture while only a few objects are shown."""
+    names = objects.isolated(session)
+    if not names or session.is_previewing:
+        return
+    action = "Show all"
+    text = widgets.elided(f"Isolated: {names}", size.x - em(18))
+    wide = imgui.calc_text_size(f"{text}  ·  {action}").x + em(1.4)
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + (size.x - wide) / 2, corner.y + em(0.6)))
+    face = Face(f"{text}  ·  {action}", width=wide)
+    if widgets.button(action, face, hint="Show what is hidden; hidden splats are not exported"):
+        objects.show_all(session)
 
 
 def mode_badge(session: Session) -> str:
