@@ -1,7 +1,5 @@
 """Spherical harmonics of color, and the colors of groups and of depth."""
 
-import colorsys
-
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, check_shape
@@ -28,6 +26,16 @@ DEPTH_POLYNOMIAL = (
     (6.0236, -2.1676, -7.8111),
     (-1.0434, -0.7561, -1.2072),
     (1.0103, 0.9187, 0.5842),
+)
+_GOLDEN = 0.618033988749895  # turns of hue from one group to the next
+_LIGHTNESS, _CHROMA = (72.0, 54.0, 63.0, 45.0), (42.0, 30.0)  # of groups, CIE Lab
+_WHITE = np.array([0.95047, 1.0, 1.08883])  # D65
+_RGB_FROM_XYZ = np.array(
+    [
+        [3.2404542, -1.5371385, -0.4985314],
+        [-0.9692660, 1.8760108, 0.0415560],
+        [0.0556434, -0.2040259, 1.0572252],
+    ]
 )
 
 
@@ -86,19 +94,28 @@ def sh_basis(directions: DoubleArray, degree: int) -> DoubleArray:
 def group_palette(n_groups: int) -> FloatArray:
     """Colors (n_groups + 1, 3) of labels 0..n_groups: 0 is dark grey, the rest distinct.
 
-    Stable by id: a group keeps its color when others come or go. Hue walks by the golden ratio;
-    lightness and saturation cycle with coprime periods, so that neighbours in id also differ for
-    eyes that do not tell hues apart.
+    Stable by id: a group keeps its color when others come or go. Hue walks by the golden ratio at a
+    low chroma, so that a picture full of them stays calm; lightness cycles in CIE Lab, so that
+    neighbours in id also differ for eyes that do not tell hues apart.
     """
-    golden = 0.618033988749895
-    lightness = (0.62, 0.42, 0.74, 0.53)
-    saturation = (0.78, 0.95, 0.62)
-    colors = np.zeros((n_groups + 1, 3), np.float32)
-    colors[0] = 0.22
-    for i in range(1, n_groups + 1):
-        hue = (0.57 + i * golden) % 1.0
-        colors[i] = colorsys.hls_to_rgb(hue, lightness[i % 4], saturation[i % 3])
+    ids = np.arange(1, n_groups + 1)
+    hue = 2 * np.pi * ((0.57 + ids * _GOLDEN) % 1.0)
+    chroma = np.array(_CHROMA)[ids % len(_CHROMA)]
+    lightness = np.array(_LIGHTNESS)[ids % len(_LIGHTNESS)]
+    lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=1)
+    colors = np.full((n_groups + 1, 3), 0.22, np.float32)
+    colors[1:] = _rgb_from_lab(lab)
     return colors
+
+
+def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
+    """Colors (N, 3), sRGB in 0..1, clipped, of CIE Lab (N, 3) under D65."""
+    root = (
+        (lab[:, :1] + 16) / 116 + lab[:, 1:2] * [[1 / 500, 0, 0]] - lab[:, 2:] * [[0, 0, 1 / 200]]
+    )
+    xyz = np.where(root > 6 / 29, root**3, 3 * (6 / 29) ** 2 * (root - 4 / 29))
+    linear = np.clip(xyz * _WHITE @ _RGB_FROM_XYZ.T, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def colorize_labels(labels: IntArray) -> FloatArray:

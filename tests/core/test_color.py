@@ -1,11 +1,12 @@
-"""Spherical harmonics against their definition."""
+"""Spherical harmonics against their definition, and the colors of groups."""
 
 from math import factorial, pi, sqrt
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.color import sh_basis
+from gaga_core.color import group_palette, sh_basis
+from gaga_core.query.colors import lab_from_rgb
 
 
 def legendre_basis(directions: DoubleArray) -> DoubleArray:
@@ -62,3 +63,30 @@ def test_sh_basis_is_the_real_spherical_harmonics() -> None:
     for degree in range(5):
         want = legendre_basis(directions)[:, : (degree + 1) ** 2]
         np.testing.assert_allclose(sh_basis(directions, degree), want, atol=1e-12)
+
+
+def _as_seen_without_green(rgb: DoubleArray) -> DoubleArray:
+    """Colors (N, 3) as a deuteranope sees them (Vienot, Brettel, Mollon 1999)."""
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    lms_from_rgb = np.array(
+        [[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]]
+    )
+    seen = np.array([[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]])
+    flat = np.clip(linear @ (np.linalg.inv(lms_from_rgb) @ seen @ lms_from_rgb).T, 0, 1)
+    result: DoubleArray = np.where(
+        flat <= 0.0031308, 12.92 * flat, 1.055 * flat ** (1 / 2.4) - 0.055
+    )
+    return result
+
+
+def test_group_colors_are_calm_and_tell_neighbours_apart_for_every_eye() -> None:
+    colors = group_palette(200)[1:].astype(np.float64)
+    lab = lab_from_rgb(colors)
+    assert np.hypot(lab[:, 1], lab[:, 2]).max() < 50
+    assert lab[:, 0].min() > 40
+    assert lab[:, 0].max() < 76
+    for shown, least in ((colors, 30.0), (_as_seen_without_green(colors), 6.0)):
+        values = lab_from_rgb(shown)
+        for apart in (1, 2, 3):
+            assert np.linalg.norm(values[apart:] - values[:-apart], axis=1).min() > least
+    assert np.array_equal(group_palette(500)[:201], group_palette(200))

@@ -22,7 +22,7 @@ _ROW_FLAGS = (
     | imgui.SelectableFlags_.allow_overlap
     | imgui.SelectableFlags_.allow_double_click
 )
-_HIGH, _LOW = 50.0, 32.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
+_HIGH, _LOW = 50.0, 25.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
 _ENOUGH = 5  # high rows that a list must have room for
 _HALF_LIT = 0.4  # of the color of a row whose object is selected whole
 _GOOD, _FAIR = 0.75, 0.5  # agreements

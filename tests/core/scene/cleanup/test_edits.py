@@ -21,7 +21,7 @@ from gaga_core.scene.cleanup.edits import (
     isolate_cleaned,
     whole_objects,
 )
-from gaga_core.scene.edits import hide, lock, select
+from gaga_core.scene.edits import hide, isolate, lock, select
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
@@ -79,6 +79,17 @@ def test_objects_are_cleaned_in_turn_and_the_scene_is_not() -> None:
     for group in (1, 3):
         history.do(cleaned_edit(scene, clean_object(scene, group), "Clean"))
     np.testing.assert_array_equal(labels, scene.labels)
+
+
+def test_an_isolated_object_stays_alone_when_it_is_cleaned() -> None:
+    scene, rows = floating()
+    history = History(scene)
+    history.do(isolate(scene, group_indices(scene, 1)))
+    history.do(cleaned_edit(scene, clean_object(scene, 1), "Clean"))
+    assert (scene.labels[scene.visible] == 1).all()
+    assert not scene.visible[rows[:15]].any()  # its floaters are hidden, too
+    history.undo()
+    assert scene.visible[rows[:15]].all()
 
 
 @pytest.mark.parametrize("build", [isolate_cleaned, delete_cleaned])

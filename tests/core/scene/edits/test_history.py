@@ -252,3 +252,14 @@ def test_an_edit_of_another_scene_is_refused() -> None:
     with pytest.raises(ValueError, match="50 splats"):
         History(large).do(edit)
     assert not large.has(State.HIDDEN).any()
+
+
+def test_entries_say_which_change_the_selection_and_nothing_else() -> None:
+    scene = walk_scene(60)
+    history = History(scene)
+    some = np.arange(9)
+    history.do(edits.select(scene, some))
+    history.do(edits.hide(scene, some))
+    history.do(Edits("Both", (edits.select(scene, np.arange(20, 25)), edits.lock(scene, some))))
+    history.do(edits.select(scene, np.arange(30, 40)))
+    assert [entry.is_selection for entry in history.entries()] == [True, False, False, True]
