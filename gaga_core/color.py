@@ -115,7 +115,10 @@ def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
     )
     xyz = np.where(root > 6 / 29, root**3, 3 * (6 / 29) ** 2 * (root - 4 / 29))
     linear = np.clip(xyz * _WHITE @ _RGB_FROM_XYZ.T, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    rgb: DoubleArray = np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
+    )
+    return rgb
 
 
 def colorize_labels(labels: IntArray) -> FloatArray:

@@ -89,6 +89,7 @@ class Studio:
         self._has_focus = True
         self._document: object = None
         self._masks: object = None
+        self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
@@ -219,6 +220,7 @@ class Studio:
     def _prepare(self) -> None:
         """Everything that a frame needs before it is drawn."""
         theme.use(self.session.settings.theme)
+        self._letters()
         style = imgui.get_style()
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
@@ -240,6 +242,16 @@ class Studio:
         self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
         if self.session.should_quit:
             self.window.close()
+
+    def _letters(self) -> None:
+        """Have glyphs for the names that are shown."""
+        scene = self.session.scene
+        now = () if scene is None else (scene.revision.names, id(scene))
+        if now != self._named:
+            self._named = now
+            names = () if scene is None else tuple(scene.names.values())
+            shown = (*names, self.session.title, *self.session.settings.recent)
+            theme.load_letters((*shown, *(camera.name for camera in self.session.cameras)))
 
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""

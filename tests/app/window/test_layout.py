@@ -1,6 +1,7 @@
 """Docks: wide enough for their text at every scale, and never lost."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -30,9 +31,8 @@ def test_docks_keep_room_when_window_and_text_change(display: str, tmp_path: Pat
         d.frames(20)
         _check(d)  # the wide one, never shown before
         for scale in (1.0, 2.0, 1.0):
-            session = d.session
             changed = Settings(first_steps_done=True, ui_scale=scale)
-            d.on_main(lambda session=session, changed=changed: session.change_settings(changed))
+            d.on_main(partial(d.session.change_settings, changed))
             d.frames(20)
             _check(d)
 

@@ -1,6 +1,7 @@
 """What an hour of use met: ways out of isolation, file dialogs by key, calm bars and lists."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,10 @@ import pytest
 from gaga_core.scene.objects import group_indices
 from gaga_studio import commands
 from gaga_studio.actions import objects, selection
+from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, PathKind
+from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.right_to_left import visual
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
@@ -23,6 +27,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_scene: Path, tmp_path: Pa
         _history(d)
         _tool_bar(d)
         _playback(d)
+        _letters(d)
         _file_dialog(d, tmp_path)
 
     drive(walk, path=folder, size=(1280, 720))
@@ -50,8 +55,7 @@ def _history(d: Driver) -> None:
     """Selections in a row are one line, until it is clicked."""
     session, document = d.session, d.session.need()
     for group in (2, 3, 4):
-        rows = group_indices(document.scene, group)
-        d.on_main(lambda rows=rows: document.select(rows))
+        d.on_main(partial(document.select, group_indices(document.scene, group)))
     d.focus("History")
     at = len(document.history.entries())
     assert not d.exists(f"History/**/$${at}/**")
@@ -73,6 +77,17 @@ def _tool_bar(d: Driver) -> None:
         d.session.tool = type(d.session.tool)(tool)
         d.frames()
         assert places() == before
+
+
+def _letters(d: Driver) -> None:
+    """Names in other scripts have glyphs, where a font of the system has them."""
+    if not fonts_with("ش"):
+        pytest.skip("no font of this system has Arabic letters")
+    d.on_main(lambda: objects.rename(d.session, 2, "شاي"))
+    d.frames(3)
+    font = theme._Loaded.regular
+    assert font is not None
+    assert all(font.is_glyph_in_font(ord(letter)) for letter in visual("شاي"))
 
 
 def _playback(d: Driver) -> None:

@@ -3,12 +3,19 @@
 Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
 """
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import ClassVar
 
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
 from gaga_studio.system import paths
+from gaga_studio.system.fonts import fonts_with, foreign_letters
+from gaga_studio.ui.kit.right_to_left import visual
+
+_LOG = logging.getLogger(__name__)
 
 BASE_SIZE = 15.0  # pixels of a line of text at 96 dpi
 
@@ -124,12 +131,50 @@ class _Loaded:
     regular: imgui.ImFont | None = None
     strong: imgui.ImFont | None = None
     theme: str = "dark"
+    looked_for: ClassVar[set[str]] = set()  # letters, with or without success
+    merged: ClassVar[set[Path]] = set()  # fonts of the system
 
 
 def load_fonts() -> None:
     """Load the text font with the icons merged in, and its heavier face for headings."""
+    _Loaded.looked_for.clear()
+    _Loaded.merged.clear()
     _Loaded.regular = _load("Inter-Regular.otf")
     _Loaded.strong = _load("Inter-SemiBold.otf")
+
+
+def load_letters(texts: Iterable[str]) -> None:
+    """Add fonts of the system for letters of ``texts`` that the loaded ones lack.
+
+    Between frames only. Glyphs are drawn when they are first shown.
+    """
+    if _Loaded.regular is None:
+        return
+    for letter in sorted(foreign_letters(map(visual, texts)) - _Loaded.looked_for):
+        _Loaded.looked_for.add(letter)
+        if _Loaded.regular.is_glyph_in_font(ord(letter)):
+            continue
+        for path in fonts_with(letter):
+            if path in _Loaded.merged or not _merge(path):
+                continue
+            if _Loaded.regular.is_glyph_in_font(ord(letter)):
+                break
+
+
+def _merge(path: Path) -> bool:
+    """Merge a font file into both faces; whether it can be read."""
+    _Loaded.merged.add(path)
+    for face_font in (_Loaded.regular, _Loaded.strong):
+        config = imgui.ImFontConfig()
+        config.merge_mode = True
+        assert face_font is not None
+        config.dst_font = face_font
+        try:
+            imgui.get_io().fonts.add_font_from_file_ttf(str(path), BASE_SIZE, config)
+        except RuntimeError as error:
+            _LOG.warning("%s cannot be used: %s", path, error)
+            return False
+    return True
 
 
 def _load(name: str) -> imgui.ImFont:

@@ -8,6 +8,7 @@ from typing import TypeVar
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.right_to_left import visual
 from gaga_studio.ui.kit.theme import em
 
 T = TypeVar("T", bound=Hashable)
@@ -224,7 +225,8 @@ def number(text: str, color: ImVec4 | None = None) -> None:
 
 
 def elided(text: str, width: float) -> str:
-    """``text`` cut with an ellipsis so that it fits ``width`` pixels."""
+    """``text`` as it is drawn, cut with an ellipsis so that it fits ``width`` pixels."""
+    text = visual(text)
     if imgui.calc_text_size(text).x <= width:
         return text
     low, high = 0, len(text)

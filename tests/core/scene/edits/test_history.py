@@ -260,6 +260,6 @@ def test_entries_say_which_change_the_selection_and_nothing_else() -> None:
     some = np.arange(9)
     history.do(edits.select(scene, some))
     history.do(edits.hide(scene, some))
-    history.do(Edits("Both", (edits.select(scene, np.arange(20, 25)), edits.lock(scene, some))))
+    history.do(edits.together("Both", (edits.select(scene, some[:3]), edits.lock(scene, some))))
     history.do(edits.select(scene, np.arange(30, 40)))
     assert [entry.is_selection for entry in history.entries()] == [True, False, False, True]
