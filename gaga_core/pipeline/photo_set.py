@@ -3,7 +3,6 @@
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from gaga_core.io.files import atomic_write
@@ -43,9 +42,8 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     if is_video(source):
         found = yield from _film(source, workspace, config)
     else:
-        found = yield from _prepared(list_photos(source), workspace, source, config)
-        notes = (*found.notes, *unread_kinds(source), *ignored_files(source))
-        found = replace(found, notes=notes)
+        others = (*unread_kinds(source), *ignored_files(source))
+        found = yield from _prepared(list_photos(source), workspace, source, config, others=others)
     shutil.rmtree(workspace / "frames", ignore_errors=True)
     if config.foreground is not None:
         yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
@@ -63,6 +61,7 @@ def _prepared(
     config: ReconstructConfig,
     *,
     ordered: bool = False,
+    others: Sequence[str] = (),
 ) -> Stage[PhotoSet]:
     shutil.rmtree(workspace / "photos", ignore_errors=True)
     return (
@@ -73,6 +72,7 @@ def _prepared(
             longest_side=_PREPARED_SIDE,
             focal=config.focal,
             ordered=ordered,
+            others=others,
         )
     )
 

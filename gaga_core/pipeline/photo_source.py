@@ -19,7 +19,7 @@ from gaga_core.pipeline.reconstruct import (
     find_photos,
 )
 from gaga_core.reconstruct.checkpoint import iteration_of
-from gaga_core.reconstruct.photos import is_video, list_photos
+from gaga_core.reconstruct.photos import UNREAD_SUFFIXES, is_video, list_photos, unread_kinds
 from gaga_core.reconstruct.undistort import ORIGINALS
 from gaga_core.reconstruct.video import expected_frames
 
@@ -78,7 +78,8 @@ def look_at_photos(path: Path) -> PhotoFind | None:
     """What ``path`` (a scene folder, photos, a video) has to make splats of; None when nothing.
 
     A scene folder that has splats has nothing to make. Of photos outside a scene folder that were
-    begun before, what was begun is found. Raises ``GagaError`` when the folder cannot be read.
+    begun before, what was begun is found. Raises ``GagaError`` when the folder cannot be read, or
+    holds photos of kinds only that are not read.
     """
     outside, scene = source_of(path)
     if find_model(scene) is not None:
@@ -93,6 +94,9 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         return PhotoFind(outside, scene, expected_frames(source), _VIDEO_SIZE, is_video=True)
     files = list_photos(source) if source.is_dir() else ()
     if not files:
+        unread = unread_kinds(source) if source.is_dir() else ()
+        if unread:
+            raise GagaError(unread[0])
         return None
     return PhotoFind(
         outside, scene, len(files), _size_of(files), False, is_placed, going_on, iteration
@@ -130,7 +134,8 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
         return path, scene_of(path)
     if not path.is_dir() or is_scene_folder(path):
         return None, path
-    direct = any(p.suffix.lower() in IMAGE_SUFFIXES for p in path.iterdir() if p.is_file())
+    kinds = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)
+    direct = any(p.suffix.lower() in kinds for p in path.iterdir() if p.is_file())
     if not direct:
         return None, path
     scene = scene_of(path)

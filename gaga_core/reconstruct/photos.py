@@ -26,7 +26,8 @@ from gaga_core.reconstruct.sharpness import LOOK_SIDE, sharpness, shrunk
 STAGE = "Look at photos"
 FEWEST = 3  # photos: two to train on and one held out
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
-_UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf")
+UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf")
+_SAVE_AS = "save as JPEG to use"
 _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
 _SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
 _LARGEST_NAMED = 3  # names in a sentence
@@ -102,6 +103,7 @@ def prepare_photos(
     longest_side: int,  # pixels
     focal: float | None = None,  # pixels of the photos as they are
     ordered: bool = False,
+    others: Sequence[str] = (),  # notes about files that are not among ``sources``
 ) -> Stage[PhotoSet]:
     """Copy the usable ones of ``sources`` to ``target``, named by their paths in ``root``.
 
@@ -146,6 +148,7 @@ def prepare_photos(
         *_note("could not be read and {is} left out", unread),
         *_note("{is} the same as another and left out", twins),
         *_note("{is} a smaller or recompressed copy of another and left out", copies),
+        *others,
     )
     if len(photos) < FEWEST:
         raise GagaError(_too_few(len(photos), len(sources), notes))
@@ -168,13 +171,13 @@ def _largest_first(sources: Sequence[Path]) -> list[Path]:
 
 def unread_kinds(folder: Path) -> tuple[str, ...]:
     """A note about files that look like photos but are of kinds that are not read."""
-    names = [p.name for p in _files(folder) if p.suffix.lower() in _UNREAD_SUFFIXES]
-    return _note("{is} of a kind that is not read; save as JPEG to use", names)
+    names = [p.name for p in _files(folder) if p.suffix.lower() in UNREAD_SUFFIXES]
+    return _note(f"{{is}} of a kind that is not read; {_SAVE_AS}", names)
 
 
 def ignored_files(folder: Path) -> tuple[str, ...]:
     """A note about files among the photos that are no pictures."""
-    known = (*IMAGE_SUFFIXES, *_UNREAD_SUFFIXES)
+    known = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)
     names = [p.name for p in _files(folder) if p.suffix.lower() not in known]
     return _note("{is} no picture and ignored", names, "file")
 
@@ -194,9 +197,10 @@ def _too_few(n: int, n_files: int, notes: Sequence[str]) -> str:
     left = f"There {'is' if n == 1 else 'are'} {n} usable {'photo' if n == 1 else 'photos'}"
     of = f" among {n_files} files" if n_files > n else ""
     why = " ".join(("", *notes)) if notes else ""
+    cure = "" if any(_SAVE_AS in note for note in notes) else " Take more photos, in a walk around."
     return (
         f"{left}{of}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
-        f"{why} Take more photos, walking around the scene."
+        f"{why}{cure}"
     )
 
 

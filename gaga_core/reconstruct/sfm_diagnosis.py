@@ -15,6 +15,7 @@ from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.reconstruct.controls import option
 from gaga_core.reconstruct.photos import PhotoSet
+from gaga_core.reconstruct.sfm_cycles import photo_cycles
 from gaga_core.reconstruct.sfm_metrics import AGAIN
 
 _NAMED = 3  # photos named in a sentence
@@ -30,6 +31,7 @@ class MatchFacts:
     pairs: LongArray  # (Q, 2) indices into names
     pair_matches: LongArray  # (Q,) verified
     still: DoubleArray  # (Q,) share of the matches that do not move in the picture
+    turns: DoubleArray  # (Q, 3, 3) rotation from the first camera to the second; NaN: unknown
 
     @staticmethod
     def load(path: Path) -> "MatchFacts":
@@ -50,6 +52,9 @@ class DiagnosisConfig:
     linked: int = 15  # verified matches that link two photos
     still: float = 0.5  # share of a pair's matches that stand still
     still_pairs: float = 0.3  # share of the pairs of which that is true
+    open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
+    open_share: float = 0.15  # of the triplets, from which things are said to repeat
+    fewest_cycles: int = 20  # triplets below which nothing is said
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,8 @@ class Diagnosis:
     few_features: bool
     featureless: bool  # features in a small part of the pictures only
     still: bool  # most matches are of a background that does not move with the camera
+    repeats: float = 0.0  # share of triplets that contradict each other; 0: things do not repeat
+    alike: tuple[str, ...] = ()  # three photos that do
 
     def reasons(self, placed: Collection[str] = ()) -> tuple[str, ...]:
         """One sentence for each cause, with what to do about it; ``placed`` photos are no fault."""
@@ -95,6 +102,20 @@ class Diagnosis:
             )
         return tuple(found)
 
+    def repeated(self) -> str:
+        """That things look alike and what to do about it; "" where they do not.
+
+        Such matches can agree with each other on a wrong model, which then passes every check.
+        """
+        if not self.repeats or self.still:
+            return ""
+        return (
+            "Things that look alike stand at several places: "
+            f"{self.repeats:.0%} of the photos that match in threes contradict each other, as "
+            f"{', '.join(self.alike)} do. Leave out photos that show only what repeats, or put "
+            "things there that are there once, and take photos that show two places at a time."
+        )
+
     def why_out(self, name: str, placed: Collection[str] = ()) -> str:
         """Why the photo ``name`` has no place, in a few words."""
         if name in placed:
@@ -113,12 +134,15 @@ def diagnose(
     config = config or DiagnosisConfig()
     features = float(np.median(matches.n_features)) if len(matches.n_features) else 0.0
     covered = float(np.median(matches.coverage)) if len(matches.coverage) else 0.0
+    repeats, alike = repetition(matches, config)
     return Diagnosis(
         blurred=blurred_photos(photos, config),
         groups=linked_groups(matches, config.linked),
         few_features=features < config.few_features,
         featureless=covered < config.covered,
         still=is_still(matches, config),
+        repeats=repeats,
+        alike=alike,
     )
 
 
@@ -165,6 +189,16 @@ def is_still(matches: MatchFacts, config: DiagnosisConfig | None = None) -> bool
     # A film that rests has still pairs too, but of neighbours only.
     far = strong & (np.abs(np.diff(matches.pairs, axis=1)[:, 0]) > max(2, len(matches.names) // 8))
     return bool(far.any() and (matches.still[far] > config.still).mean() > config.still_pairs)
+
+
+def repetition(matches: MatchFacts, config: DiagnosisConfig) -> tuple[float, tuple[str, ...]]:
+    """Share of the triplets that contradict each other, and the worst; 0 when they are few."""
+    cycles = photo_cycles(len(matches.names), matches.pairs, matches.turns)
+    share = float(cycles.open(config.open_cycle).mean()) if len(cycles.errors) else 0.0
+    if len(cycles.errors) < config.fewest_cycles or share < config.open_share:
+        return 0.0, ()
+    worst = cycles.photos[int(cycles.errors.argmax())]
+    return share, tuple(matches.names[i] for i in worst)
 
 
 def _named(names: Sequence[str]) -> str:

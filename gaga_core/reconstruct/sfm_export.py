@@ -11,6 +11,7 @@ from gaga_core.io.files import atomic_write
 
 _STILL = 0.004  # x width: a match that moved less stands still in the picture
 _CELLS = 12  # across and down, to see where a picture has features
+_TURN_MATCHES = 60  # from which a pair says how its cameras are turned
 _MATCHES = 100  # verified matches of a pair that are kept, evenly spread
 
 
@@ -121,7 +122,7 @@ def write_match_facts(path: Path, database: Path) -> None:
     images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
     place = {int(image.image_id): i for i, image in enumerate(images)}
     cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
-    points = [np.asarray(opened.read_keypoints(i.image_id))[:, :2] for i in images]
+    points = [np.asarray(opened.read_keypoints(i.image_id), np.float64)[:, :2] for i in images]
     keys, geometries = opened.read_two_view_geometries()
     opened.close()
     sides = np.array([max(cameras[int(i.camera_id)].width, 1) for i in images], np.float64)
@@ -131,6 +132,11 @@ def write_match_facts(path: Path, database: Path) -> None:
     for (a, b), m in zip(pairs, matches, strict=True):
         moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
         still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
+    used = [cameras[int(image.camera_id)] for image in images]
+    turns = [
+        _turn(used[a], points[a], used[b], points[b], geometry)
+        for (a, b), geometry in zip(pairs, geometries, strict=True)
+    ]
     _write(
         path,
         {
@@ -145,8 +151,32 @@ def write_match_facts(path: Path, database: Path) -> None:
             "pairs": np.array(pairs, np.int64).reshape(-1, 2),
             "pair_matches": np.array([len(m) for m in matches], np.int64),
             "still": np.array(still, np.float64),
+            "turns": np.array(turns, np.float64).reshape(-1, 3, 3),
         },
     )
+
+
+def _turn(
+    first: pycolmap.Camera,
+    first_points: AnyArray,  # (F, 2) pixels
+    second: pycolmap.Camera,
+    second_points: AnyArray,
+    geometry: pycolmap.TwoViewGeometry,
+) -> DoubleArray:
+    """Rotation (3, 3) from the first camera to the second; NaN where the matches do not say.
+
+    Few matches do not, and planes have two answers. Where no focal length is known, COLMAP's guess
+    stands in: good enough for large contradictions.
+    """
+    kinds = pycolmap.TwoViewGeometryConfiguration
+    has_depth = geometry.config in (int(kinds.CALIBRATED), int(kinds.UNCALIBRATED))
+    if has_depth and len(geometry.inlier_matches) >= _TURN_MATCHES:
+        pycolmap.estimate_two_view_geometry_pose(
+            first, first_points, second, second_points, geometry
+        )
+        if geometry.cam2_from_cam1 is not None:
+            return np.array(geometry.cam2_from_cam1.rotation.matrix(), np.float64)
+    return np.full((3, 3), np.nan)
 
 
 def write_pair_matches(path: Path, database: Path) -> None:

@@ -179,9 +179,12 @@ class _State:
     def is_hopeless(self, config: SfmConfig) -> bool:
         """Whether more attempts of this kind cannot help.
 
-        They would match a still background again, or be held to a wrong focal length again.
+        They would match a still background again, or things that look alike, or be held to a
+        wrong focal length again.
         """
         best = self.best
+        if best is not None and best.share >= self.ladder.enough and self.diagnosis.repeated():
+            return True
         if best is not None and best.share >= self.ladder.enough and self.priors:
             wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
             return bool(wrong) and wrong <= {"focal", "prior"}
@@ -212,7 +215,10 @@ class _State:
 
     def explain(self) -> str:
         """Why there is no model at all."""
-        return " ".join([self.failure, *self.diagnosis.reasons()])
+        repeated = self.diagnosis.repeated()
+        return " ".join(
+            [self.failure, *([repeated] if repeated else []), *self.diagnosis.reasons()]
+        )
 
 
 def _rank(placement: Placement) -> tuple[bool, int, int, int]:
@@ -307,13 +313,17 @@ def _placement(
     folders = {facts.names: folder for facts, folder in models}
     chosen = scenes[min(state.scene, len(scenes)) - 1]
     summary = summarize(chosen)
+    verdicts = check_model(chosen, summary, state.priors)
+    repeated = state.diagnosis.repeated()
+    if repeated:
+        verdicts = (Verdict("repeats", "error", repeated), *verdicts)
     return Placement(
         title=title,
         reason=reason,
         model=folders[chosen.names],
         facts=chosen,
         summary=summary,
-        verdicts=check_model(chosen, summary, state.priors),
+        verdicts=verdicts,
         scenes=tuple(facts.names for facts in scenes),
         n_photos=len(state.photos.photos),
     )

@@ -22,7 +22,7 @@ from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.reconstruct.photo_scenes import texture, write_photos
 
 SIZE = (400, 300)  # width, height of a photo, pixels
 _ON_TABLE = (
@@ -141,6 +141,33 @@ def two_scenes(folder: Path, n: int = 12) -> None:
     for path in sorted((folder / "room").iterdir()):
         path.rename(folder / f"b_{path.name}")
     (folder / "room").rmdir()
+
+
+def equal_walls(folder: Path, n: int = 24) -> None:
+    """``n`` photos all around a square room of four walls with the same pattern.
+
+    Only the floor tells one side from another.
+    """
+    width, height = SIZE
+    v, u = np.mgrid[0:height, 0:width] + 0.5
+    for k in range(n):
+        angle = 2 * np.pi * (k + 0.23 * np.sin(7 * k)) / n
+        eye = (1.3 * np.cos(angle), 1.3 * np.sin(angle), 1.2 + 0.2 * np.sin(3 * angle + k))
+        camera = posed(eye, (-np.cos(angle), -np.sin(angle), 0.8), 50.0, SIZE)
+        rays = np.stack([u, v, np.ones_like(u)], axis=2) @ np.linalg.inv(camera.K).T
+        rays = rays @ camera.cam_from_world[:3, :3]
+        picture, nearest = np.zeros((height, width, 3)), np.full((height, width), np.inf)
+        for axis, at in ((2, 0.0), (0, 2.0), (0, -2.0), (1, 2.0), (1, -2.0)):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                far = (at - eye[axis]) / rays[..., axis]
+            hit = (far > 0) & (far < nearest)
+            x, y, z = np.moveaxis(eye + far[..., None] * rays, 2, 0)
+            turn = np.sign(at) if axis == 0 else -np.sign(at)
+            wall = np.stack([turn * (y if axis == 0 else x), z], axis=2)
+            floor = np.stack([x, y], axis=2)
+            shade = texture(floor, 5) if axis == 2 else texture(wall, 1)
+            picture[hit], nearest[hit] = shade[hit], far[hit]
+        save(folder / f"{k:03d}.jpg", eight_bit(picture))
 
 
 # --- objects without their room

@@ -97,6 +97,14 @@ def test_two_arcs_with_a_gap_between(tmp_path: Path) -> None:
 
 
 @pytest.mark.capture
+def test_a_room_of_equal_walls(tmp_path: Path) -> None:
+    """0.1.0 placed all of them, more than a radius off, with a warning about doubled details."""
+    scenes.equal_walls(tmp_path / "in")
+    with pytest.raises(GagaError, match=r"look alike stand at several places.*contradict"):
+        placed(tmp_path / "in", tmp_path / "scene")
+
+
+@pytest.mark.capture
 def test_a_film_that_rests(tmp_path: Path) -> None:
     """Frames come from where the camera moved."""
     film = scenes.pan_film(tmp_path / "pan.mp4")

@@ -38,7 +38,7 @@ def photograph(camera: Camera, *, seed: int = 0) -> UInt8Array:
         hit = (distance > 0) & (distance < nearest)
         where = eye + distance[..., None] * rays
         others = [i for i in range(3) if i != axis]
-        shade = _texture(where[..., others], seed * 10 + k)
+        shade = texture(where[..., others], seed * 10 + k)
         picture[hit], nearest[hit] = shade[hit], distance[hit]
     result: UInt8Array = np.clip(picture * 255, 0, 255).astype(np.uint8)
     return result
@@ -53,7 +53,7 @@ def write_photos(folder: Path, n: int, *, seed: int = 0) -> tuple[Camera, ...]:
     return cameras
 
 
-def _texture(places: DoubleArray, seed: int) -> DoubleArray:
+def texture(places: DoubleArray, seed: int) -> DoubleArray:
     """Blocks of random color at three sizes, smoothly blended between: never the same twice."""
     result = np.zeros((*places.shape[:-1], 3))
     for level, size in enumerate((0.5, 0.2, 0.08)):

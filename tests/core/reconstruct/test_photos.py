@@ -11,6 +11,8 @@ from PIL import Image, ImageFilter
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb
+from gaga_core.pipeline.photo_source import look_at_photos, source_of
+from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.progress import run_stage
 from gaga_core.reconstruct.photos import (
     PhotoSet,
@@ -104,6 +106,21 @@ def test_too_few_photos_are_told(n: int, tmp_path: Path) -> None:
     with pytest.raises(GagaError, match=r"1 usable photo\b.*at least 3") as caught:
         prepared(folder, tmp_path / "out")
     assert ("1.jpg" in str(caught.value)) == (n == 2)
+
+
+def test_photos_of_kinds_that_are_not_read_are_told(tmp_path: Path) -> None:
+    """A folder straight from a phone: not "no scene folder", and not "take more photos"."""
+    folder = tmp_path / "phone"
+    folder.mkdir()
+    for i in range(5):
+        (folder / f"IMG_{i}.HEIC").write_bytes(b"ftypheic")
+    assert source_of(folder) == (folder, tmp_path / "phone-scene")
+    with pytest.raises(GagaError, match=r"5 photos are of a kind.*save as JPEG.*IMG_0\.HEIC"):
+        look_at_photos(folder)
+    with pytest.raises(GagaError, match=r"0 usable photos.*save as JPEG") as caught:
+        run_stage(reconstruct_scene(folder, tmp_path / "scene"))
+    assert "Take more photos" not in str(caught.value)
+    assert not (tmp_path / "scene").exists()
 
 
 def test_names_are_unique_whatever_the_folders_and_suffixes(folder: Path, tmp_path: Path) -> None:

@@ -5,10 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.reconstruct.photos import Photo, PhotoSet
+from gaga_core.reconstruct.sfm_cycles import photo_cycles
 from gaga_core.reconstruct.sfm_diagnosis import Diagnosis, MatchFacts, chain_breaks, diagnose
 
 _N = 12
+
+
+def about_z(degrees: float) -> DoubleArray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
 @pytest.fixture
@@ -20,6 +27,7 @@ def photos() -> PhotoSet:
 @pytest.fixture
 def fine(photos: PhotoSet) -> MatchFacts:
     pairs = np.array([(i, j) for i in range(_N) for j in range(i + 1, _N)], np.int64)
+    turns = [about_z(30.0 * i) for i in range(_N)]
     return MatchFacts(
         names=tuple(photo.name for photo in photos.photos),
         n_features=np.full(_N, 1500),
@@ -27,6 +35,7 @@ def fine(photos: PhotoSet) -> MatchFacts:
         pairs=pairs,
         pair_matches=np.full(len(pairs), 80),
         still=np.zeros(len(pairs)),
+        turns=np.array([turns[j] @ turns[i].T for i, j in pairs]),
     )
 
 
@@ -70,3 +79,29 @@ def test_a_background_that_stands_still_is_told(photos: PhotoSet, fine: MatchFac
     assert "--turntable (Object on a turntable" in found.reasons()[0]
     neighbours = (np.diff(fine.pairs, axis=1)[:, 0] == 1).astype(float)  # a film that rests
     assert not diagnose(photos, replace(fine, still=neighbours)).still
+
+
+def test_things_that_repeat_are_told(photos: PhotoSet, fine: MatchFacts) -> None:
+    """A room of four equal walls: photos a quarter turn apart match as if they were neighbours."""
+    apart = 30.0 * np.diff(fine.pairs, axis=1)[:, 0]
+    seen = (apart + 45) % 90 - 45
+    found = diagnose(photos, replace(fine, turns=np.array([about_z(a) for a in seen])))
+    assert found.repeats > 0.2
+    assert len(found.alike) == 3
+    assert "look alike" in found.repeated()
+    assert all(name in found.repeated() for name in found.alike)
+    assert diagnose(photos, fine).repeated() == ""
+
+
+def test_turns_close_whatever_is_unknown_and_whichever_way_pairs_go(fine: MatchFacts) -> None:
+    rng = np.random.default_rng(0)
+    swapped = rng.random(len(fine.pairs)) < 0.5
+    pairs = np.where(swapped[:, None], fine.pairs[:, ::-1], fine.pairs)
+    turns = np.where(swapped[:, None, None], fine.turns.transpose(0, 2, 1), fine.turns)
+    turns[::5] = np.nan
+    cycles = photo_cycles(_N, pairs, turns)
+    assert len(cycles.errors) > 50
+    assert cycles.errors.max() < 1e-5
+    known = {tuple(sorted(p)) for p in pairs[~np.isnan(turns).any(axis=(1, 2))].tolist()}
+    assert all({(a, b), (a, c), (b, c)} <= known for a, b, c in cycles.photos.tolist())
+    assert len(photo_cycles(_N, pairs, np.full_like(turns, np.nan)).errors) == 0
