@@ -30,7 +30,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 from tests.core.io.mask_forms import FORMS
-from tests.core.io.test_splat_bytes import sog_parts, zipped
+from tests.core.io.sog_parts import sog_parts, zipped
 from tests.scenes import orbit_cameras, random_gaussians
 
 

@@ -12,7 +12,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, object_table
 from gaga_core.scene.scene import Scene
-from tests.core.query.test_search import BACK, FRONT, TABLE, Boxes, ball, boxes_scene
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, Boxes, ball, boxes_scene
 
 VIEWS = (FRONT, BACK)
 

@@ -17,47 +17,8 @@ from gaga_core.query.spatial_relations import canonical_view
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, UP, ball, boxes_scene
 
-Boxes = list[tuple[tuple[float, float, float], tuple[float, float, float], str]]
-_UP = np.array([0.0, 0.0, 1.0])
-
-
-def boxes_scene(boxes: Boxes, per_box: int = 300) -> Scene:
-    """Solid boxes (centre, sides, color as hex) as groups 1.., splats all over them."""
-    rng = np.random.default_rng(0)
-    means, colors, labels = [], [], []
-    for k, (centre, sides, color) in enumerate(boxes, start=1):
-        means.append(np.array(centre) + (rng.random((per_box, 3)) - 0.5) * sides)
-        rgb = [int(color[i : i + 2], 16) / 255 for i in (0, 2, 4)]
-        colors.append(np.tile(rgb, (per_box, 1)))
-        labels.append(np.full(per_box, k, np.int32))
-    n = per_box * len(boxes)
-    gaussians = Gaussians(
-        means=np.concatenate(means).astype(np.float32),
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        log_scales=np.full((n, 3), -4.0, np.float32),
-        logit_opacities=np.full(n, 3.0, np.float32),
-        sh=dc_from_rgb(np.concatenate(colors).astype(np.float32))[:, None, :],
-    )
-    return Scene.of(gaussians, np.concatenate(labels))
-
-
-def camera_at(eye: tuple[float, float, float], name: str = "front.png") -> Camera:
-    K = np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]])
-    return Camera(K, look_at(np.array(eye), np.zeros(3), _UP), 640, 480, name)
-
-
-FRONT, BACK = camera_at((0, -4, 1)), camera_at((0, 4, 1), "zback.png")
-# A red cube left, a large blue box in the middle, a yellow cube right, a small green one on the
-# blue box, a red slab behind, and the floor.
-TABLE: Boxes = [
-    ((-1.0, 0, 0.1), (0.2, 0.2, 0.2), "c81414"),
-    ((0.0, 0, 0.25), (0.5, 0.4, 0.5), "1e50c8"),
-    ((0.9, 0, 0.15), (0.3, 0.3, 0.3), "f0d010"),
-    ((0.0, 0, 0.55), (0.1, 0.1, 0.1), "209030"),
-    ((0.4, 1.2, 0.2), (0.6, 0.1, 0.4), "a01010"),
-    ((0.0, 0, -0.01), (6.0, 6.0, 0.02), "8a8a8a"),
-]
 NAMED = {1: "apple", 2: "toolbox", 3: "sponge", 4: "die", 5: "photo album"}
 
 
@@ -100,16 +61,6 @@ def test_strays_do_not_change_a_group_much(table: Scene) -> None:
     facts = group_facts(strayed, (FRONT, BACK))
     assert np.allclose(facts.extents[0], clean.extents[0], rtol=0.2)
     assert np.allclose(facts.centre[0], clean.centre[0], atol=0.03)
-
-
-def ball(n: int, radius: float) -> Scene:
-    """Grey splats all over a sphere, as group 1."""
-    out = np.random.default_rng(0).normal(size=(n, 3))
-    out *= radius / np.linalg.norm(out, axis=1, keepdims=True)
-    scene = boxes_scene([((0, 0, 0), (1.0,) * 3, "808080")], n)
-    g = scene.gaussians
-    moved = Gaussians(out.astype(np.float32), g.quats, g.log_scales, g.logit_opacities, g.sh)
-    return Scene.of(moved, scene.labels)
 
 
 @pytest.mark.parametrize("cameras", [(), (FRONT, BACK)], ids=["alone", "views"])
@@ -418,7 +369,7 @@ def test_names_beat_colors_where_a_word_is_both() -> None:
 
 def test_canonical_view_is_the_one_that_shows_most(table: Scene) -> None:
     facts = facts_of(table, (FRONT, BACK))
-    away = Camera(FRONT.K, look_at(np.array([0, -4.0, 1]), np.array([0, -9.0, 1]), _UP), 640, 480)
+    away = Camera(FRONT.K, look_at(np.array([0, -4.0, 1]), np.array([0, -9.0, 1]), UP), 640, 480)
     assert canonical_view(facts, (away, BACK)) is BACK
     assert canonical_view(facts, (BACK, FRONT)) is FRONT  # the first by name of equals
     assert canonical_view(facts, ()) is None
