@@ -30,7 +30,7 @@ def figures() -> list[Figure]:
     if _folder("ycb_table").is_dir():
         found += _figures("ycb_table", 320, 500, 60_000, psnr="")
         if _is_long():
-            found += _figures("ycb_table", 320, 3000, 60_000, psnr=">= 33", cpu="<= 75")
+            found += _figures("ycb_table", 320, 3000, 60_000, psnr=">= 33", cpu="<= 55")
     if _folder("garden").is_dir() and _is_long():
         found += _figures("garden", 307, 5000, 80_000, psnr=">= 26")
     return found

@@ -95,7 +95,7 @@ def _whole() -> list[Figure]:
 
         took = cpu_median(step, 9)
         found.append(
-            Figure(f"train: a step, 60k, 320x240, degree {degree}", took, "CPU-ms", "<= 75")
+            Figure(f"train: a step, 60k, 320x240, degree {degree}", took, "CPU-ms", "<= 65")
         )
         found.append(Figure(f"train: that step to a render, degree {degree}", took / render, "x"))
         gradients = cpu.train_step(splats, camera, target, photometric).gradients

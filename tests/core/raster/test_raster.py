@@ -195,6 +195,13 @@ def test_read_only_columns_are_drawn_alike() -> None:
     assert [len(k.signatures) for k in kernels] == n_versions
 
 
+def test_the_exponential_of_the_kernels_is_one() -> None:
+    x = np.linspace(-5.7, 0, 2001, dtype=np.float32)
+    got = np.array([blend_kernels._exp(value) for value in x], np.float64)
+    np.testing.assert_allclose(got, np.exp(x.astype(np.float64)), rtol=3e-6)
+    assert blend_kernels._exp(np.float32(0)) == 1
+
+
 def test_kernels_share_the_image_model_of_the_protocol() -> None:
     """Kernels repeat the constants: a cached kernel does not notice a change of another file."""
     want = [base.ALPHA_MIN, base.ALPHA_MAX, base.T_MIN]
