@@ -17,7 +17,7 @@ from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.io.mask_import import recognise
 from gaga_core.io.mask_import_base import MaskList
-from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.masks import read_further_labels, read_labels, write_labels
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.io.splat_files import read_splats, write_splats
 from gaga_core.models.catalogue import known_model
@@ -155,7 +155,8 @@ def _model_lock(folder: Path) -> None:
 
 
 def _write_map(path: Path) -> None:
-    write_labels(path, (np.arange(600).reshape(20, 30) % 9).astype(np.int32))
+    labels = (np.arange(600).reshape(20, 30) % 9).astype(np.int32)
+    write_labels(path, labels, [labels[::2], labels % 3])
 
 
 TARGETS: Mapping[str, Target] = {
@@ -181,6 +182,9 @@ TARGETS: Mapping[str, Target] = {
     ),
     "colmap binary": Target(_binary_colmap, read_colmap, is_slow=True),
     "label map": Target(lambda f: _write_map(f / "a.png"), lambda f: read_labels(f / "a.png")),
+    "further label maps": Target(
+        lambda f: _write_map(f / "a.png"), lambda f: read_further_labels(f / "a.png")
+    ),
     "photo": Target(lambda f: _write_map(f / "a.png"), lambda f: read_rgb(f / "a.png")),
     "script": Target(_script, _run_script),
     "settings": Target(_make_settings, _read_settings),
