@@ -20,6 +20,7 @@ from gaga_core.raster.base import (
 )
 from gaga_core.raster.cpu import blend_kernels as kernels
 from gaga_core.raster.cpu.backward import Forward, backward, forward
+from gaga_core.raster.cpu.label_kernels import label_tiles
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, prepare
 from gaga_core.raster.cpu.sample import sampled_weights
 from gaga_core.raster.cpu.sh_kernels import sh_colors
@@ -91,7 +92,7 @@ class CpuRasterizer:
         confidence = np.zeros((camera.height, camera.width), np.float32)
 
         def work(start: int, stop: int) -> None:
-            kernels.label_tiles(
+            label_tiles(
                 view.splats,
                 dense,
                 view.offsets,

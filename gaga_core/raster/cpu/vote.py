@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import n_threads, run_chunks
-from gaga_core.raster.cpu import blend_kernels as kernels
+from gaga_core.raster.cpu import label_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView
 from gaga_core.raster.cpu.project_kernels import TILE
 
