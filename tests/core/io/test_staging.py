@@ -2,10 +2,12 @@
 
 import json
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
+from gaga_core.errors import GagaError
 from gaga_core.io.files import remove_leftovers
 from gaga_core.io.staging import finish_publishing, publish_all, staging_folder
 
@@ -16,6 +18,12 @@ def _results(staging: Path, content: str) -> None:
     for name in ("maps/a.png", "maps/b.png", "bank.npz", "deep/er/report.json"):
         (staging / name).parent.mkdir(parents=True, exist_ok=True)
         (staging / name).write_text(content)
+
+
+def _write_results(target: Path) -> None:
+    with staging_folder(target) as staging:
+        _results(staging, "new")
+        publish_all(staging, _NAMES, target)
 
 
 def _contents(target: Path) -> dict[str, str]:
@@ -65,3 +73,18 @@ def test_the_next_results_come_after_those_that_were_cut_off(tmp_path: Path) -> 
     assert (tmp_path / "bank.npz").read_text() == "next"
     assert (tmp_path / "maps" / "a.png").read_text() == "cut off"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bank.npz", "deep", "maps"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a lock file does it there")
+def test_one_program_moves_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import fcntl
+
+    monkeypatch.setattr("gaga_core.io.staging._PATIENCE_S", 0.1)
+    other = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(other, fcntl.LOCK_EX)
+    with pytest.raises(GagaError, match="Another program"):
+        _write_results(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    os.close(other)
+    _write_results(tmp_path)
+    assert len(_contents(tmp_path)) == 4
