@@ -28,6 +28,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.click_graph import click_graph_stage
 from gaga_core.scene.selection.picking import pick
 
 STAGE = "Prepare kernels"
@@ -63,6 +64,7 @@ def warm_up_stage() -> Stage[None]:
         ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
         ("association, regions", _association("robust", are_regions=True)),
+        ("clicks", _click),
         ("training", _train),
         ("files", _write),
     ]
@@ -133,6 +135,12 @@ def _pixels(sample: _Sample) -> object:
 
 def _objects(sample: _Sample) -> object:
     return object_table(Scene.of(sample.gaussians, sample.labels))
+
+
+def _click(sample: _Sample) -> None:
+    scene = Scene.of(sample.gaussians)
+    graph = run_stage(click_graph_stage(scene, sample.cameras, sample.rasterizer))
+    graph.splats(np.ones(len(graph.points), np.bool_))
 
 
 def _search(sample: _Sample) -> object:

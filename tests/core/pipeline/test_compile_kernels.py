@@ -27,6 +27,7 @@ from gaga_core.reconstruct.settings import TrainConfig
 from gaga_core.reconstruct.train import train
 from gaga_core.reconstruct.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
+from gaga_core.scene.selection.click_graph import click_graph_stage
 from gaga_core.scene.selection.picking import pick
 from gaga_core.scene.scene import Scene
 from gaga_core.pipeline.compile_kernels import warm_up_stage
@@ -63,6 +64,8 @@ points, colors = g.means[::4].astype(np.float64), np.full((len(g.means[::4]), 3)
 initial = run_stage(first_splats_stage(points, colors, rest, settings, cpu))
 train(initial, views, settings, cpu)
 object_table(scene)
+clicks = run_stage(click_graph_stage(scene, made.cameras, cpu))
+clicks.splats(np.ones(len(clicks.points), np.bool_))
 after = compiled()
 new = {name: (n, before.get(name, 0)) for name, n in after.items() if n != before.get(name, 0)}
 assert not new, new
