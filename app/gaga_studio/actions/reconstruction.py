@@ -40,7 +40,19 @@ def why_not(session: Session) -> str:
     if session.photos is None:
         return "No photos without splats are open. Open a folder of photos, or a video."
     job = session.jobs.running
-    return "" if job is None else f"{job.title} is still running."
+    if job is not None:
+        return f"{job.title} is still running."
+    return too_few(session.photos)
+
+
+def too_few(found: "PhotoFind") -> str:
+    """Return what is missing for splats when there are only a few photos; "" when nothing is."""
+    from gaga_core.reconstruct.photos import FEWEST
+
+    if found.is_video or found.is_placed or found.n_photos >= FEWEST:
+        return ""
+    there = "There is 1 photo" if found.n_photos == 1 else f"There are {found.n_photos} photos"
+    return f"{there}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
 
 
 def plan_of(found: "PhotoFind") -> ReconstructionPlan:
@@ -57,7 +69,8 @@ def title(session: Session) -> str:
         return "Make splats from photos"
     if found.going_on is not None:
         return "Continue training"
-    what = "the video" if found.is_video else f"{found.n_photos:,} photos"
+    plural = "" if found.n_photos == 1 else "s"
+    what = "the video" if found.is_video else f"{found.n_photos:,} photo{plural}"
     return f"Train splats on {what}" if found.is_placed else f"Make splats from {what}"
 
 

@@ -9,6 +9,7 @@ import pytest
 from gaga_core.scene.objects import group_indices
 from gaga_studio import commands
 from gaga_studio.actions import objects, selection
+from gaga_studio.session.notices import Level
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
@@ -28,6 +29,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_scene: Path, tmp_path: Pa
         _tool_bar(d)
         _playback(d)
         _letters(d)
+        _notices(d)
         _file_dialog(d, tmp_path)
 
     drive(walk, path=folder, size=(1280, 720))
@@ -77,6 +79,14 @@ def _tool_bar(d: Driver) -> None:
         d.session.tool = type(d.session.tool)(tool)
         d.frames()
         assert places() == before
+
+
+def _notices(d: Driver) -> None:
+    """They stand below the view cube."""
+    d.session.notify(Level.INFO, "Saved.")
+    d.frames(3)
+    cube = d.engine.item_info("//Viewport/View cube").rect_full
+    assert d.engine.get_window_by_ref("//Notice 0").pos.y >= cube.max.y
 
 
 def _letters(d: Driver) -> None:

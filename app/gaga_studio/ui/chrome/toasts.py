@@ -41,7 +41,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     ]
     state.closed &= {id(notice) for notice in session.notices}
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
-    at = ImVec2(area.left + area.width - em(0.7), area.top + em(0.7))
+    at = ImVec2(area.left + area.width - em(0.7), area.top + area.cube_height + em(0.7))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         at.y = _card(state, area, notice, slot, at) + em(0.4)
 

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 @dataclass
 class PictureArea:
-    """A rectangle in pixels of the screen, and what covers its lower edge."""
+    """A rectangle in pixels of the screen, and what covers its edges."""
 
     left: float = 0.0
     top: float = 0.0
     width: float = 400.0
     height: float = 300.0
     offer_top: float = float("inf")  # y of the upper edge of the offer of the next stage
+    cube_height: float = 0.0  # of the view cube in the upper right corner
     steps_height: float = 0.0  # of the first steps at the foot of an empty picture
 
     @property

@@ -27,7 +27,12 @@ def draw(session: Session, state: FilmStripState) -> None:
     document = session.document
     if document is None or not session.cameras:
         what = "This file comes without photos." if document is not None else ""
-        widgets.empty_state(icons.IMAGES, "No photos", what)
+        if session.photos is not None and document is None:
+            n = session.photos.n_photos
+            text = "1 photo" if n == 1 else f"{n:,} photos"
+            widgets.empty_state(icons.IMAGES, text, "They are shown here when there are splats.")
+        else:
+            widgets.empty_state(icons.IMAGES, "No photos", what)
         return
     height = imgui.get_content_region_avail().y
     imgui.begin_group()

@@ -59,7 +59,8 @@ def draw_photos(session: Session) -> None:
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - em(9)) * 0.42, em(0.5)))
     with theme.face(strong=True, scale=1.35):
         widgets.wrapped(found.name, theme.TEXT)
-    widgets.wrapped(reconstruction.found_text(found), theme.DIM)
+    missing = reconstruction.too_few(found)
+    widgets.wrapped(missing or reconstruction.found_text(found), theme.DIM)
     imgui.dummy(ImVec2(0, em(0.6)))
     label = _label(session, found)
     width = imgui.calc_text_size(label).x + em(4.5)
@@ -81,7 +82,9 @@ def _centre(room: ImVec2, width: float) -> None:
 
 
 def _label(session: Session, found: "PhotoFind") -> str:
-    """ "Make splats from 50 photos, about 4 min"."""
+    """ "Make splats from 50 photos, about 4 min"; no time where too few cannot make any."""
+    if reconstruction.too_few(found):
+        return reconstruction.title(session)
     seconds = found.seconds(reconstruction.plan_of(found).config)
     return next_stage.StageOffer("", reconstruction.title(session), seconds=max(seconds, 1.0)).label
 

@@ -11,6 +11,7 @@ from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
 
 _EDGE = 0.62  # from here to the rim of a face its edge, or corner, is meant
+_REACH = 2.9  # of the cube's area, from its middle, ems
 _DRAG_PIXELS = 4.0
 _DRAG_GAIN = 2.5  # of an orbit, against a drag in the picture
 _SIDES: tuple[tuple[str, tuple[int, int, int]], ...] = (
@@ -24,6 +25,14 @@ _SIDES: tuple[tuple[str, tuple[int, int, int]], ...] = (
 Side = tuple[int, int, int]  # right, back, up, each -1, 0 or 1
 
 
+def height(session: Session, size: ImVec2) -> float:
+    """Of the part that the cube takes of a picture of ``size``; 0 when it is not shown."""
+    reach = em(_REACH)
+    fits = size.x >= 7 * reach and size.y >= 4 * reach
+    is_shown = session.view.show_cube and session.shown is not None and fits
+    return 2 * reach + em(0.6) if is_shown else 0.0
+
+
 @dataclass
 class ViewCube:
     """Keeps the drag that is under way."""
@@ -33,8 +42,8 @@ class ViewCube:
 
     def draw(self, session: Session, corner: ImVec2, size: ImVec2) -> bool:
         """Draw the cube in the upper right; whether the mouse belongs to it."""
-        reach = em(2.9)  # of the area, from its middle
-        if not session.view.show_cube or size.x < 7 * reach or size.y < 4 * reach:
+        reach = em(_REACH)
+        if not height(session, size):
             self.is_dragging, self.pressed = False, None
             return False
         middle = ImVec2(corner.x + size.x - reach - em(0.6), corner.y + reach + em(0.6))

@@ -23,6 +23,7 @@ from gaga_studio.ui.viewport import (
     photo_compare,
     tool_overlay,
     training,
+    view_cube,
     welcome,
 )
 from gaga_studio.ui.viewport.fly_keys import FlyKeys
@@ -77,6 +78,7 @@ class ViewportPanel:
         if size.x < 8 or size.y < 8:
             return
         area.left, area.top, area.width, area.height = corner.x, corner.y, size.x, size.y
+        area.cube_height = view_cube.height(session, size)
         if session.shown is None:
             if session.photos is not None and session.jobs.running is None:
                 training.draw_photos(session)
@@ -181,7 +183,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
         return
     table = session.objects()
     row = table.row(group)
-    if row is None:
+    if row is None or table.n_hidden[row] == table.counts[row]:
         return
     if imgui.begin_tooltip():
         color = widgets.rgba(table.colors[row])
