@@ -70,10 +70,11 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
         assert snapshot(document.scene) == cleaned
         d.keys(KEY.mod_ctrl, KEY.z)
 
+        name = document.name_of(GROUP)
         d.click("Inspector/###Clean first")
         d.click("Inspector/###Delete")
         d.settle()
         assert document.scene.has(State.DELETED)[floaters].all()
-        assert document.history.undo_title == f"Delete group {GROUP}"
+        assert document.history.undo_title == f"Delete {name}"
 
     drive(walk, path=saved)
