@@ -28,6 +28,7 @@ GROUND = 112  # grey behind the object: dark and bright things stand out from it
 _MOST = 60_000  # splats that are drawn
 _FILLS = 0.9  # share of the side that the object takes
 _EDGE = 1.0  # percent of the splats that may lie outside on each side
+_INNER, _AROUND = 6.0, 0.25  # percent outside the inner part; room around it, of its extent
 _STEEP = 0.45  # best elevation of the view, radians over the ground: three-quarter
 _FAR = 0.15  # how much the distance of a camera counts against its elevation
 
@@ -128,7 +129,11 @@ def _tight(camera: Camera, splats: Gaussians) -> Camera:
     shown = pixels[np.isfinite(pixels).all(axis=1) & (depth > 0) & (_opacity(splats) > 0.1)]
     if len(shown) == 0:
         return camera
-    low, high = np.percentile(shown, [_EDGE, 100 - _EDGE], axis=0)
+    low, inner_low, inner_high, high = np.percentile(
+        shown, [_EDGE, _INNER, 100 - _INNER, 100 - _EDGE], axis=0
+    )
+    reach = _AROUND * (inner_high - inner_low)  # strays are farther away than this
+    low, high = np.maximum(low, inner_low - reach), np.minimum(high, inner_high + reach)
     zoom = _FILLS * camera.width / max(float((high - low).max()), 1e-6)
     K = camera.K.copy()
     K[:2] *= zoom

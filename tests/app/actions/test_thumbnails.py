@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import color_grade, history, search, selection, thumbnails
 from gaga_studio.session.session import Session
 
@@ -51,6 +52,17 @@ def test_a_picture_shows_the_object_alone_as_large_as_fits(measured: Session) ->
     assert not drawn[:, [0, -1]].any()
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
     assert max(np.ptp(rows), np.ptp(columns)) > 0.75 * thumbnails.SIDE
+
+
+def test_a_few_strays_do_not_make_the_object_small(measured: Session) -> None:
+    scene = measured.need().scene
+    rows = group_indices(scene, 2)
+    scene.gaussians.means[rows[::25]] += np.float32(3.0) * scene.gaussians.means.std()
+    scene.revision.splats += 1
+    measure(measured)
+    _, shown = picture(measured, 2)
+    drawn = np.abs(shown.astype(int) - thumbnails.GROUND).max(axis=2) > 12
+    assert np.ptp(np.flatnonzero(drawn.mean(axis=1) > 0.1)) > 0.5 * thumbnails.SIDE
 
 
 def test_a_picture_is_that_of_the_state_through_recolor_and_undo(measured: Session) -> None:
