@@ -17,13 +17,13 @@ pytestmark = pytest.mark.window
 
 
 def _split_and_join(d: Driver) -> None:
-    """From the menu of a right click in the list, and as a command."""
+    """The commands of the menus of a right click, as edits."""
     session, document = d.session, d.session.need()
     scene, before = document.scene, document.scene.labels.copy()
     groups = np.flatnonzero(np.bincount(before)[1:]) + 1
     group = next(g for g in groups.tolist() if edits.split_here(scene, g) is not None)
-    d.engine.item_click(f"//Objects/**/object {group}/##row", 1)
-    d.engine.item_click("//$FOCUSED/###Split here (one level finer)")
+    d.on_main(lambda: selection.select_groups(session, (group,)))
+    assert d.on_main(lambda: run("object.split_here", session))
     d.frames(3)
     assert len(np.unique(document.scene.labels[before == group])) > 1
     assert np.array_equal(document.scene.labels[before != group], before[before != group])
