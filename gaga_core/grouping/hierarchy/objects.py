@@ -40,6 +40,7 @@ class HierarchyConfig:
     coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of things together, descending
     least_part: float = 1.5  # samples that a view shows of the smallest part, on average ...
     least_object: float = 6.0  # ... and of the smallest object
+    least_splats: int = 10  # Gaussians of the smallest object: fewer are rest, however large
     background: bool = True  # gather what surrounds the scene in one group
     detail: float | None = None  # level to choose, 0 coarse .. 1 fine; None = objects
 
@@ -82,13 +83,18 @@ def objects_stage(
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < _LEAST_SURFELS:
         raise GagaError("The views show next to none of the splats. Check poses and model.")
+    rows = np.flatnonzero(finite(gaussians))
+    tree = cKDTree(surfels.points)
+    means = gaussians.means[rows].astype(np.float64)
+    distance, samples = map(np.asarray, tree.query(means, k=_NEAREST, workers=n_threads()))
+    n_splats = np.bincount(samples[:, 0], minlength=len(surfels.points))
     clusters, background = yield from part(
-        _nested_clusters(surfels, views, config), 1, _STEPS, STAGE
+        _nested_clusters(surfels, views, n_splats, config), 1, _STEPS, STAGE
     )
     yield Progress(STAGE, _STEPS - 1, _STEPS, "label Gaussians")
     chosen = len(config.coarser)
-    rows = np.flatnonzero(finite(gaussians))
-    nearest, groups = _nearest_samples(surfels, gaussians.means[rows], clusters[chosen])
+    groups = clusters[chosen][samples].astype(np.int32)
+    nearest = _carriers(distance, samples, groups)
     carriers = np.concatenate([nearest, np.arange(len(surfels.points))])
     found = Levels.of(clusters[:, carriers], chosen, background[carriers].astype(np.int64))
     if config.detail is not None:
@@ -106,9 +112,12 @@ def objects_stage(
 
 
 def _nested_clusters(
-    surfels: Surfels, views: Sequence[Camera], config: HierarchyConfig
+    surfels: Surfels, views: Sequence[Camera], n_splats: LongArray, config: HierarchyConfig
 ) -> Stage[tuple[LongArray, BoolArray]]:
-    """Clusters (L, S) of samples, coarse to fine, and which samples (S,) are background."""
+    """Clusters (L, S) of samples, coarse to fine, and which samples (S,) are background.
+
+    ``n_splats`` (S,) is how many Gaussians are next to each sample.
+    """
     yield Progress(STAGE, 0, 4, "small pieces")
     near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
@@ -132,7 +141,8 @@ def _nested_clusters(
         fine_to_coarse.append(now.cluster)
     yield Progress(STAGE, 3, 4, "objects")
     now = judged(now.cluster).joined(config.objects).joined(-np.inf, config.least_object)
-    crumbs = now.graph.size < config.least_object
+    splats = np.bincount(now.cluster, n_splats)
+    crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
     outside = crumbs
     if config.background:
         outside = crumbs | is_background(surfels, views, now.cluster)
@@ -170,18 +180,13 @@ class _Clusters:
         return _Clusters(self.cluster, graph)
 
 
-def _nearest_samples(
-    surfels: Surfels, means: FloatArray, cluster: LongArray
-) -> tuple[LongArray, IntArray]:
-    """The sample (K,) that stands for each Gaussian (K, 3), and the clusters (K, 3) of the nearest.
+def _carriers(distance: DoubleArray, samples: LongArray, groups: IntArray) -> LongArray:
+    """The sample (K,) that stands for each Gaussian, of the nearest ``samples`` (K, 3) at
+    ``distance`` (K, 3), which are in ``groups`` (K, 3).
 
     The nearest one does, unless the next two agree on another cluster and are about as near.
     """
-    tree = cKDTree(surfels.points)
-    distance, found = tree.query(means.astype(np.float64), k=_NEAREST, workers=n_threads())
-    distance, nearest = np.asarray(distance), np.asarray(found, np.int64)
-    groups = cluster[nearest]
     outvoted = (groups[:, 1] == groups[:, 2]) & (groups[:, 1] != groups[:, 0])
     outvoted &= distance[:, 2] < _BOTH_NEAR * distance[:, 0]
-    chosen: DoubleArray = np.where(outvoted, nearest[:, 1], nearest[:, 0])
-    return chosen.astype(np.int64), groups.astype(np.int32)
+    chosen: LongArray = np.where(outvoted, samples[:, 1], samples[:, 0]).astype(np.int64)
+    return chosen

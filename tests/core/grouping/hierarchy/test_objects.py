@@ -16,6 +16,7 @@ from gaga_core.grouping.hierarchy.objects import HierarchyConfig
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.reconstruct.optimizer import concatenate
 from tests.scenes import Synthetic, objects_scene
 
 _BALLS = 6
@@ -107,6 +108,28 @@ def test_each_ball_is_one_object(scene: Synthetic, found: Association) -> None:
     assert min(ious) > 0.85
     of_balls = np.unique(found.labels[scene.labels > 0])
     assert len(of_balls) <= _BALLS + 1  # the floor's group takes some of their lowest splats
+
+
+def test_a_few_large_splats_are_no_object(scene: Synthetic) -> None:
+    """Trainings of few photos leave the sky to a handful of splats: nobody edits these."""
+    g = scene.gaussians
+    means = g.means[:3].copy()
+    means[:] = g.means.mean(axis=0) + np.array([[0, 0, 1.5], [0.1, 0, 1.5], [0, 0.1, 1.5]])
+    sky = replace(g.take(np.arange(3)), means=means, log_scales=np.full((3, 3), -1.5, np.float32))
+    all_splats = concatenate(g, sky)
+    labels = np.r_[scene.labels, np.full(3, _BALLS + 1, np.int32)]
+    engine = choose("cpu")
+    maps = {
+        camera.name: engine.label_splat(all_splats, camera, labels + 1).labels
+        for camera in scene.cameras
+    }
+
+    every = HierarchyConfig(background=False)
+    alone = _found(all_splats, scene.cameras, maps, replace(every, least_splats=1))
+    assert not np.isin(alone.labels[-3:], alone.labels[:-3]).any()  # an object, without the rule
+    found = _found(all_splats, scene.cameras, maps, every)
+    assert found.bank.levels is not None
+    assert set(found.labels[-3:].tolist()) == {found.bank.levels.background}
 
 
 def test_print_does_not_split(scene: Synthetic) -> None:
