@@ -305,7 +305,6 @@ def _widest_first(task: _Task) -> Stage[Sequence[Camera]]:
         mask_of = task.gaussians_of(camera)[1]
         coverage[camera.name] = int((mask_of > 0).sum())
         yield Progress(STAGE, i + 1, len(task.views), f"coverage of {camera.name}")
-    # Sorting is stable: equally covered views stay in the order of their names.
     return sorted(task.views, key=lambda camera: -coverage[camera.name])
 
 

@@ -1,7 +1,7 @@
 """Words for the groups of a scene that nobody has named, and which of them are background."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def describe(
     if levels is not None and levels.background:
         behind = behind | (facts.ids == levels.background)
     return Description(
-        describe_groups(scene, facts, cameras, kept),
+        describe_groups(scene, replace(facts, background=behind), cameras, kept),
         frozenset(facts.ids[behind & (facts.ids > 0)].tolist()),
     )
 
