@@ -25,6 +25,9 @@ class BenchmarkCommand:
     """Names of scenes; default: all."""
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
+    lift: Literal["paper", "refine", "vote", "none"] | None = None
+    """How the groups become the identities whose maps are scored (see gaga lift --mode); none: the
+    groups themselves. Default: paper (10,000 iterations) with preset paper, vote with robust."""
     masks: str | None = None
     """Name of the mask folder in every scene (masks/NAME, raw_sam_mask, ...); default: the only
     one, or the weights-free regions where there is none."""
@@ -62,6 +65,7 @@ class BenchmarkCommand:
             raise GagaError(f"{self.pred} is not a folder. Choose a folder of predictions.")
         config = BenchmarkConfig(
             preset=self.preset,
+            lift=self.lift,
             masks=self.masks,
             shares=_shares(self.sparse),
             seed=self.seed,

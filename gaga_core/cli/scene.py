@@ -1,13 +1,16 @@
 """Commands over a scene folder: the stages of the method, and their scores."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from gaga_core.grouping.associate import AssociateConfig
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,14 @@ class AssociateCommand:
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
     detail: float | None = None
     """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
+    threshold: float | None = None
+    """Least overlap of a mask with a group to join it, in (0, 1]; default: 0.1, as published."""
+    inlier_factor: float | None = None
+    """f of the depth gate: pixels within f IQRs of the mask's depths count; default: 1."""
+    depth: Literal["expected", "median", "none"] | None = None
+    """Of a pixel; none: all Gaussians behind a mask. Default: expected (paper), median (robust)."""
+    order: Literal["name", "coverage"] | None = None
+    """Of the views; coverage: widest first. Default: name (paper), coverage (robust)."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -39,6 +50,7 @@ class AssociateCommand:
 
         folder = open_scene_folder(self.scene, model=self.model)
         config = AssociateConfig.of(self.preset).at_detail(self.detail)
+        config = self._switched(config)
         stage = associate.associate_scene(
             folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
         )
@@ -51,6 +63,21 @@ class AssociateCommand:
             )
         out.result(report.to_json(), as_json=self.json)
         return 0
+
+    def _switched(self, config: "AssociateConfig") -> "AssociateConfig":
+        """``config`` with the settings that were given."""
+        given = {
+            name: value
+            for name in ("threshold", "depth", "order")
+            if (value := getattr(self, name)) is not None
+        }
+        try:
+            gate = config.gate
+            if self.inlier_factor is not None:
+                gate = replace(gate, iqr_factor=self.inlier_factor)
+            return replace(config, gate=gate, **given)
+        except ValueError as error:
+            raise GagaError(f"That cannot be: {error}.") from error
 
 
 @dataclass(frozen=True)
@@ -212,16 +239,28 @@ class CompareCommand:
     """Folder of label maps; default: the only one in SCENE/masks."""
     seeds: tuple[int, ...] = (0,)
     """Draws of the training views for the sparse rows."""
+    variants: tuple[str, ...] = ()
+    """Names of rows, such as robust, paper, tracker, "threshold 0.2", "f = 0"; default: presets,
+    baselines and bounds, then the sparse rows."""
+    ablations: bool = False
+    """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
+    depth, order of the views."""
     json: bool = False
     """Print the table as JSON."""
 
     def run(self) -> int:
         """Print one table and write SCENE/gaga/variants.json."""
-        from gaga_core.evaluate.compare import CompareConfig, compare_variants
+        from gaga_core.evaluate.compare import ABLATIONS, CompareConfig, compare_variants
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.pipeline.compile_kernels import after_warm_up
 
         folder = open_scene_folder(self.scene)
-        stage = compare_variants(folder, self.gt, self.masks, CompareConfig(seeds=self.seeds))
+        if self.variants and self.ablations:
+            raise GagaError("--variants and --ablations both say which rows. Choose one.")
+        rows = tuple(ABLATIONS) if self.ablations else self.variants
+        config = CompareConfig(seeds=self.seeds)
+        if rows:
+            config = CompareConfig(variants=rows, sparse=(), seeds=self.seeds)
+        stage = compare_variants(folder, self.gt, self.masks, config)
         out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
         return 0

@@ -39,6 +39,27 @@ TITLES: Mapping[str, str] = {
     "true-maps": "true masks (upper bound)",
 }
 _BANKS = ("robust", "paper", "all-gaussians")
+_PAPER = AssociateConfig()
+# The paper with one setting changed, section 4.3 and supplement: overlap threshold, inlier factor
+# f, depth of a pixel, order of the views.
+ABLATIONS: Mapping[str, AssociateConfig] = {
+    **{
+        f"threshold {value:g}": replace(_PAPER, threshold=value)
+        for value in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+    },
+    **{
+        f"f = {value:g}": replace(_PAPER, gate=replace(_PAPER.gate, iqr_factor=value))
+        for value in (0.0, 0.5, 1.0, 1.5, 2.0)
+    },
+    "median depth": replace(_PAPER, depth="median"),
+    "no depth": replace(_PAPER, depth="none"),
+    "widest views first": replace(_PAPER, order="coverage"),
+}
+
+
+def title_of(variant: str) -> str | None:
+    """What a variant is called in tables; None when there is none of that name."""
+    return TITLES.get(variant) or (f"paper, {variant}" if variant in ABLATIONS else None)
 
 
 @dataclass(frozen=True)
@@ -51,9 +72,9 @@ class CompareConfig:
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
 
     def __post_init__(self) -> None:
-        unknown = [v for v in (*self.variants, *self.sparse) if v not in TITLES]
+        unknown = [v for v in (*self.variants, *self.sparse) if title_of(v) is None]
         if unknown:
-            known = ", ".join(TITLES)
+            known = ", ".join((*TITLES, *ABLATIONS))
             raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
         if "per-frame" in self.sparse:
             raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
@@ -101,7 +122,7 @@ def compare_variants(
     runs = [run for run in config.runs() if _can_run(task, run[0])]
     rows = []
     for i, (variant, share, seed) in enumerate(runs):
-        title = TITLES[variant] if share == 1.0 else f"{TITLES[variant]}, {share:.0%}"
+        title = f"{title_of(variant)}" if share == 1.0 else f"{title_of(variant)}, {share:.0%}"
         stage = _run(task, variant, share, seed)
         rows.append((yield from part(stage, i, len(runs), "Compare variants", prefix=f"{title}: ")))
     table = VariantTable(folder.root.name, tuple(c.name for c in task.scored), tuple(rows))
@@ -155,7 +176,7 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
     with_void, without_void = score_pairs(zip(_true_maps(task), predicted, strict=True))
     return VariantRow(
         variant=variant,
-        title=TITLES[variant],
+        title=title_of(variant) or variant,
         with_void=with_void,
         without_void=without_void,
         n_groups=len(np.unique(labels[labels > 0])),
@@ -168,8 +189,10 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
 
 def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[IntArray]:
     """Labels (N,) of the Gaussians that one variant gives."""
-    if variant in _BANKS:
-        config = AssociateConfig.of("robust" if variant == "robust" else "paper")
+    if variant in _BANKS or variant in ABLATIONS:
+        config = ABLATIONS.get(variant) or AssociateConfig.of(
+            "robust" if variant == "robust" else "paper"
+        )
         if variant == "all-gaussians":
             config = replace(config, depth="none")
         result = yield from associate_stage(

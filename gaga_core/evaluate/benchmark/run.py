@@ -1,7 +1,7 @@
 """The published protocols over whole data sets: every stage, every scene, one table.
 
-A scene is associated from the masks of its train views, lifted (vote), rendered in its test views
-and scored as its data set is: Algorithm 1, or masks of text prompts. Results lie in one folder, a
+A scene is associated from the masks of its train views, lifted, rendered in its test views and
+scored as its data set is: Algorithm 1, or masks of text prompts. Results lie in one folder, a
 JSON a scene, written after every run: what is finished is not run again while its settings, masks
 and model are the same.
 """
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -37,12 +38,14 @@ from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, render_identity
+from gaga_core.pipeline.render import render_views
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
 
 TITLE = "Benchmark"
+Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups
 _TRACKED = "object_mask"  # associated by a tracker already: only on request
 
 
@@ -51,6 +54,7 @@ class BenchmarkConfig:
     """What is run over every scene."""
 
     preset: str = "robust"  # of the association
+    lift: Lift | None = None  # None = as the preset says: paper of the paper, vote of robust
     masks: str | None = None  # name of the mask folder in every scene; None = the only one
     shares: tuple[float, ...] = ()  # of the train views, besides all of them
     seed: int = 0  # of the choice of those views
@@ -60,11 +64,26 @@ class BenchmarkConfig:
 
     def __post_init__(self) -> None:
         AssociateConfig.of(self.preset)
+        if self.lift is not None and self.lift not in get_args(Lift):
+            raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
         for share in self.shares:
             if not 0 < share < 1:
                 raise GagaError(f"{share:.4g} is no share of the views. Choose one in (0, 1).")
         if self.pred is not None and self.shares:
             raise GagaError("Given predictions have no train views. Leave the shares of them out.")
+
+    @property
+    def lifted_by(self) -> Lift:
+        """How identities are made from the groups: as asked for, else as the preset has it."""
+        return self.lift or ("paper" if self.preset == "paper" else "vote")
+
+    @property
+    def title(self) -> str:
+        """What is scored, for tables."""
+        if self.pred is not None:
+            return "given predictions"
+        kind = self.lifted_by
+        return f"{self.preset}, " + ("groups" if kind == "none" else f"identities by {kind}")
 
     def runs(self) -> tuple[float, ...]:
         """The share of the train views in every run, all of them first."""
@@ -121,7 +140,7 @@ def run_benchmark(
     return BenchmarkReport(
         dataset=dataset.name,
         title=dataset.title,
-        preset="given predictions" if config.pred is not None else config.preset,
+        preset=config.title,
         scenes=tuple(results),
         failed=failed,
         out=str(out),
@@ -177,6 +196,7 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
     return values | {
         "train": list(folder.train),
         "preset": asdict(AssociateConfig.of(config.preset)),
+        "lift": config.lifted_by,
         "find": "given" if task.find is not None else _words_of(config.find),
         "seed": config.seed,
         "masks": "" if task.masks is None else str(task.masks.resolve()),
@@ -246,9 +266,13 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     settings = AssociateConfig.of(config.preset)
     stage = associate_scene(own, task.masks, settings, gaussians=gaussians, rasterizer=engine)
     yield from part(stage, 0, n_parts, TITLE)
-    lift = lift_scene(own, "vote", gaussians=gaussians, rasterizer=engine)
-    yield from part(lift, 1, n_parts, TITLE)
-    shown = render_identity(own, root / "groups", gaussians=gaussians, rasterizer=engine)
+    shown: Stage[tuple[Path, ...]]
+    if config.lifted_by == "none":
+        shown = render_views(own, root / "groups", gaussians=gaussians, rasterizer=engine)
+    else:
+        lift = lift_scene(own, config.lifted_by, gaussians=gaussians, rasterizer=engine)
+        yield from part(lift, 1, n_parts, TITLE)
+        shown = render_identity(own, root / "groups", gaussians=gaussians, rasterizer=engine)
     maps = yield from part(shown, 2, n_parts, TITLE)
     seconds = round(time.perf_counter() - start, 3)
     labels = read_groups(own, len(gaussians))[0]

@@ -64,6 +64,24 @@ def test_groups_of_the_test_views_match_the_masks(
     assert without_void["recall"] == 1
 
 
+def test_settings_of_the_association_are_switches(tmp_path: Path, capsys: Capture) -> None:
+    root = tmp_path / "scene"
+    write_scene(root)
+    paper = ("associate", str(root), "--preset", "paper")
+    published = answer(capsys, *paper)
+    same = ("--threshold", "0.1", "--inlier-factor", "1", "--depth", "expected", "--order", "name")
+    seconds = {"seconds", "seconds_per_view"}
+    again = answer(capsys, *paper, *same)
+    assert {k: v for k, v in again.items() if k not in seconds} == {
+        k: v for k, v in published.items() if k not in seconds
+    }
+    strict = answer(capsys, *paper, "--threshold", "1")
+    assert strict["groups"] > published["groups"]  # type: ignore[operator]
+    assert "not in (0, 1]" in refusal(capsys, *paper, "--threshold", "7")
+    robust = ("associate", str(root), "--preset", "robust", "--depth", "expected")
+    assert "needs the depth 'median'" in refusal(capsys, *robust)
+
+
 def test_a_missing_prediction_is_named(scene: Path, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "none").mkdir()
     gt = str(scene / "masks" / "made")

@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -18,9 +19,13 @@ from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
 from gaga_core.evaluate.benchmark_tables import BenchmarkReport, InstanceScores, PromptScores
 from gaga_core.evaluate.published import INSTANCE
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
+from gaga_core.grouping.bank_file import read_groups
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.datasets.catalog import open_dataset
 from gaga_core.io.masks import read_labels
+from gaga_core.io.scene_folder import read_model, select_views
 from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.raster import choose
 from tests.datasets import (
     PROMPTS,
     gaga_replica,
@@ -46,7 +51,7 @@ def replica(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def report(replica: Path, tmp_path_factory: pytest.TempPathFactory) -> BenchmarkReport:
     out = tmp_path_factory.mktemp("out")
-    config = BenchmarkConfig(preset="paper", shares=(0.5,))
+    config = BenchmarkConfig(preset="paper", lift="vote", shares=(0.5,))
     return run_stage(run_benchmark(open_dataset("replica", replica), out, config))
 
 
@@ -132,9 +137,28 @@ def test_tables_tell_ours_and_the_published_figures(report: BenchmarkReport) -> 
     }
 
 
+def test_each_table_names_how_identities_were_made(replica: Path, tmp_path: Path) -> None:
+    """Preset paper trains them as published; the groups alone are scored with "none"."""
+    assert BenchmarkConfig(preset="paper").lifted_by == "paper"
+    assert BenchmarkConfig(preset="robust").lifted_by == "vote"
+    with pytest.raises(GagaError, match="no lift"):
+        BenchmarkConfig(lift="magic")  # type: ignore[arg-type]
+    config = BenchmarkConfig(preset="paper", lift="none")
+    data = open_dataset("replica", replica, ("office_0",))
+    bare = run_stage(run_benchmark(data, tmp_path, config))
+    assert bare.tables()[0].table()[0][0] == "Replica, paper, groups"
+    root = Path(bare.out) / "office_0" / "views_all"
+    gaussians = run_stage(read_model(data.scenes[0].folder))
+    own = replace(data.scenes[0].folder, root=root)
+    labels = read_groups(own, len(gaussians))[0]
+    for camera in select_views(own, "test"):
+        written = read_labels(root / "groups" / Path(camera.name).with_suffix(".png").name)
+        assert np.array_equal(written, splat_groups(choose(), gaussians, camera, labels))
+
+
 def test_a_benchmark_that_was_stopped_goes_on(replica: Path, tmp_path: Path) -> None:
     data = open_dataset("replica", replica)
-    config = BenchmarkConfig(preset="paper", shares=(0.5,))
+    config = BenchmarkConfig(preset="paper", lift="vote", shares=(0.5,))
     stage = run_benchmark(data, tmp_path, config)
     for step in stage:
         if "room_0" in step.message:
@@ -159,10 +183,12 @@ def test_other_settings_or_masks_are_run_anew(replica: Path, tmp_path: Path) -> 
         data = open_dataset("replica", tmp_path / "data")
         return run_stage(run_benchmark(data, tmp_path / "out", config)).scenes[0].n_reused
 
-    plain = BenchmarkConfig(preset="paper")
+    plain = BenchmarkConfig(preset="paper", lift="vote")
     assert [reused(plain), reused(plain)] == [0, 1]
-    assert reused(BenchmarkConfig(preset="paper", redo=True)) == 0
-    assert reused(BenchmarkConfig(preset="paper", shares=(0.5,))) == 1  # the sparse run is added
+    assert reused(BenchmarkConfig(preset="paper", lift="vote", redo=True)) == 0
+    assert (
+        reused(BenchmarkConfig(preset="paper", lift="vote", shares=(0.5,))) == 1
+    )  # the sparse run is added
     assert reused(plain) == 1
     first = sorted((tmp_path / "data" / "office_0" / "raw_sam_mask").iterdir())[0]
     write_map(first, np.zeros((60, 80), np.int32))
@@ -177,7 +203,7 @@ def test_a_scene_that_fails_is_named_and_the_others_go_on(replica: Path, tmp_pat
     shutil.rmtree(tmp_path / "data" / "office_0" / "point_cloud")
     (tmp_path / "data" / "room_0" / "raw_other_mask").mkdir()
     data = open_dataset("replica", tmp_path / "data", ["office_0", "room_0", "room_7"])
-    config = BenchmarkConfig(preset="paper", masks="raw_sam_mask")
+    config = BenchmarkConfig(preset="paper", lift="vote", masks="raw_sam_mask")
     report = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert [scene.scene for scene in report.scenes] == ["room_0"]
     assert "no trained Gaussians" in report.failed["office_0"]
@@ -185,9 +211,11 @@ def test_a_scene_that_fails_is_named_and_the_others_go_on(replica: Path, tmp_pat
     first = report.tables()[0].table()
     assert [row[-1] for row in first if row[0] in report.failed] == ["failed", "failed"]
     assert first[4][0] == "mean of 1 of 3 scenes"
-    unsure = run_stage(run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper")))
+    unsure = run_stage(
+        run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper", lift="vote"))
+    )
     assert "several mask folders: raw_other_mask, raw_sam_mask" in unsure.failed["room_0"]
-    wrong = BenchmarkConfig(preset="paper", masks="raw_sma_mask")
+    wrong = BenchmarkConfig(preset="paper", lift="vote", masks="raw_sma_mask")
     unsure = run_stage(run_benchmark(data, tmp_path / "out", wrong))
     assert "There: raw_other_mask, raw_sam_mask" in unsure.failed["room_0"]
     assert unsure.tables()[0].table()
@@ -237,7 +265,7 @@ def binary_iou(a: BoolArray, b: BoolArray) -> float:
 def test_prompts_are_scored_by_phrase_and_unanswered_ones_count_as_nothing(tmp_path: Path) -> None:
     lerf_mask(tmp_path / "data" / "figurines")
     data = open_dataset("lerf-mask", tmp_path / "data")
-    config = BenchmarkConfig(preset="paper")
+    config = BenchmarkConfig(preset="paper", lift="vote")
     report = run_stage(run_benchmark(data, tmp_path / "out", config, find=oracle))
     assert report.failed == {}
     run = report.scenes[0].runs[0]
@@ -276,7 +304,7 @@ def test_prompts_are_answered_by_words_an_index_or_a_detector(who: str, tmp_path
         find = FindConfig(detector=write_grounding_dino(tmp_path / "dino"))
     lerf_mask(tmp_path / "data" / "figurines")
     data = open_dataset("lerf-mask", tmp_path / "data")
-    config = BenchmarkConfig(preset="paper", find=find)
+    config = BenchmarkConfig(preset="paper", lift="vote", find=find)
     report = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert report.failed == {}
     run = report.scenes[0].runs[0]
@@ -286,7 +314,9 @@ def test_prompts_are_answered_by_words_an_index_or_a_detector(who: str, tmp_path
     assert again.scenes[0].n_reused == 1
     assert again.scenes[0].runs[0] == run
     if who != "words":
-        other = run_stage(run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper")))
+        other = run_stage(
+            run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper", lift="vote"))
+        )
         assert other.scenes[0].n_reused == 0
 
 
@@ -311,7 +341,17 @@ def test_true_masks_as_predictions_are_perfect_on_3d_ovs(tmp_path: Path, capsys:
 def test_the_command_prints_the_table_and_refuses_nonsense(
     replica: Path, tmp_path: Path, capsys: Capture
 ) -> None:
-    base = ["benchmark", "replica", str(replica), "--preset", "paper", "--out", str(tmp_path)]
+    base = [
+        "benchmark",
+        "replica",
+        str(replica),
+        "--preset",
+        "paper",
+        "--lift",
+        "vote",
+        "--out",
+        str(tmp_path),
+    ]
     assert main([*base, "--scenes", "office_0", "--sparse", "50"]) == 0
     assert "office_0" in capsys.readouterr().out
     assert main([*base, "--scenes", "office_0", "attic", "--sparse", "50"]) == 1
@@ -333,7 +373,9 @@ def test_colmap_scenes_with_true_maps_are_scored_and_without_are_named(tmp_path:
     mipnerf360(tmp_path / "data" / "a", truth=True)
     mipnerf360(tmp_path / "data" / "b")
     data = open_dataset("mipnerf360", tmp_path / "data")
-    report = run_stage(run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper")))
+    report = run_stage(
+        run_benchmark(data, tmp_path / "out", BenchmarkConfig(preset="paper", lift="vote"))
+    )
     assert [scene.scene for scene in report.scenes] == ["a"]
     assert "no true label map" in report.failed["b"]
     with pytest.raises(GagaError, match="no preset"):
@@ -343,7 +385,7 @@ def test_colmap_scenes_with_true_maps_are_scored_and_without_are_named(tmp_path:
 def test_a_scene_without_masks_gets_regions(tmp_path: Path) -> None:
     gaga_replica(tmp_path / "data" / "office_0", masks=False)
     data = open_dataset("replica", tmp_path / "data")
-    config = BenchmarkConfig(preset="paper")
+    config = BenchmarkConfig(preset="paper", lift="vote")
     report = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert report.failed == {}
     assert report.scenes[0].masks == "regions"

@@ -1,6 +1,7 @@
 """The ablation: baselines that fail where they must, and one table of all variants."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -20,9 +21,10 @@ from gaga_core.evaluate.baselines import (
     true_maps,
     true_masks,
 )
-from gaga_core.evaluate.compare import TITLES, CompareConfig, compare_variants
+from gaga_core.evaluate.compare import ABLATIONS, TITLES, CompareConfig, compare_variants
 from gaga_core.evaluate.sparse import iou_drop, sparse_views
 from gaga_core.evaluate.tables import VariantTable
+from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
@@ -115,6 +117,22 @@ def test_the_same_comparison_gives_the_same_figures(table: VariantTable, root: P
         before = table.of(row.variant)[0]
         assert (row.with_void, row.without_void) == (before.with_void, before.without_void)
         assert row.n_groups == before.n_groups
+
+
+def test_ablations_change_one_setting_of_the_paper(root: Path) -> None:
+    """Rows that change nothing are the paper's own, and "no depth" is its row "all Gaussians"."""
+    rows = ("paper", "threshold 0.1", "f = 1", "all-gaussians", "no depth", "threshold 0.5")
+    config = CompareConfig(variants=rows, sparse=())
+    stage = compare_variants(open_scene_folder(root), root / "gt/instance", config=config)
+    table = run_stage(stage)
+    score = {row.variant: (row.without_void, row.with_void, row.n_groups) for row in table.rows}
+    assert score["threshold 0.1"] == score["f = 1"] == score["paper"]
+    assert score["no depth"] == score["all-gaussians"] != score["paper"]
+    for name in ("threshold 0.05", "threshold 0.5"):
+        assert ABLATIONS[name] == replace(AssociateConfig(), threshold=float(name.split()[1]))
+    assert table.rows[-1].title == "paper, threshold 0.5"
+    with pytest.raises(GagaError, match="no variant 'threshold 7'"):
+        CompareConfig(variants=("threshold 7",))
 
 
 def test_bounds_are_left_out_where_the_truth_or_masks_they_need_are_not(
