@@ -45,9 +45,8 @@ def test_the_main_job(display: str, tmp_path: Path, size: tuple[int, int]) -> No
         d.menu("File/###Export scene…")
         d.answer_path(target)
         d.settle()
-        d.session.notices = ()  # in a small window one lies over the middle of the picture
-        d.frames()
         d.engine.item_click("//Viewport/##picture", 2)  # no text field has the keyboard
         d.keys(KEY.mod_shift, KEY.h)
+        d.session.notices = ()
 
     drive(walk, path=tmp_path / "balls", size=size, settings=Settings(first_steps_done=True))

@@ -23,6 +23,9 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         session, document = d.session, d.session.need()
         assert d.studio.images is not None
 
+        # Rows move once when it is known what is background, which lies folded at the end.
+        d.until(lambda: document.search.described is not None, "the objects are described")
+        d.frames(3)
         row = "Objects/**/object {}/{}"
         d.click(row.format(3, "Color"))
         d.type_into("$FOCUSED/##Picker/##hex/##Text", "#FF8000")

@@ -82,11 +82,13 @@ def _tool_bar(d: Driver) -> None:
 
 
 def _notices(d: Driver) -> None:
-    """They stand below the view cube."""
+    """They stand next to the view cube, and leave the middle of the picture free."""
     d.session.notify(Level.INFO, "Saved.")
     d.frames(3)
     cube = d.engine.item_info("//Viewport/View cube").rect_full
-    assert d.engine.get_window_by_ref("//Notice 0").pos.y >= cube.max.y
+    notice = d.engine.get_window_by_ref("//Notice 0")
+    assert notice.pos.x + notice.size.x <= cube.min.x
+    assert notice.pos.y + notice.size.y < d.corner[1] + d.size[1] / 3
 
 
 def _letters(d: Driver) -> None:

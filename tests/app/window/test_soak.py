@@ -191,6 +191,7 @@ def test_two_thousand_random_commands(associated: Session, gl: Any) -> None:
         gc.collect()
         memory.append(process.memory_info().rss)
     viewport.release()
-    assert max(memory[4:]) - memory[3] < _MOST_GROWTH, [m >> 20 for m in memory]
+    middle = len(memory) // 2  # by then every command has loaded what it needs once
+    assert max(memory[middle:]) - memory[middle - 1] < _MOST_GROWTH, [m >> 20 for m in memory]
     assert len(walk.done) > 0.8 * len(walk.ids)
     assert viewport.n_draws > _COMMANDS / 2

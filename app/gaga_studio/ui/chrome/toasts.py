@@ -32,7 +32,10 @@ class ToastState:
 
 
 def draw(session: Session, state: ToastState, area: PictureArea) -> None:
-    """The newest notices, in the upper right corner of the picture."""
+    """The newest notices, at the upper edge of the picture, next to the view cube.
+
+    In the middle of a small picture they would lie over what is being worked on.
+    """
     now = time.monotonic()
     fresh = [
         notice
@@ -41,14 +44,15 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     ]
     state.closed &= {id(notice) for notice in session.notices}
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
-    at = ImVec2(area.left + area.width - em(0.7), area.top + area.cube_height + em(0.7))
+    right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
+    at = ImVec2(right, area.top + em(0.7))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         at.y = _card(state, area, notice, slot, at) + em(0.4)
 
 
 def _card(state: ToastState, area: PictureArea, notice: Notice, slot: int, corner: ImVec2) -> float:
     """One card whose upper right corner is ``corner``; returns its lower edge."""
-    width = max(min(em(24), area.width - em(1.4)), em(12))
+    width = max(min(em(24), corner.x - area.left - em(0.7)), em(12))
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
