@@ -97,7 +97,8 @@ def _said(scene: Scene, facts: GroupFacts, cameras: Sequence[Camera]) -> list[_S
     for row in range(len(facts)):
         color = _color(facts, row)
         if not objects[row]:
-            said.append(_Said(f"{color} {_support(facts, row)}", "", frozenset()))
+            what = _support(facts, row) if facts.ids[row] > 0 else "rest"
+            said.append(_Said(f"{color} {what}", "", frozenset()))
             continue
         size = facts.size[row] / max(median, 1e-12)
         word = ", large" if size > _LARGE else ", small" if size < _SMALL else ""

@@ -102,3 +102,14 @@ def test_shape_words_are_those_of_the_shapes() -> None:
     assert box((0.1, 0.1, 0.9)) == "tall"
     sphere = ball(1200, 0.5)
     assert shapes_of(sphere, group_facts(sphere))[0] == "round"
+
+
+def test_what_is_in_no_group_gets_no_words() -> None:
+    """Also where it is flat, and nothing else is background."""
+    things = shells(TABLE[:4])
+    means = things.gaussians.means
+    loose = np.flatnonzero(things.labels == 4)
+    things.labels[loose] = 0
+    means[loose] = means[loose] * np.array([30, 30, 0], np.float32)
+    words = described(things)
+    assert sorted(words) == [1, 2, 3]
