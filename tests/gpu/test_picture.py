@@ -195,7 +195,7 @@ def test_groups_mode_shows_palette_hues(viewport: Viewport) -> None:
     view = ViewState(mode=Mode.GROUPS)
     viewport.draw(scene, CAMERAS[0], view, wait=True)
     before = viewport.read_pixels().astype(int)
-    scene.labels = np.where(scene.labels == 1, 9, scene.labels).astype(np.int32)
+    scene.labels = np.where(scene.labels == 1, 12, scene.labels).astype(np.int32)
     scene.revision.labels += 1
     viewport.draw(scene, CAMERAS[0], view, wait=True)
     changed = np.abs(viewport.read_pixels() - before).max(axis=2) > 20

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from gaga_core.pipeline.photo_source import look_at_photos
-from gaga_core.pipeline.reconstruct import WORKSPACE, ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
 from gaga_core.progress import run_stage
 from gaga_core.reconstruct import sfm_ladder
+from gaga_core.reconstruct.photos import FEWEST
 from gaga_core.reconstruct.sfm_checks import Verdict
 from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
@@ -167,7 +168,11 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
 def test_errors_are_one_sentence_and_the_photos_stay_open(
     new_session: Callable[[], Session], tmp_path: Path
 ) -> None:
-    write_photos(tmp_path / "room" / "images", 1)
+    images = tmp_path / "room" / "images"
+    images.mkdir(parents=True)
+    for seed in range(FEWEST):  # of as many places: none overlaps another
+        (camera,) = write_photos(tmp_path / f"{seed}", 1, seed=seed)
+        (tmp_path / f"{seed}" / camera.name).rename(images / f"{seed}.jpg")
     session = new_session()
     opened(session, tmp_path / "room")
     assert run("file.make_splats", session)
@@ -175,7 +180,7 @@ def test_errors_are_one_sentence_and_the_photos_stay_open(
     assert session.notices[-1].level is Level.ERROR
     assert session.photos is not None
     assert session.training is None
-    assert not (tmp_path / "room" / WORKSPACE).exists()
+    assert not (tmp_path / "room" / "point_cloud.ply").exists()
 
 
 def test_a_newer_copy_replaces_the_splats_in_the_same_scene() -> None:
