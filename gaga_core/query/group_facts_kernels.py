@@ -80,6 +80,17 @@ def tally_axes(
 
 
 @kernel
+def _seen_along(
+    axes: DoubleArray, point: FloatArray, centre: DoubleArray, per_unit: float, n: int
+) -> tuple[float, float, float]:
+    """Column and row of a point (3,) in a group's picture of ``n`` cells a side, and its depth."""
+    x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    u = (axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z) * per_unit + 0.5 * n
+    v = (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z) * per_unit + 0.5 * n
+    return u, v, axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+
+
+@kernel
 def nearest_depths(
     rows: IntArray,  # (N,)
     points: FloatArray,  # (N, 3)
@@ -95,13 +106,8 @@ def nearest_depths(
         if area[i] < 0:
             continue
         g = rows[i]
-        x = points[i, 0] - centre[g, 0]
-        y = points[i, 1] - centre[g, 1]
-        z = points[i, 2] - centre[g, 2]
-        u = (axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z) * per_unit[g] + 0.5 * n
-        v = (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z) * per_unit[g] + 0.5 * n
+        u, v, depth = _seen_along(axes, points[i], centre[g], per_unit[g], n)
         if 0 <= u < n and 0 <= v < n:
-            depth = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
             depths[g, int(v), int(u)] = min(depths[g, int(v), int(u)], depth)
 
 
@@ -125,14 +131,9 @@ def add_seen(
         if area[i] < 0:
             continue
         g = rows[i]
-        x = points[i, 0] - centre[g, 0]
-        y = points[i, 1] - centre[g, 1]
-        z = points[i, 2] - centre[g, 2]
-        u = (axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z) * per_unit[g] + 0.5 * n
-        v = (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z) * per_unit[g] + 0.5 * n
+        u, v, depth = _seen_along(axes, points[i], centre[g], per_unit[g], n)
         if not (0 <= u < n and 0 <= v < n):
             continue
-        depth = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
         if depth > depths[g, int(v), int(u)] + BEHIND_CELLS / per_unit[g]:
             continue
         b = basis[placement[i]]
