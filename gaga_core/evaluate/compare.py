@@ -38,9 +38,8 @@ TITLES: Mapping[str, str] = {
     "true-masks": "same masks, true association (upper bound)",
     "true-maps": "true masks (upper bound)",
 }
-_BANKS = ("robust", "paper", "all-gaussians")
 _PAPER = AssociateConfig()
-# The paper with one setting changed, section 4.3 and supplement: overlap threshold, inlier factor
+# The paper with one setting changed, as its ablations do: overlap threshold, inlier factor
 # f, depth of a pixel, order of the views.
 ABLATIONS: Mapping[str, AssociateConfig] = {
     **{
@@ -55,11 +54,13 @@ ABLATIONS: Mapping[str, AssociateConfig] = {
     "no depth": replace(_PAPER, depth="none"),
     "widest views first": replace(_PAPER, order="coverage"),
 }
-
-
-def title_of(variant: str) -> str | None:
-    """What a variant is called in tables; None when there is none of that name."""
-    return TITLES.get(variant) or (f"paper, {variant}" if variant in ABLATIONS else None)
+_TITLES = {**TITLES, **{name: f"paper, {name}" for name in ABLATIONS}}
+_BANKS: Mapping[str, AssociateConfig] = {
+    "robust": AssociateConfig.of("robust"),
+    "paper": _PAPER,
+    "all-gaussians": ABLATIONS["no depth"],
+    **ABLATIONS,
+}
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ class CompareConfig:
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
 
     def __post_init__(self) -> None:
-        unknown = [v for v in (*self.variants, *self.sparse) if title_of(v) is None]
+        unknown = [v for v in (*self.variants, *self.sparse) if v not in _TITLES]
         if unknown:
-            known = ", ".join((*TITLES, *ABLATIONS))
+            known = ", ".join(_TITLES)
             raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
         if "per-frame" in self.sparse:
             raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
@@ -122,7 +123,7 @@ def compare_variants(
     runs = [run for run in config.runs() if _can_run(task, run[0])]
     rows = []
     for i, (variant, share, seed) in enumerate(runs):
-        title = f"{title_of(variant)}" if share == 1.0 else f"{title_of(variant)}, {share:.0%}"
+        title = _TITLES[variant] if share == 1.0 else f"{_TITLES[variant]}, {share:.0%}"
         stage = _run(task, variant, share, seed)
         rows.append((yield from part(stage, i, len(runs), "Compare variants", prefix=f"{title}: ")))
     table = VariantTable(folder.root.name, tuple(c.name for c in task.scored), tuple(rows))
@@ -176,7 +177,7 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
     with_void, without_void = score_pairs(zip(_true_maps(task), predicted, strict=True))
     return VariantRow(
         variant=variant,
-        title=title_of(variant) or variant,
+        title=_TITLES[variant],
         with_void=with_void,
         without_void=without_void,
         n_groups=len(np.unique(labels[labels > 0])),
@@ -189,12 +190,8 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
 
 def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[IntArray]:
     """Labels (N,) of the Gaussians that one variant gives."""
-    if variant in _BANKS or variant in ABLATIONS:
-        config = ABLATIONS.get(variant) or AssociateConfig.of(
-            "robust" if variant == "robust" else "paper"
-        )
-        if variant == "all-gaussians":
-            config = replace(config, depth="none")
+    config = _BANKS.get(variant)
+    if config is not None:
         result = yield from associate_stage(
             task.gaussians, cameras, task.masks, task.rasterizer, config
         )
