@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-_PATIENCE_S = 5.0  # for fontconfig, which may read its cache anew
+_PATIENCE_S = 5.0  # for fontconfig, which may read its cache again
 # Where there is no fontconfig: files that come with the systems, wide coverage first.
 _SHIPPED = {
     "darwin": (
