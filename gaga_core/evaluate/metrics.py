@@ -4,8 +4,13 @@ For each image one joint histogram of true and predicted labels gives every pair
 IoU(i, j) is averaged over the images in which true label i is present (as the published code does;
 the paper's text averages over all); Hungarian assignment maximises the sum; IoU is the mean of the
 paired ones over all true labels, precision = hits / n_pred and recall = hits / n_gt with hits at
-IoU > 0.5. Two countings: ``with_void`` takes label 0 as a label of both sides (the published
-code), ``without_void`` leaves pixels out whose true label is 0.
+IoU > 0.5. Two countings: ``with_void`` takes label 0 as a label of both sides and counts every
+predicted label, as the published code does; ``without_void`` leaves pixels out whose true label is
+0. There a predicted label that found nothing counts only where it says something about the objects:
+not when more than half of its pixels lie on void (the rule of panoptic quality, Kirillov et al.,
+CVPR 2019), nor when it is smaller in every image than any mask (`SMALLEST`). Else each label of
+a wall or of a blended outline that covers one pixel of an object would cost as much precision as a
+wrong object, and the score would say how labels were decoded instead of how they were associated.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +26,7 @@ from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage, run_stage
 
 HIT = 0.5  # IoU above which a paired label counts as found
+SMALLEST = 0.0002  # share of a picture of the smallest mask that model providers keep (`min_area`)
 UNANSWERED = -1  # predicted "label" of a whole missing map: pairs with nothing, not even void
 _LARGEST_TABLE = 1 << 22  # ids up to here are counted by table
 
@@ -116,6 +122,9 @@ class _Counts:
     predicted_ids: LongArray  # (P,)
     joint: LongArray  # (T, P) pixels
     true_area: LongArray  # (T,) pixels, those without an answer included
+    outside: LongArray  # (P,) pixels on void, where void is left out; else 0
+    n_pixels: int  # of the image
+    counts_all: bool  # every predicted label is a prediction, whatever it covers
 
 
 def _true_files(gt: Path, predicted: Mapping[str, Path]) -> dict[str, Path]:
@@ -142,7 +151,15 @@ def _count(true: IntArray, predicted: IntArray) -> _Counts:
     joint = np.bincount(rows * n_predicted + columns, minlength=n_true * n_predicted)
     joint = joint.reshape(n_true, n_predicted)
     answers = predicted_ids != UNANSWERED
-    return _Counts(true_ids, predicted_ids[answers], joint[:, answers], joint.sum(axis=1))
+    return _Counts(
+        true_ids=true_ids,
+        predicted_ids=predicted_ids[answers],
+        joint=joint[:, answers],
+        true_area=joint.sum(axis=1),
+        outside=np.zeros(int(answers.sum()), np.int64),
+        n_pixels=true.size,
+        counts_all=True,
+    )
 
 
 def _compact(labels: IntArray) -> tuple[LongArray, LongArray]:
@@ -160,13 +177,15 @@ def _compact(labels: IntArray) -> tuple[LongArray, LongArray]:
 def _without_void(image: _Counts) -> _Counts:
     """Pixels of true label 0 do not count, and a predicted 0 is "no answer", not a label."""
     named = image.true_ids != 0
-    joint = image.joint[named]
-    answers = (image.predicted_ids != 0) & (joint.sum(axis=0) > 0)
+    answers = image.predicted_ids != 0
     return _Counts(
         true_ids=image.true_ids[named],
         predicted_ids=image.predicted_ids[answers],
-        joint=joint[:, answers],
+        joint=image.joint[named][:, answers],
         true_area=image.true_area[named],
+        outside=image.joint[~named][:, answers].sum(axis=0),
+        n_pixels=image.n_pixels,
+        counts_all=False,
     )
 
 
@@ -179,6 +198,7 @@ def _score(images: Sequence[_Counts]) -> Score:
     joint = np.zeros((n_true, n_predicted), np.int64)
     n_images = np.zeros(n_true, np.int64)  # that show true label i
     true_area, predicted_area = np.zeros(n_true, np.int64), np.zeros(n_predicted, np.int64)
+    outside, largest = np.zeros(n_predicted, np.int64), np.zeros(n_predicted)
     for image in images:
         rows = np.searchsorted(true_ids, image.true_ids)
         columns = np.searchsorted(predicted_ids, image.predicted_ids)
@@ -188,16 +208,23 @@ def _score(images: Sequence[_Counts]) -> Score:
         n_images[rows] += 1
         true_area[rows] += image.true_area
         predicted_area[columns] += area
-    paired = _pair(iou_sum / np.maximum(n_images, 1)[:, None])
-    pooled = _pair(_iou(joint, true_area, predicted_area))
-    hits = int((paired > HIT).sum())
+        outside[columns] += image.outside
+        share = (area + image.outside) / max(image.n_pixels, 1)
+        largest[columns] = np.maximum(largest[columns], share)
+    paired, partners = _pair(iou_sum / np.maximum(n_images, 1)[:, None])
+    pooled, _ = _pair(_iou(joint, true_area, predicted_area))
+    hits = partners[paired > HIT]
+    counted = (outside <= predicted_area) & (largest >= SMALLEST) & (predicted_area > 0)
+    counted |= all(image.counts_all for image in images)
+    counted[hits] = True
+    n_counted = int(counted.sum())
     return Score(
         iou=float(paired.mean()) if n_true else 0.0,
-        precision=hits / n_predicted if n_predicted else 0.0,
-        recall=hits / n_true if n_true else 0.0,
+        precision=len(hits) / n_counted if n_counted else 0.0,
+        recall=len(hits) / n_true if n_true else 0.0,
         pooled_iou=float(pooled.mean()) if n_true else 0.0,
         n_true=n_true,
-        n_predicted=n_predicted,
+        n_predicted=n_counted,
     )
 
 
@@ -212,12 +239,13 @@ def _iou(joint: LongArray, true_area: LongArray, predicted_area: LongArray) -> D
     return result
 
 
-def _pair(iou: DoubleArray) -> DoubleArray:
-    """IoU (T,) of each true label with its partner under the best assignment; 0 without one."""
+def _pair(iou: DoubleArray) -> tuple[DoubleArray, LongArray]:
+    """IoU (T,) of each true label with its partner under the best assignment, and the partner's
+    column (T,); without one 0 and -1."""
     from scipy.optimize import linear_sum_assignment
 
-    paired = np.zeros(len(iou))
+    paired, partners = np.zeros(len(iou)), np.full(len(iou), -1, np.int64)
     if iou.size:
         rows, columns = linear_sum_assignment(iou, maximize=True)
-        paired[rows] = iou[rows, columns]
-    return paired
+        paired[rows], partners[rows] = iou[rows, columns], columns
+    return paired, partners

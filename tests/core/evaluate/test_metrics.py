@@ -111,3 +111,43 @@ def test_folders_without_maps_are_sentences(tmp_path: Path) -> None:
         evaluate(tmp_path / "gt", tmp_path / "gt")
     with pytest.raises(GagaError, match="is not a folder"):
         evaluate(tmp_path / "gt", tmp_path / "none")
+
+
+def a_scene(n: int = 3) -> list[IntArray]:
+    """Two objects of 100 pixels each on void, in images of 100 x 100."""
+    true = np.zeros((100, 100), np.int32)
+    true[40:50, 20:30], true[40:50, 60:70] = 1, 2
+    return [true] * n
+
+
+def test_how_labels_on_void_touch_objects_does_not_change_precision() -> None:
+    # A wall is one label on void; whether its outline takes a pixel of an object is decoding.
+    clear = [np.where(t > 0, t, 9).astype(np.int32) for t in a_scene()]
+    touching = [p.copy() for p in clear]
+    for pred in touching:
+        pred[40, 20] = 9
+    for answers in (clear, touching):
+        with_void, without = score_pairs(list(zip(a_scene(), answers, strict=True)))
+        assert (without.precision, without.recall, without.n_predicted) == (1, 1, 2)
+        assert with_void.n_predicted == 3  # published: every label counts
+    wrong = [p.copy() for p in clear]
+    for pred in wrong:
+        pred[40:50, 20:24] = 7  # most of it on an object: a wrong object
+    assert score_pairs(list(zip(a_scene(), wrong, strict=True)))[1].precision == 2 / 3
+
+
+@pytest.mark.parametrize(("pixels", "counts"), [(1, False), (2, True)])
+def test_a_label_smaller_than_any_mask_is_no_prediction(pixels: int, counts: bool) -> None:
+    answers = [t.copy() for t in a_scene()]
+    answers[1][44, 22 : 22 + pixels] = 5  # 2 of 10,000 pixels are `SMALLEST`
+    with_void, without = score_pairs(list(zip(a_scene(), answers, strict=True)))
+    assert without.n_predicted == 2 + counts
+    assert with_void.n_predicted == 4
+
+
+def test_a_label_that_found_an_object_counts_wherever_the_rest_of_it_lies() -> None:
+    spilled = [np.where(t == 1, 1, 0).astype(np.int32) for t in a_scene()]
+    for pred in spilled:
+        pred[:20] = 1  # twenty times the object, all of it void
+    score = score_pairs(list(zip(a_scene(), spilled, strict=True)))[1]
+    assert (score.precision, score.recall, score.n_predicted) == (1, 1 / 2, 1)
