@@ -1,7 +1,7 @@
 """3D Gaussians as numpy columns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -10,6 +10,7 @@ from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArra
 
 # What Brush, SuperSplat and others write into the header of a PLY file.
 _MIP_HINTS = ("splatrendermode: mip", "antialiased 1", "antialiased: 1")
+_MIP_COMMENT = "SplatRenderMode: mip"  # the hint that is written here
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,13 @@ class Gaussians:
     def is_antialiased(self) -> bool:
         """Whether the comments ask for the antialiased (mip) mode: see `raster.base`."""
         return any(hint in comment.lower() for comment in self.comments for hint in _MIP_HINTS)
+
+    def with_antialiasing(self, antialiased: bool) -> "Gaussians":
+        """The same splats, whose comments ask for the antialiased mode, or do not."""
+        if antialiased == self.is_antialiased:
+            return self
+        others = (c for c in self.comments if not any(h in c.lower() for h in _MIP_HINTS))
+        return replace(self, comments=(*others, *([_MIP_COMMENT] if antialiased else [])))
 
     @property
     def scales(self) -> FloatArray:

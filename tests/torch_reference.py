@@ -21,13 +21,21 @@ def parameters(gaussians: Gaussians) -> dict[str, torch.Tensor]:
 
 
 def render(
-    p: dict[str, torch.Tensor], camera: Camera, background: DoubleArray
+    p: dict[str, torch.Tensor],
+    camera: Camera,
+    background: DoubleArray,
+    *,
+    antialiased: bool = False,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Image (H, W, 3) and alpha (H, W) of splats in front of the camera, brute force."""
     pose = torch.tensor(camera.cam_from_world)
     p_cam = p["means"] @ pose[:3, :3].T + pose[:3, 3]
-    centres, conics = _project(p, p_cam, camera)
+    centres, plain = _project(p, p_cam, camera)
+    covariances = plain + BLUR * torch.eye(2, dtype=torch.float64)
+    conics = torch.linalg.inv(covariances)
     opacities = torch.sigmoid(p["logit_opacities"])
+    if antialiased:
+        opacities = opacities * torch.sqrt(torch.det(plain) / torch.det(covariances))
     colors = _colors(p, camera)
     u = torch.arange(camera.width) + 0.5
     v = (torch.arange(camera.height) + 0.5)[:, None]
@@ -52,7 +60,7 @@ def render(
 def _project(
     p: dict[str, torch.Tensor], p_cam: torch.Tensor, camera: Camera
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centres (N, 2) and inverse 2D covariances (N, 2, 2)."""
+    """Centres (N, 2) and 2D covariances (N, 2, 2) without the blur."""
     w, x, y, z = (p["quats"] / p["quats"].norm(dim=1, keepdim=True)).T
     rotation = torch.stack(
         [
@@ -77,9 +85,8 @@ def _project(
         1,
     )
     M = J @ torch.tensor(camera.cam_from_world[:3, :3]) @ axes
-    covariance = M @ M.transpose(1, 2) + BLUR * torch.eye(2, dtype=torch.float64)
     centres = slope * f + torch.tensor(camera.K[:2, 2]) + p["shift"]
-    return centres, torch.linalg.inv(covariance)
+    return centres, M @ M.transpose(1, 2)
 
 
 def _colors(p: dict[str, torch.Tensor], camera: Camera) -> torch.Tensor:

@@ -28,6 +28,8 @@ class ReconstructCommand:
     """No more splats than this; default: as the quality says."""
     strategy: Literal["gradient", "mcmc"] = "gradient"
     """How splats are added: where the gradient is large, or by sampling (MCMC, Kheradmand 2024)."""
+    antialiased: bool = False
+    """Splats that also look right from nearer and farther away, in viewers with a mip mode."""
     exposure: bool = False
     """Photos differ in brightness or white balance: train that along, and leave it out."""
     focal: float | None = None
@@ -68,6 +70,7 @@ class ReconstructCommand:
             max_side=self.max_side,
             max_splats=self.max_splats,
             strategy=self.strategy,
+            antialiased=self.antialiased,
             exposure=self.exposure,
             focal=self.focal,
             video_fps=self.video_fps,

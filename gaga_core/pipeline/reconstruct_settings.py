@@ -21,6 +21,7 @@ class ReconstructConfig:
     max_side: int | None = None  # pixels, longest side of the training pictures
     max_splats: int | None = None  # no more than this
     strategy: Literal["gradient", "mcmc"] = "gradient"  # Kerbl 2023 or Kheradmand 2024
+    antialiased: bool = False  # right at other sizes of picture too (Yu 2024, Mip-Splatting)
     exposure: bool = False  # brightness and white balance of each photo are trained along
     focal: float | None = None  # pixels of the photos as they are; None = EXIF, else estimated
     video_fps: float | None = None  # frames taken of each second; None = as the film moves
@@ -69,7 +70,12 @@ class ReconstructConfig:
 
     def train(self) -> TrainConfig:
         """Settings of the training."""
-        config = replace(TrainConfig.of(self.quality), seed=self.seed, exposure=self.exposure)
+        config = replace(
+            TrainConfig.of(self.quality),
+            seed=self.seed,
+            exposure=self.exposure,
+            antialiased=self.antialiased,
+        )
         if self.iterations is not None:
             config = replace(config, iterations=self.iterations)
         if self.max_side is not None:

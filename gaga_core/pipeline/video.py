@@ -27,7 +27,6 @@ What = Literal["rgb", "groups", "depth"]
 Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
 _LARGEST_PICTURE = 16384  # pixels of a side
 _KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
-_MIP = "SplatRenderMode: mip"
 
 
 @dataclass(frozen=True)
@@ -143,8 +142,8 @@ def painter_stage(
     """Who draws the visible splats, edits applied. ``cameras`` give depth its range."""
     shown = np.flatnonzero(scene.visible)
     gaussians = yield from bake_stage(scene, indices=shown)
-    if config.antialiased is not None and config.antialiased != gaussians.is_antialiased:
-        gaussians = replace(gaussians, comments=(_MIP,) if config.antialiased else ())
+    if config.antialiased is not None:
+        gaussians = gaussians.with_antialiasing(config.antialiased)
     engine = rasterizer or choose()
     channels: FloatArray | None = None
     if config.what == "groups":

@@ -8,7 +8,7 @@ is done when its transmittance would fall under 1e-4; front to back by camera de
 Gaussians whose comments say so are drawn in the antialiased (mip) mode: a splat's opacity is
 multiplied by sqrt(det of its covariance without the 0.3 / det with it), so that what is smaller
 than a pixel does not grow brighter (Yu 2024, Mip-Splatting; as gsplat and SuperSplat do it).
-Training uses the classic mode only.
+Gradients are those of the mode that is drawn.
 """
 
 from collections.abc import Callable

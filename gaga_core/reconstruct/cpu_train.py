@@ -44,7 +44,8 @@ class CpuEngine:
 
     def copied(self, state: TrainState) -> Gaussians:
         """A copy of the splats."""
-        return Splats.of(state.splats.values).values
+        copy = Splats.of(state.splats.values).values
+        return copy.with_antialiasing(self._setting.config.antialiased)
 
     def fetch(self, state: TrainState) -> None:
         """Nothing: ``state`` is right at any time."""
@@ -98,7 +99,7 @@ class CpuEngine:
 
         compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
         step = self._rasterizer.train_step(
-            drawn.gaussians,
+            drawn.gaussians.with_antialiasing(config.antialiased),
             view.camera,
             view.target(),
             compare,

@@ -70,7 +70,7 @@ class CudaEngine:
 
     def copied(self, state: TrainState) -> Gaussians:
         """The splats, brought from the device."""
-        return _gaussians(self._params)
+        return _gaussians(self._params).with_antialiasing(self._setting.config.antialiased)
 
     def fetch(self, state: TrainState) -> None:
         """Bring the splats and all that is known of them from the device into ``state``."""
@@ -142,6 +142,7 @@ class CudaEngine:
             height=camera.height,
             sh_degree=config.degree_at(moment),
             packed=False,
+            rasterize_mode="antialiased" if config.antialiased else "classic",
             backgrounds=self._send(self._setting.background)[None],
         )
         return images[0], info

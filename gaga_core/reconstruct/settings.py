@@ -79,6 +79,7 @@ class TrainConfig:
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
     dropout: float = 0.0  # share of splats left out of a step, see `dropout_at`: 0.2 (Park)
+    antialiased: bool = False  # drawn in the mip mode, for other sizes of picture too (Yu 2024)
     exposure: bool = False  # a gain and an offset per photo and channel are trained along
     exposure_rate: float = 1e-2  # learning rate of these at the start, falling to a hundredth
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)  # color behind all splats, 0..1

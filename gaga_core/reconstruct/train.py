@@ -118,7 +118,7 @@ def train_stage(
     keeper.save(state)
     engine.fetch(state)
     yield watcher.progress(state)
-    gaussians = with_degree(state.splats.values, config.sh_degree)
+    gaussians = with_degree(engine.copied(state), config.sh_degree)
     quality = yield from quality_stage(gaussians, views.test, rasterizer, setting.background)
     return Trained(gaussians, quality, state.losses, _measured(state))
 

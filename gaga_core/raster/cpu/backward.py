@@ -120,7 +120,7 @@ def _walk_back(
     quats = for_kernel(gaussians.quats, np.float32)
     log_scales = for_kernel(gaussians.log_scales, np.float32)
     sh = for_kernel(gaussians.sh, np.float32)
-    pose, lens = pose_and_lens(camera)
+    pose, lens = pose_and_lens(camera, gaussians.is_antialiased)
     eye = np.array(camera.position, np.float64)
     indices, n_sh = view.order[view.rows], sh.shape[1]
     result = empty_gradients(indices if sink is None else indices[:0], n_sh)

@@ -240,7 +240,7 @@ def backward_splats(
     quats: FloatArray,
     log_scales: FloatArray,
     pose: DoubleArray,  # (3, 4) cam_from_world
-    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur
+    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur, 1 = antialiased
     order: IntArray,
     rows: IntArray,
     splats: FloatArray,
@@ -258,8 +258,12 @@ def backward_splats(
 
     All but those by color: `sh_kernels.backward_colors` goes on, and adds to ``d_means``. In
     float64 like `project_kernels.project`, whose steps it repeats and then walks back.
+
+    In the antialiased mode a splat is drawn with its opacity times f, where f^2 = det C0 / det C of
+    the 2D covariances before and after the blur, so that dL/dC0 = dL/dC + m (C0^-1 - C^-1) / 2 with
+    m = dL/dlog f, which is the sum of d.
     """
-    fx, fy, width, height = lens[0], lens[1], lens[4], lens[5]
+    fx, fy, width, height, blur = lens[0], lens[1], lens[4], lens[5], lens[7]
     limit_x = 1.3 * 0.5 * width / fx
     limit_y = 1.3 * 0.5 * height / fy
     for m in range(len(rows)):
@@ -297,7 +301,7 @@ def backward_splats(
             d_logits[m] = _ZERO
             screen[m] = _ZERO
             continue
-        d_logits[m] = d0 * (1.0 - np.float64(splats[k, OPACITY]))
+        opacity = np.float64(splats[k, OPACITY])
         # dp/du = 2 s e, dp/dv = -2 s r e + 2 h dy; dp/dcovariance is half their outer product.
         du = 2.0 * s * d1
         dv = -2.0 * s * r * d1 + 2.0 * h * d2
@@ -333,6 +337,16 @@ def backward_splats(
         a0, b0 = (p0 * r00 + p1 * r10 + p2 * r20) * s0, (q0 * r00 + q1 * r10 + q2 * r20) * s0
         a1, b1 = (p0 * r01 + p1 * r11 + p2 * r21) * s1, (q0 * r01 + q1 * r11 + q2 * r21) * s1
         a2, b2 = (p0 * r02 + p1 * r12 + p2 * r22) * s2, (q0 * r02 + q1 * r12 + q2 * r22) * s2
+        if lens[8] > 0.0:
+            xx, yy = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
+            xy = a0 * b0 + a1 * b1 + a2 * b2
+            plain = (a0 * b1 - a1 * b0) ** 2 + (a0 * b2 - a2 * b0) ** 2 + (a1 * b2 - a2 * b1) ** 2
+            det = plain + blur * (xx + yy) + blur * blur
+            opacity *= math.sqrt(det / plain)
+            dxx += 0.5 * d0 * (yy / plain - (yy + blur) / det)
+            dyy += 0.5 * d0 * (xx / plain - (xx + blur) / det)
+            dxy += 0.5 * d0 * (xy / det - xy / plain)
+        d_logits[m] = d0 * (1.0 - opacity)
         da0, db0 = 2 * (dxx * a0 + dxy * b0), 2 * (dxy * a0 + dyy * b0)
         da1, db1 = 2 * (dxx * a1 + dxy * b1), 2 * (dxy * a1 + dyy * b1)
         da2, db2 = 2 * (dxx * a2 + dxy * b2), 2 * (dxy * a2 + dyy * b2)

@@ -152,7 +152,7 @@ def _forward(
     if background is not None:
         check_shape("background", background, (3,))
         behind[:] = background
-    view = prepare(gaussians, camera, antialiased=False)  # trained in the classic mode
+    view = prepare(gaussians, camera)
     return forward(view, camera, _colors(gaussians, camera, view), behind)
 
 

@@ -181,9 +181,13 @@ def test_too_few_photos_leave_nothing(photos: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "scene").exists()
 
 
-def test_the_strategy_the_cap_and_the_exposure_reach_the_training() -> None:
+def test_the_strategy_the_cap_the_exposure_and_the_look_reach_the_training() -> None:
     plain, chosen = ReconstructConfig().train(), ReconstructConfig(strategy="mcmc", max_splats=5000)
     assert (plain.density.strategy, plain.opacity_decay) == ("gradient", 0.0)
+    assert (plain.antialiased, ReconstructConfig(antialiased=True).train().antialiased) == (
+        False,
+        True,
+    )
     assert (plain.exposure, ReconstructConfig(exposure=True).train().exposure) == (False, True)
     assert (chosen.train().density.strategy, chosen.train().density.max_splats) == ("mcmc", 5000)
     assert chosen.train().opacity_decay > 0

@@ -16,7 +16,9 @@ def autograd(
 ) -> dict[str, DoubleArray]:
     """Gradients of all columns, and of the centres ("shift"), by the float64 reference."""
     leaves = torch_reference.parameters(gaussians)
-    image, alpha = torch_reference.render(leaves, camera, BACKGROUND)
+    image, alpha = torch_reference.render(
+        leaves, camera, BACKGROUND, antialiased=gaussians.is_antialiased
+    )
     total = (image * torch.tensor(by_image)).sum() + (alpha * torch.tensor(by_alpha)).sum()
     total.backward()  # type: ignore[no-untyped-call]
     return {name: torch_reference.gradient(leaf) for name, leaf in leaves.items()}

@@ -96,6 +96,19 @@ def test_long_needles_around_the_camera() -> None:
     assert_matches(needles, orbit_cameras(3, width=60, height=50, radius=0.9)[0])
 
 
+@pytest.mark.parametrize("smaller", [0.0, 2.0])
+def test_the_antialiased_mode(smaller: float) -> None:
+    """Sizes about a pixel and far below, where the opacity falls with the projected area."""
+    gaussians = random_gaussians(200, seed=6, sh_degree=1)
+    log_scales = (gaussians.log_scales - np.float32(smaller)).astype(np.float32)
+    log_scales[:50, 0] += 2  # needles
+    mip = replace(gaussians, log_scales=log_scales).with_antialiasing(True)
+    camera = orbit_cameras(5, width=61, height=45)[2]
+    got, _ = assert_matches(mip, camera)
+    plain = CPU.backward(mip.with_antialiasing(False), camera, np.ones((45, 61, 3), np.float32))
+    assert len(got.indices) <= len(plain.indices)
+
+
 def test_quaternions_need_not_be_of_unit_length() -> None:
     """A quaternion twice as long turns half as fast; along itself it changes nothing."""
     gaussians = random_gaussians(60, seed=3)

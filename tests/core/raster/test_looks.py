@@ -22,6 +22,11 @@ def _mip(n: int = 300) -> Gaussians:
     return replace(gaussians, log_scales=logs, comments=("SplatRenderMode: mip",))
 
 
+def _both(gaussians: Gaussians) -> tuple[Gaussians, Gaussians]:
+    """As they are, and in the other look."""
+    return gaussians, gaussians.with_antialiasing(not gaussians.is_antialiased)
+
+
 def test_the_fast_rasterizer_agrees_with_the_reference() -> None:
     fast, exact = (r.render(_mip(), CAMERA) for r in (choose("cpu"), ReferenceRasterizer()))
     assert np.abs(fast.image - exact.image).max() < 2e-3
@@ -58,14 +63,26 @@ def test_picking_sees_the_picture_of_its_look(override: bool | None) -> None:
         assert len(np.setdiff1d(wanted, got)) <= 1
 
 
-def test_training_draws_the_classic_look() -> None:
-    gaussians = _mip()
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_training_draws_the_look_of_the_splats(antialiased: bool) -> None:
+    gaussians = _mip().with_antialiasing(antialiased)
     target = np.zeros((CAMERA.height, CAMERA.width, 3), np.float32)
     rasterizer = choose("cpu")
     assert hasattr(rasterizer, "train_step")
     step = rasterizer.train_step(gaussians, CAMERA, target, lambda image, _: (0.0, image))
-    plain = rasterizer.render(replace(gaussians, comments=()), CAMERA)
-    assert np.abs(step.image - plain.image).max() < 1e-3
+    drawn, other = (rasterizer.render(g, CAMERA).image for g in _both(gaussians))
+    assert np.abs(step.image - drawn).max() < 1e-3
+    assert np.abs(step.image - other).max() > 0.05
+
+
+def test_the_look_is_said_once_and_other_comments_stay() -> None:
+    gaussians = replace(_mip(4), comments=("made by hand", "antialiased: 1"))
+    classic = gaussians.with_antialiasing(False)
+    assert (classic.comments, classic.is_antialiased) == (("made by hand",), False)
+    again = classic.with_antialiasing(True)
+    assert again.is_antialiased
+    assert again.with_antialiasing(True) is again
+    assert again.with_antialiasing(False).comments == classic.comments
 
 
 def test_what_is_sent_to_gsplat_has_the_look() -> None:

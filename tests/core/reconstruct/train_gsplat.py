@@ -48,6 +48,7 @@ def rasterization(
     height: int,
     sh_degree: int,
     packed: bool,
+    rasterize_mode: str,
     backgrounds: Tensor,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     n = len(means)
@@ -66,7 +67,13 @@ def rasterization(
         "sh": colors[:, : (sh_degree + 1) ** 2].double(),
         "shift": centres[0].double(),
     }
-    image, alpha = torch_reference.render(shown, camera, backgrounds[0].double().numpy())
+    assert rasterize_mode in ("classic", "antialiased")
+    image, alpha = torch_reference.render(
+        shown,
+        camera,
+        backgrounds[0].double().numpy(),
+        antialiased=rasterize_mode == "antialiased",
+    )
     info = {"means2d": centres, "radii": torch.ones(1, n, 2, dtype=torch.int32)}
     info |= {"width": width, "height": height, "n_cameras": 1}  # type: ignore[dict-item]
     return image.float()[None], alpha.float()[None, ..., None], info

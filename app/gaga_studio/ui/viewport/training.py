@@ -229,6 +229,10 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
     if changed:
         plan = replace(plan, config=replace(plan.config, hold_out=hold))
+    changed, antialiased = widgets.checkbox("Antialiased", plan.config.antialiased)
+    widgets.tooltip("Splats that also look right from nearer and from farther away (mip mode)")
+    if changed:
+        plan = replace(plan, config=replace(plan.config, antialiased=antialiased))
     changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
     widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
     if changed:

@@ -1,0 +1,83 @@
+"""Training in the antialiased (mip) mode: what is drawn, what the result says, both engines."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.reconstruct import cuda_train
+from gaga_core.reconstruct.checkpoint import TrainState
+from gaga_core.reconstruct.cpu_train import CpuEngine
+from gaga_core.reconstruct.densify import ScreenSums
+from gaga_core.reconstruct.engine import Engine, Setting
+from gaga_core.reconstruct.exposure import Exposures
+from gaga_core.reconstruct.optimizer import Splats
+from gaga_core.reconstruct.team import SINGLE_WORKER
+from gaga_core.reconstruct.train import Trained, TrainUpdate, train_stage
+from gaga_core.reconstruct.view_quality import quality_stage
+from gaga_core.reconstruct.views import TrainView
+from tests.core.reconstruct import train_gsplat
+from tests.core.reconstruct.train_scenes import CPU, known_scene, short
+from tests.scenes import orbit_cameras, random_gaussians
+
+BLACK = np.zeros(3, np.float32)
+
+
+def test_previews_and_the_result_say_how_they_were_trained() -> None:
+    """Measured and previewed in the mode of the training, which a viewer takes from the file."""
+    known = known_scene()
+    for antialiased in (False, True):
+        config = short(20, antialiased=antialiased, snapshot_seconds=0.0)
+        stage = train_stage(known.initial, known.views, config, CPU)
+        updates, trained = followed(stage)
+        looks = {u.gaussians.is_antialiased for u in updates if u.gaussians is not None}
+        assert trained.gaussians.is_antialiased == antialiased
+        assert looks == {antialiased}
+        measured = run_stage(quality_stage(trained.gaussians, known.views.test, CPU, BLACK))
+        assert measured == trained.quality
+
+
+def followed(stage: Stage[Trained]) -> tuple[list[TrainUpdate], Trained]:
+    """A training to its end, with all that it showed."""
+    updates: list[TrainUpdate] = []
+
+    def look(progress: Progress) -> None:
+        if isinstance(progress.payload, TrainUpdate):
+            updates.append(progress.payload)
+
+    return updates, run_stage(stage, look)
+
+
+def test_both_engines_draw_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loss of the first step is the same through gsplat's flag, and another one without."""
+    train_gsplat.install(monkeypatch)
+    small = random_gaussians(21, seed=3)
+    views = [
+        TrainView(camera, np.full((15, 20, 3), 120, np.uint8))
+        for camera in orbit_cameras(2, width=20, height=15)
+    ]
+    losses = {}
+    for antialiased in (False, True):
+        config = replace(short(10), half_until=0.0, dropout=0.0, antialiased=antialiased)
+        engines: dict[str, Callable[[TrainState, Setting], Engine]] = {
+            "cpu": partial(CpuEngine, rasterizer=CPU),
+            "cuda": partial(cuda_train.CudaEngine, device="cpu"),
+        }
+        for name, engine in engines.items():
+            state = TrainState(
+                0,
+                Splats.of(small),
+                ScreenSums.empty(21),
+                Exposures.neutral(2),
+                np.zeros(10, np.float32),
+                np.zeros((0, 3)),
+            )
+            setting = Setting(views, (), config, 1.0, SINGLE_WORKER)
+            engine(state, setting).advance(state)
+            losses[name, antialiased] = float(state.losses[0])
+    for antialiased in (False, True):
+        assert losses["cuda", antialiased] == pytest.approx(losses["cpu", antialiased], rel=1e-3)
+    assert abs(losses["cpu", True] - losses["cpu", False]) > 0.01 * losses["cpu", False]
