@@ -1,5 +1,5 @@
 # make studio  sets everything up and opens the window on the demo scene
-# make test    sets everything up and runs every check and test (starts its own Xvfb)
+# make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
 # make screenshots  takes the pictures of README and guide again (docs/images)
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
@@ -19,8 +19,9 @@ studio:
 	@$(MAKE) --quiet --no-print-directory $(STAMP)
 	@$(BIN)/gaga-studio --demo
 
+# A file stays in one process: what opens a window comes before what draws without a display.
 test: check
-	@$(BIN)/python -m pytest -q
+	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
 
 captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures
