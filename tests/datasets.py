@@ -78,8 +78,9 @@ def write_binary(path: Path, labels: IntArray, wanted: int) -> None:
 
 def write_sparse(root: Path, names: Mapping[int, str]) -> None:
     cameras = [replace(tiny().cameras[k], name=name) for k, name in names.items()]
-    nothing = np.zeros((1, 3))
-    write_colmap(root / "sparse" / "0", cameras, nothing, np.zeros((1, 3), np.uint8))
+    points = tiny().gaussians.means[::10].astype(np.float64)
+    colors = np.full((len(points), 3), 128, np.uint8)
+    write_colmap(root / "sparse" / "0", cameras, points, colors)
 
 
 def write_model(root: Path) -> None:

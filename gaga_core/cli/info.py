@@ -19,6 +19,7 @@ def describe(path: Path) -> Stage[dict[str, object]]:
         values["photos_on_disk"] = len(folder.image_paths)
         values["train_views"] = len(folder.train)
         values["test_views"] = len(folder.test)
+        values["split"] = folder.split
         values["masks"] = list(folder.mask_folders)
     if project.scene.added:
         values["added_files"] = [item.path for item in project.scene.added]

@@ -118,6 +118,17 @@ def fingerprint(path: Path) -> str:
     return digest.hexdigest()
 
 
+def read_names(path: Path) -> list[str]:
+    """Words of a text file, one a line."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except UnicodeDecodeError as error:
+        raise GagaError(f"{path} is not a text file. Copy it again.") from error
+    return [line.strip() for line in lines if line.strip()]
+
+
 def explain_os_error(error: OSError, path: Path) -> str:
     """One sentence about why ``path`` could not be written or read."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):

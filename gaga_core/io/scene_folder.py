@@ -5,7 +5,7 @@ SCENE/sparse/0/                   COLMAP model, .bin or .txt
 SCENE/cameras.json                cameras of a 3DGS training, where there is no COLMAP model
 SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
 SCENE/masks/<provider>/<stem>.png label map per view; <folder>/<stem>.png for images/<folder>/
-SCENE/split.json                  optional {"train": [names], "test": [names]}
+SCENE/split.json                  optional {"train": [names], "test": [names]}; see `splits`
 SCENE/gaga/                       all that we write
 """
 
@@ -14,28 +14,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import msgspec
-
 from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import read_cameras_json
 from gaga_core.io.colmap import ColmapReading, has_colmap
 from gaga_core.io.images import IMAGE_SUFFIXES
-from gaga_core.io.json_file import read_json, read_loose_json
+from gaga_core.io.json_file import read_loose_json
 from gaga_core.io.masks import view_key, view_keys
 from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.io.splits import split_views
 from gaga_core.io.staging import finish_publishing
 from gaga_core.progress import Stage
-
-_TEST_EVERY = 8  # without a split.json every 8th view by name is a test view (LLFF's rule)
-
-
-class Split(msgspec.Struct, frozen=True):
-    """Content of split.json: names of views, with or without a suffix."""
-
-    train: list[str | int | float]
-    test: list[str | int | float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +39,7 @@ class SceneFolder:
     mask_folders: Mapping[str, Path] = field(default_factory=dict)  # by provider
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
+    split: str = ""  # what parted train and test views: `gaga_core.io.splits`
 
     @property
     def work(self) -> Path:
@@ -103,9 +94,11 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
         if reading is not None:
             reading.close()
     cameras = tuple(sorted(cameras, key=lambda camera: natural_order(camera.name)))
-    train, test = _split_of(root, tuple(camera.name for camera in cameras))
+    parted = split_views(root, (camera.name for camera in cameras))
     images = _image_paths(root / "images", cameras)
-    return SceneFolder(root, model_path, cameras, images, masks, train, test)
+    return SceneFolder(
+        root, model_path, cameras, images, masks, parted.train, parted.test, parted.rule
+    )
 
 
 def find_sparse(root: Path) -> Path | None:
@@ -252,25 +245,3 @@ def _image_paths(folder: Path, cameras: tuple[Camera, ...]) -> dict[str, Path]:
         if path is not None:
             paths[camera.name] = path
     return paths
-
-
-def _split_of(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of training and test views: of split.json, else every 8th by alphabet is a test view,
-    as the published loaders of 3D Gaussian Splatting take them."""
-    path = root / "split.json"
-    if not path.is_file():
-        test = tuple(sorted(names)[::_TEST_EVERY]) if len(names) > 1 else ()
-        return tuple(n for n in names if n not in set(test)), test
-    cure = 'It must be {"train": [names], "test": [names]}. Fix or remove it.'
-    split = read_json(path, Split, cure)
-    return _views_of(split.train, names), _views_of(split.test, names)
-
-
-def _views_of(listed: Sequence[object], names: tuple[str, ...]) -> tuple[str, ...]:
-    """The views that a list in split.json means; another suffix or none will do, as for photos."""
-    by_stem = {Path(name).with_suffix("").as_posix(): name for name in names}
-    known = {**by_stem, **{name: name for name in names}}
-    found = (
-        known.get(str(n)) or by_stem.get(Path(str(n)).with_suffix("").as_posix()) for n in listed
-    )
-    return tuple(name for name in found if name is not None)

@@ -16,6 +16,7 @@ from pathlib import Path
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.scene_folder import read_report, with_entry
+from gaga_core.io.splits import carry_split
 from gaga_core.pipeline.photo_set import photo_set_stage
 from gaga_core.pipeline.placement_report import notes_of, sfm_entry
 from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
@@ -78,6 +79,7 @@ def place_photos(
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
         )
+        carry_split(source, scene)
     except OSError as error:
         raise GagaError(explain_os_error(error, scene)) from error
     finally:

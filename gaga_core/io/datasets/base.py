@@ -13,6 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
 from gaga_core.io.scene_folder import SceneFolder, find_mask_folders, find_model
+from gaga_core.io.splits import ViewSplit
 from gaga_core.masks import Loader, MaskSet
 
 Protocol = Literal["instance", "lerf-mask", "3d-ovs"]  # how a data set is scored
@@ -73,8 +74,7 @@ class DatasetViews:
 
     cameras: Sequence[Camera]
     photos: Mapping[str, Path]  # by view name
-    train: Iterable[str]
-    test: Iterable[str]
+    split: ViewSplit  # may name views without a camera: they are told
 
 
 def scene_of(
@@ -90,7 +90,8 @@ def scene_of(
     cameras = tuple(sorted(views.cameras, key=lambda camera: natural_order(camera.name)))
     posed = {camera.name for camera in cameras}
     train, test = (
-        tuple(sorted(set(part) & posed, key=natural_order)) for part in (views.train, views.test)
+        tuple(name for name in part if name in posed)
+        for part in (views.split.train, views.split.test)
     )
     folder = SceneFolder(
         root=root,
@@ -100,10 +101,15 @@ def scene_of(
         mask_folders=all_mask_folders(root),
         train=train,
         test=test,
+        split=views.split.rule,
     )
+    if prompts is not None:  # a view that is trained on is not scored
+        scored = {key: name for key, name in prompts.views.items() if name in set(test)}
+        prompts = replace(prompts, views=scored)
     loaders = {name: load for name, load in (truth or {}).items() if name in posed}
     scene = DatasetScene(folder, layout, MaskSet(loaders, str(root)), prompts)
-    return replace(scene, missing=tuple(_missing(scene, set(views.train) | set(views.test))))
+    wanted = {*views.split.train, *views.split.test, *views.split.unknown}
+    return replace(scene, missing=tuple(_missing(scene, wanted)))
 
 
 def _missing(scene: DatasetScene, wanted: set[str]) -> list[str]:
@@ -182,17 +188,6 @@ def read_numbers(path: Path, shape: tuple[int, ...]) -> DoubleArray:
         wanted = " x ".join("any" if n < 0 else str(n) for n in shape)
         raise GagaError(f"{path} must hold {wanted} numbers. Copy it again.") from error
     return values
-
-
-def read_names(path: Path) -> list[str]:
-    """Words of a text file, one a line."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    except UnicodeDecodeError as error:
-        raise GagaError(f"{path} is not a text file. Copy it again.") from error
-    return [line.strip() for line in lines if line.strip()]
 
 
 def posed_camera(

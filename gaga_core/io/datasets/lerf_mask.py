@@ -18,6 +18,7 @@ from gaga_core.io.datasets.base import (
     photos_of,
     scene_of,
 )
+from gaga_core.io.splits import split_views
 
 
 def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:
@@ -36,12 +37,8 @@ def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:
     if not views:
         raise GagaError(f"{root} has no masks test_mask/<number>/<text prompt>.png. Copy them.")
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
-    found_views = DatasetViews(
-        read_colmap(root / "sparse" / "0").cameras,
-        photos,
-        train=[name for name in photos if Path(name).stem in stems],
-        test=test,
-    )
+    cameras = read_colmap(root / "sparse" / "0").cameras
+    found_views = DatasetViews(cameras, photos, split_views(root, photos))
     return scene_of(root, model, "LERF-Mask", found_views, prompts=prompts)
 
 

@@ -21,6 +21,7 @@ from gaga_core.io.datasets.base import (
 )
 from gaga_core.io.masks import read_labels
 from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.splits import ViewSplit
 
 WIDEST = 1600  # pixels
 _FOLDERS = ("images", "images_2", "images_4", "images_8")
@@ -39,7 +40,8 @@ def read_mipnerf360(root: Path, model: Path | None = None) -> DatasetScene:
     found = {stems[path.stem]: path for path in photos.values() if path.stem in stems}
     maps = photos_of(root / "gt" / "instance").values()
     truth = {stems[path.stem]: partial(read_labels, path) for path in maps if path.stem in stems}
-    views = DatasetViews(cameras, found, folder.train, folder.test)
+    split = ViewSplit(folder.train, folder.test, folder.split)
+    views = DatasetViews(cameras, found, split)
     return scene_of(root, folder.model_path, "COLMAP", views, truth=truth)
 
 

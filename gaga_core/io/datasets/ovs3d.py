@@ -24,10 +24,11 @@ from gaga_core.io.datasets.base import (
     photos_of,
     picture_size,
     posed_camera,
-    read_names,
     scene_of,
 )
 from gaga_core.io.datasets.lerf_mask import prompts_of
+from gaga_core.io.files import read_names
+from gaga_core.io.splits import split_views
 
 
 def read_ovs3d(root: Path, model: Path | None = None) -> DatasetScene:
@@ -49,10 +50,7 @@ def read_ovs3d(root: Path, model: Path | None = None) -> DatasetScene:
         if has_colmap(root / "sparse" / "0")
         else _llff_cameras(root, photos)
     )
-    test = set(views.values())
-    found = DatasetViews(
-        cameras, photos, train=[name for name in photos if name not in test], test=test
-    )
+    found = DatasetViews(cameras, photos, split_views(root, photos))
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
     return scene_of(root, model, "3D-OVS", found, prompts=prompts)
 

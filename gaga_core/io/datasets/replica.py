@@ -28,8 +28,8 @@ from gaga_core.io.datasets.base import (
     scene_of,
 )
 from gaga_core.io.masks import read_labels
+from gaga_core.io.splits import REPLICA_AFTER, REPLICA_EVERY, split_views
 
-TRAIN_EVERY, TEST_AFTER = 5, 2
 _INSTANCES = "Replica_Instance_Segmentation"
 
 
@@ -40,7 +40,7 @@ def read_semantic_nerf(root: Path, model: Path | None = None) -> DatasetScene:
     photos = numbered(sequence / "rgb")
     if not photos:
         raise GagaError(f"{sequence} has no photos rgb/rgb_<number>.png. Unpack the scene there.")
-    chosen = {i: path for i, path in photos.items() if i % TRAIN_EVERY in (0, TEST_AFTER)}
+    chosen = {i: path for i, path in photos.items() if i % REPLICA_EVERY in (0, REPLICA_AFTER)}
     names = {i: path.name for i, path in chosen.items()}
     truth = {
         names[i]: partial(read_labels, path)
@@ -65,8 +65,7 @@ def read_semantic_nerf(root: Path, model: Path | None = None) -> DatasetScene:
     views = DatasetViews(
         cameras,
         {names[i]: path for i, path in chosen.items()},
-        train=[name for i, name in names.items() if i % TRAIN_EVERY == 0],
-        test=[name for i, name in names.items() if i % TRAIN_EVERY == TEST_AFTER],
+        split_views(root, names.values()),
     )
     return scene_of(root, model, "Semantic-NeRF", views, truth=truth)
 
@@ -92,12 +91,8 @@ def read_gaga_replica(root: Path, model: Path | None = None) -> DatasetScene:
         path = maps.get(Path(name).stem.replace("_rgb_", "_semantic_instance_"))
         if path is not None:
             truth[name] = partial(read_labels, path)
-    views = DatasetViews(
-        read_colmap(root / "sparse" / "0").cameras,
-        photos,
-        train=[name for name in photos if name.startswith("train")],
-        test=[name for name in photos if name.startswith("test")],
-    )
+    cameras = read_colmap(root / "sparse" / "0").cameras
+    views = DatasetViews(cameras, photos, split_views(root, photos))
     return scene_of(root, model, "Gaga", views, truth=truth)
 
 

@@ -27,21 +27,19 @@ from gaga_core.io.datasets.base import (
     photos_of,
     picture_size,
     posed_camera,
-    read_names,
     read_numbers,
     scene_of,
 )
 from gaga_core.io.masks import read_labels
+from gaga_core.io.splits import PARTS, split_views
 from gaga_core.masks import Loader
 
-_TEST_EVERY = 8  # raw folders have no split of their own
-_PARTS = ("train", "test")
 _KEY = "ins_2d_label_id"
 
 
 def read_raw_scannet(root: Path, model: Path | None = None) -> DatasetScene:
-    """A scene as ScanNet's reader exports it; every 8th usable frame is a test view unless
-    train_split.txt and test_split.txt say otherwise."""
+    """A scene as ScanNet's reader exports it. It has no split of its own: unless
+    train_split.txt and test_split.txt are there, every 8th usable frame is a test view."""
     photos = numbered(root / "color")
     if not photos:
         raise GagaError(f"{root} has no photos color/<number>.jpg. Export the scene's frames.")
@@ -50,16 +48,8 @@ def read_raw_scannet(root: Path, model: Path | None = None) -> DatasetScene:
         path.name: partial(read_labels, maps[n]) for n, path in photos.items() if n in maps
     }
     cameras = _cameras(root, photos, numbered(root / "pose", (".txt",)))
-    split = _written_split(root, [path.name for path in photos.values()])
-    if split is None:
-        usable = [path.name for _, path in sorted(photos.items())]
-        posed = {camera.name for camera in cameras}
-        usable = [name for name in usable if name in posed]
-        test = usable[::_TEST_EVERY]
-        split = {"train": [n for n in usable if n not in set(test)], "test": test}
-    views = DatasetViews(
-        cameras, {p.name: p for p in photos.values()}, split["train"], split["test"]
-    )
+    split = split_views(root, (camera.name for camera in cameras))
+    views = DatasetViews(cameras, {p.name: p for p in photos.values()}, split)
     return scene_of(root, model, "ScanNet", views, truth=truth)
 
 
@@ -68,21 +58,17 @@ def read_dm_nerf(root: Path, model: Path | None = None) -> DatasetScene:
     photos: dict[int, Path] = {}
     poses: dict[int, Path] = {}
     truth: dict[str, Loader] = {}
-    split: dict[str, list[str]] = {}
-    for part in _PARTS:
+    for part in PARTS:
         found = numbered(root / part / f"{part}_images")
         if not found:
             raise GagaError(f"{root} has no photos in {part}/{part}_images. Copy them there.")
         maps = numbered(root / part / f"{part}_ins", (".npz",))
         truth |= {p.name: partial(read_instances, maps[n]) for n, p in found.items() if n in maps}
         poses |= numbered(root / part / f"{part}_pose", (".txt",))
-        split[part] = [path.name for path in found.values()]
         photos |= found
-    split = _written_split(root, [path.name for path in photos.values()]) or split
     cameras = _cameras(root, photos, poses)
-    views = DatasetViews(
-        cameras, {p.name: p for p in photos.values()}, split["train"], split["test"]
-    )
+    of_photos = {path.name: path for path in photos.values()}
+    views = DatasetViews(cameras, of_photos, split_views(root, of_photos))
     return scene_of(root, model, "DM-NeRF", views, truth=truth)
 
 
@@ -93,15 +79,13 @@ def read_gaga_scannet(root: Path, model: Path | None = None) -> DatasetScene:
         raise GagaError(f"{root} has no photos in images/. Copy them there.")
     if not has_colmap(root / "sparse" / "0"):
         raise GagaError(f"{root} has no COLMAP model in sparse/0. Reconstruct the cameras first.")
-    names, truth, split = by_stem(photos), {}, {}
-    for part in _PARTS:
+    names, truth = by_stem(photos), {}
+    for part in PARTS:
         for path in photos_of(root / part / f"{part}_ins_full").values():
             if path.stem in names:
                 truth[names[path.stem]] = partial(read_labels, path)
-        split[part] = list(photos_of(root / part / f"{part}_images"))
-    split = _written_split(root, list(photos)) or split
     cameras = read_colmap(root / "sparse" / "0").cameras
-    views = DatasetViews(cameras, photos, split["train"], split["test"])
+    views = DatasetViews(cameras, photos, split_views(root, photos))
     return scene_of(root, model, "Gaga", views, truth=truth)
 
 
@@ -113,26 +97,6 @@ def read_instances(path: Path) -> IntArray:
         raise GagaError(f"{path} holds no label map {_KEY}. Copy it again.")
     result: IntArray = np.maximum(ids.astype(np.int32) + 1, 0)
     return result
-
-
-def _written_split(root: Path, names: list[str]) -> dict[str, list[str]] | None:
-    """The split of {train,test}_split.txt (numbers, one a line); None when there is none."""
-    files = {part: root / f"{part}_split.txt" for part in _PARTS}
-    if not all(file.is_file() for file in files.values()):
-        return None
-    known = by_stem(names)
-    # numpy's savetxt may have written 12 as 1.2e+01; a name without a photo is kept and told.
-    return {
-        part: [known.get(_stem(word), f"{_stem(word)}.jpg") for word in read_names(file)]
-        for part, file in files.items()
-    }
-
-
-def _stem(word: str) -> str:
-    try:
-        return str(int(float(word)))
-    except (ValueError, OverflowError):
-        return word
 
 
 def _cameras(root: Path, photos: Mapping[int, Path], poses: Mapping[int, Path]) -> list[Camera]:

@@ -224,7 +224,7 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     if not found.is_placed:
         plan = placement.draw_fields(plan, found)
     changed, hold = widgets.checkbox(
-        "Hold every 8th photo out, to measure on", plan.config.hold_out
+        "Hold the test photos out, to measure on", plan.config.hold_out
     )
     widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
     if changed:
