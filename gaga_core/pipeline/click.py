@@ -16,6 +16,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import Project
+from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.selection.click_cut import Answer, Click, boxed, clicked, nothing_yet
 from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
@@ -83,7 +84,8 @@ def click_stage(
     frame = None if box is None else _view(project, views, box.view)
     if prompter is not None:
         camera = _view(project, views, clicks[0].view)
-        return (yield from _asked(project, camera, places, prompter, engine))
+        asked = model_answer_stage(scene, cameras, camera, places, prompter, engine)
+        return ClickedObject((yield from asked), len(clicks))
     graph = yield from click_graph_stage(scene, views, engine)
     answer = nothing_yet(graph)
     if box is not None and frame is not None:
@@ -100,24 +102,28 @@ def click_stage(
     return ClickedObject(splats, len(clicks) + (box is not None))
 
 
-def _asked(
-    project: Project,
+def model_answer_stage(
+    scene: Scene,
+    cameras: Sequence[Camera],
     camera: Camera,
     clicks: Sequence[Click],
     prompter: "Prompter",
     rasterizer: Rasterizer,
-) -> Stage[ClickedObject]:
-    """What a model says that clicks mean, asked in ``camera`` first."""
+) -> Stage[IntArray]:
+    """The selectable splats (K,), ascending, that a model says ``clicks`` mean.
+
+    It is asked in ``camera`` first; those of the photos, ``cameras``, tell which way is up. Raises
+    ``GagaError`` when the model finds nothing there.
+    """
+    # Imported when first needed: torch takes a large part of the launch time.
     from gaga_core.pipeline.click_model import model_clicks_stage
 
-    rows = np.flatnonzero(project.scene.visible).astype(np.int32)
-    gaussians = yield from bake_stage(project.scene, indices=rows)
-    cameras = () if project.folder is None else project.folder.cameras
+    rows = np.flatnonzero(scene.visible).astype(np.int32)
+    gaussians = yield from bake_stage(scene, indices=rows)
     up = estimate_up(cameras)
     lifted = yield from model_clicks_stage(gaussians, camera, clicks, prompter, rasterizer, up=up)
     splats: IntArray = rows[lifted.splats]
-    splats = splats[algebra.selectable(project.scene)[splats]]
-    return ClickedObject(splats, len(clicks))
+    return splats[algebra.selectable(scene)[splats]]
 
 
 def _selectable(project: Project, graph: ClickGraph, answer: Answer) -> IntArray:

@@ -61,7 +61,8 @@ def model_clicks_stage(
     while views:
         view = views.pop(0)
         n_all = 1 + len(_AROUND)
-        yield Progress(STAGE, n_all - len(views) - 1 if n_voted else 0, n_all, view.name)
+        n_done = 0 if view is first else n_all - len(views) - 1
+        yield Progress(STAGE, n_done, n_all, f"view {n_done + 1} of {n_all}")
         chosen = votes[:, 1] > votes[:, 0]
         if _vote(gaussians, view, clicks, prompter, rasterizer, chosen, votes):
             n_voted += 1

@@ -112,6 +112,16 @@ def available_providers() -> tuple[ProviderEntry, ...]:
     return tuple(entries)
 
 
+def promptable_models() -> tuple[ProviderEntry, ...]:
+    """The models here that can be asked for one thing, see `prompter_named`; those that are known
+    come first, the smallest of a family before the others."""
+    return tuple(
+        entry
+        for entry in available_providers()
+        if entry.is_available and entry.path is not None and weights_at(entry.path).family == "sam"
+    )
+
+
 def provider_named(
     name: str, *, weights: Path | None = None, settings: ProviderSettings | None = None
 ) -> Provider:

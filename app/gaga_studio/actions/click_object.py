@@ -1,7 +1,8 @@
 """Select a thing by clicks on it and off it, and make it an object.
 
 Before the first answer the scene is looked at once, as a job; clicks made meanwhile are answered
-when it is done. Every click is one entry of the history.
+when it is done. Every click is one entry of the history, and a model's answer another one
+(`click_model`).
 """
 
 from dataclasses import replace
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
@@ -17,6 +18,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
+from gaga_studio.actions import click_model
 from gaga_studio.session.click_state import ClickState, key_of
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import notifies
@@ -45,6 +47,8 @@ def prompt(session: Session) -> str:
     document = session.need()
     if document.clicks.is_preparing:
         return "Looking at the scene; clicks are answered when that is done. Middle drag orbits."
+    if document.clicks.is_asking:
+        return "The model looks at it from all sides. Click on meanwhile, or Esc clears."
     if not has_clicks(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
     return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
@@ -68,7 +72,7 @@ def prepare(session: Session) -> bool:
     state, scene = document.clicks, replace(document.settled().scene)
     if state.is_preparing or state.is_ready(scene):
         return False
-    key, cameras, up_to_date = key_of(scene), _cameras(session), document
+    key, cameras, up_to_date = key_of(scene), click_model.photo_cameras(session), document
 
     def stage() -> "Stage[ClickGraph]":
         # Imported when first needed: numba and scipy take a large part of the launch time.
@@ -83,8 +87,10 @@ def prepare(session: Session) -> bool:
             return
         state.take(graph, key)
         waiting, state.waiting = state.waiting, []
-        for click in waiting:
-            _answer(document, click)
+        for click, camera in waiting:
+            _answer(document, click, camera)
+        if waiting:
+            click_model.ask(session)
 
     def end() -> None:
         state.is_preparing, state.waiting = False, []
@@ -108,10 +114,13 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
         return False
     session.hint = ""
     x, y, z = (float(value) for value in found.point)
+    clicked, camera = Click((x, y, z), is_on), session.rig.camera(width, height)
     if document.clicks.is_ready(document.settled().scene):
-        return _answer(document, Click((x, y, z), is_on))
+        done = _answer(document, clicked, camera)
+        click_model.ask(session)
+        return done
     if prepare(session) or document.clicks.is_preparing:
-        document.clicks.waiting.append(Click((x, y, z), is_on))
+        document.clicks.waiting.append((clicked, camera))
     return False
 
 
@@ -145,6 +154,7 @@ def box(
 @notifies
 def make_object(session: Session) -> bool:
     """Make what was clicked an object of its own, and ask for its name."""
+    click_model.stop(session)
     document = session.need()
     scene = document.settled().scene
     group = edits.free_group(scene)
@@ -158,18 +168,26 @@ def make_object(session: Session) -> bool:
 @notifies
 def clear(session: Session) -> bool:
     """Forget the clicks: nothing is selected, and the next one begins another object."""
+    click_model.stop(session)
     return session.need().select(algebra.nothing(), "set", "Clear the clicks")
 
 
-def _answer(document: Document, click: "Click") -> bool:
-    """Answer one more click as an entry of the history."""
+def _answer(document: Document, click: "Click", camera: Camera) -> bool:
+    """Answer one more click, made in the picture of ``camera``, as an entry of the history."""
     from gaga_core.scene.selection.click_cut import clicked, nothing_yet
 
     state = document.clicks
     assert state.graph is not None
-    before = state.answers.get(document.history.state_id, nothing_yet(state.graph))
+    at = document.history.state_id
+    before = state.answers.get(at, nothing_yet(state.graph))
+    view = camera if click.is_on else state.views.get(at)
+    if before.nodes.any() and at not in state.views:
+        view = None  # begun by a box
     title = "Click an object" if not before.clicks else "Click more" if click.is_on else "Click off"
-    return _show(document, clicked(state.graph, before, click), title)
+    done = _show(document, clicked(state.graph, before, click), title)
+    if view is not None:
+        state.views[document.history.state_id] = view
+    return done
 
 
 def _show(document: Document, answer: "Answer", title: str) -> bool:
@@ -180,13 +198,6 @@ def _show(document: Document, answer: "Answer", title: str) -> bool:
     done = document.select(rows[algebra.selectable(scene)[rows]], "set", title)
     state.answers[document.history.state_id] = answer
     return done
-
-
-def _cameras(session: Session) -> tuple[Camera, ...]:
-    """The photos' cameras, moved with the scene when that was turned as a whole."""
-    world: DoubleArray = session.need().world
-    back = np.linalg.inv(world)
-    return tuple(replace(c, cam_from_world=c.cam_from_world @ back) for c in session.cameras)
 
 
 def _depth(scene: Scene, camera: Camera) -> FloatArray:

@@ -25,6 +25,7 @@ def hub_config(session: Session) -> HubConfig:
 def refresh(session: Session) -> None:
     """Look again which models are here."""
     session.models.entries = all_models()
+    session.models.promptable = None
 
 
 def why_not(session: Session) -> str:
@@ -97,6 +98,7 @@ def remove_asked(session: Session) -> bool:
     if model is None:
         return False
     folder = remove(model)
+    session.models.prompters.pop(model.name, None)
     refresh(session)
     session.notify(Level.INFO, f"Removed {folder}." if folder else f"{model.title} is gone.")
     return True

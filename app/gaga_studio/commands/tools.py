@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from gaga_studio.actions import align_ground, click_object
+from gaga_studio.actions import align_ground, click_model, click_object
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import idle, no_corner, no_scene, nothing_pointed
 from gaga_studio.commands.base import Command, switch
@@ -67,6 +67,13 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
     Command("tool.reset_pivot", "Pivot in the middle of the selection", handlers.reset_pivot),
     switch("tool.splats", "Select single splats, not objects", "takes_splats"),
     switch("tool.visible_only", "Select the visible surface only", "visible_only"),
+    Command(
+        "tool.click_model",
+        "Clicks of the tool Object ask a model",
+        click_model.switch,
+        enabled=click_model.why_none,
+        is_on=lambda session: click_model.chosen(session) is not None,
+    ),
     Command("tool.smaller_brush", "Smaller brush", handlers.smaller_brush, "["),
     Command("tool.larger_brush", "Larger brush", handlers.larger_brush, "]"),
     Command(

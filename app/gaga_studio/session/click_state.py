@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from gaga_core.camera import Camera
     from gaga_core.scene.selection.click_cut import Answer, Click
     from gaga_core.scene.selection.click_graph import ClickGraph
 
@@ -17,7 +18,10 @@ class ClickState:
         self.made_for: object = None  # `key_of` the scene that the graph was made of
         self.is_preparing = False
         self.answers: dict[int, Answer] = {}  # by state of the history
-        self.waiting: list[Click] = []  # clicked before the graph was ready
+        self.views: dict[int, Camera] = {}  # of the last click on the thing, by state
+        self.waiting: list[tuple[Click, Camera]] = []  # clicked before the graph was ready
+        self.is_asking = False  # a model, in the background
+        self.asks_again = False  # as soon as the model has stopped: there are more clicks
 
     def is_ready(self, scene: Scene) -> bool:
         """Whether the graph is that of the scene as it is now."""
@@ -26,7 +30,7 @@ class ClickState:
     def take(self, graph: "ClickGraph", key: object) -> None:
         """Use a new graph; answers of the former one mean nothing any more."""
         self.graph, self.made_for = graph, key
-        self.answers = {}
+        self.answers, self.views = {}, {}
 
 
 def key_of(scene: Scene) -> object:

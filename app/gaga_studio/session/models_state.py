@@ -1,11 +1,16 @@
 """What the sheet of models shows: the known models here, terms that wait for an answer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from gaga_core.models.catalogue import KnownModel
 from gaga_core.models.hub import Listing
 from gaga_core.models.status import ModelStatus
+from gaga_core.segmentation.choose import ProviderEntry
+
+if TYPE_CHECKING:
+    from gaga_core.segmentation.prompter import Prompter
 
 
 @dataclass
@@ -16,6 +21,8 @@ class ModelsState:
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
     removing: KnownModel | None = None  # the user is asked whether
     then: Callable[[], object] | None = None  # what the offered model was wanted for
+    promptable: tuple[ProviderEntry, ...] | None = None  # can be asked for one thing; None = look
+    prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
 
     def entry(self, name: str) -> ModelStatus | None:
         """The entry of a model, None before they were looked at."""

@@ -53,6 +53,7 @@ class Settings:
     hub_mirror: str = ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
     works_offline: bool = False  # no hub is ever asked
     folds_background: bool = True  # in the object list
+    click_model: str = ""  # that clicks of the tool Object ask; "" = the first here, "none" = none
 
     @property
     def background_color(self) -> tuple[float, float, float]:

@@ -93,6 +93,17 @@ def boxed(
     return nothing_yet(graph)
 
 
+def adopted(graph: ClickGraph, clicks: tuple[Click, ...], splats: IntArray) -> Answer:
+    """``splats`` (K,), found in another way, as the answer to ``clicks``: the next click changes
+    them. A sample is chosen with most of the splats that follow it, a node with most samples."""
+    chosen = np.isin(graph.rows, splats)
+    near, n = graph.nearest.ravel(), len(graph.points)
+    on = np.bincount(near, (graph.weights * chosen[:, None]).ravel(), n)
+    samples = on > 0.5 * np.bincount(near, graph.weights.ravel(), n)
+    nodes = np.bincount(graph.node, samples) > 0.5 * np.bincount(graph.node)
+    return Answer(clicks, nodes, samples)
+
+
 def _is_apart(
     graph: ClickGraph, thing: BoolArray, before: BoolArray, clicks: tuple[Click, ...]
 ) -> bool:

@@ -1,80 +1,32 @@
 """The tool Object: clicks become a selection, each one entry, and the selection an object."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 
-from gaga_core.arrays import DoubleArray
-from gaga_core.progress import run_stage
-from gaga_core.raster import choose
-from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
-from gaga_core.scene.selection.click_views import click_views
 from gaga_studio.commands import command, for_shortcut, run
-from gaga_studio.session.click_state import key_of
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import KeyState
+from tests.app.actions.clicking import BALL, balls, chosen_in_balls
 from tests.app.tools.hand import H, Hand, W, titles
-
-_BALL = 0.28  # radius
-
-
-@pytest.fixture(scope="module")
-def graph(made_scene: Path) -> ClickGraph:
-    """The look at the scene, shared: it takes seconds."""
-    project = run_stage(open_path_stage(made_scene))
-    assert project.folder is not None
-    views = click_views(project.folder.cameras, project.scene.gaussians.means)
-    return run_stage(click_graph_stage(project.scene, views, choose("cpu")))
-
-
-@pytest.fixture
-def looked(session: Session, graph: ClickGraph) -> Session:
-    """A session with the tool, and the scene looked at."""
-    document = session.need()
-    document.clicks.take(graph, key_of(document.scene))
-    assert run("tool.object", session)
-    assert session.jobs.running is None
-    return session
-
-
-def _balls(session: Session) -> tuple[DoubleArray, DoubleArray]:
-    """Pixels (2, 2) of the nearest two balls, and their centres (2, 3)."""
-    angles = 2 * np.pi * np.arange(5) / 5
-    centres = np.stack([0.9 * np.cos(angles), 0.9 * np.sin(angles), 0 * angles], axis=1)
-    pixels, depth = session.rig.camera(W, H).project(centres)
-    nearest = np.argsort(depth)[:2]
-    return pixels[nearest], centres[nearest]
-
-
-def _chosen(session: Session) -> list[int]:
-    """How many of the selected splats lie in each of the two balls, and outside of both."""
-    assert session.scene is not None
-    means = session.scene.gaussians.means[session.selected_indices()]
-    away = np.linalg.norm(means[:, None] - _balls(session)[1], axis=2)
-    inside = away < 1.1 * _BALL
-    return [*inside.sum(axis=0).tolist(), int((~inside.any(axis=1)).sum())]
 
 
 @pytest.fixture
 def clicked(looked: Session) -> tuple[Session, Hand]:
     """A session in which two balls were clicked, one after the other."""
     hand = Hand(looked)
-    for at in _balls(looked)[0]:
+    for at in balls(looked)[0]:
         hand.click_at(at)
     return looked, hand
 
 
 def test_clicks_add_and_alt_clicks_take_away(clicked: tuple[Session, Hand]) -> None:
     session, hand = clicked
-    one, two, rest = _chosen(session)
+    one, two, rest = chosen_in_balls(session)
     assert min(one, two) > 180
     assert rest < 60
-    hand.click_at(_balls(session)[0][1], KeyState(alt=True))
-    after = _chosen(session)
+    hand.click_at(balls(session)[0][1], KeyState(alt=True))
+    after = chosen_in_balls(session)
     assert after[0] > 180
     assert after[1] < 40
     assert titles(session) == ["Click an object", "Click more", "Click off"]
@@ -84,8 +36,8 @@ def test_undo_brings_the_clicks_before_back(clicked: tuple[Session, Hand]) -> No
     session, hand = clicked
     both = session.selected_indices().tolist()
     assert run("edit.undo", session)
-    assert _chosen(session)[1] < 40
-    hand.click_at(_balls(session)[0][1])
+    assert chosen_in_balls(session)[1] < 40
+    hand.click_at(balls(session)[0][1])
     assert session.selected_indices().tolist() == both
     for _ in range(2):
         assert run("edit.undo", session)
@@ -112,8 +64,8 @@ def test_escape_clears_and_then_leaves_the_tool(clicked: tuple[Session, Hand]) -
     assert run("edit.cancel", session)
     assert len(session.selected_indices()) == 0
     assert session.tool is ToolName.OBJECT
-    hand.click_at(_balls(session)[0][1])
-    one, two, _ = _chosen(session)
+    hand.click_at(balls(session)[0][1])
+    one, two, _ = chosen_in_balls(session)
     assert one < 40 < 180 < two  # another object
     assert run("edit.cancel", session)
     assert run("edit.cancel", session)
@@ -122,20 +74,20 @@ def test_escape_clears_and_then_leaves_the_tool(clicked: tuple[Session, Hand]) -
 
 def test_a_box_begins_an_object(looked: Session) -> None:
     session, hand = looked, Hand(looked)
-    at = _balls(session)[0][0]
+    at = balls(session)[0][0]
     focal = session.rig.camera(W, H).K[0, 0]
-    depth = session.rig.camera(W, H).project(_balls(session)[1])[1][0]
-    reach = 1.2 * _BALL * focal / depth
+    depth = session.rig.camera(W, H).project(balls(session)[1])[1][0]
+    reach = 1.2 * BALL * focal / depth
     hand.drag(at - reach, at + reach)
     assert hand.controller.overlay is None
     assert titles(session) == ["Select by a box"]
-    assert _chosen(session)[0] > 180
+    assert chosen_in_balls(session)[0] > 180
 
 
 def test_a_click_before_the_scene_was_looked_at_is_answered_later(session: Session) -> None:
     session.tool = ToolName.OBJECT
     hand = Hand(session)
-    hand.click_at(_balls(session)[0][0])
+    hand.click_at(balls(session)[0][0])
     assert titles(session) == []
     assert "clicks are answered" in hand.controller.tool(session).hint(session)
     assert session.jobs.wait()
@@ -145,7 +97,7 @@ def test_a_click_before_the_scene_was_looked_at_is_answered_later(session: Sessi
 def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:
     session.tool = ToolName.OBJECT
     hand = Hand(session)
-    hand.click_at(_balls(session)[0][0])
+    hand.click_at(balls(session)[0][0])
     session.jobs.cancel()
     assert session.jobs.wait()
     assert titles(session) == []
@@ -156,7 +108,7 @@ def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:
 
 def test_what_cannot_be_clicked_is_told(looked: Session) -> None:
     session, hand = looked, Hand(looked)
-    at = _balls(session)[0][0]
+    at = balls(session)[0][0]
     hand.click_at(at, KeyState(alt=True))
     assert "Click the object first" in session.hint
     hand.click(2, 2)
@@ -166,19 +118,19 @@ def test_what_cannot_be_clicked_is_told(looked: Session) -> None:
 
 def test_locked_splats_are_not_taken(looked: Session) -> None:
     session, hand = looked, Hand(looked)
-    at = _balls(session)[0][0]
+    at = balls(session)[0][0]
     hand.click_at(at)
     assert run("object.lock", session)
     assert run("edit.cancel", session)
     hand.click_at(at)
-    assert _chosen(session)[0] == 0
+    assert chosen_in_balls(session)[0] == 0
 
 
 def test_moved_splats_are_looked_at_again(looked: Session) -> None:
     session, hand = looked, Hand(looked)
-    hand.click_at(_balls(session)[0][0])
+    hand.click_at(balls(session)[0][0])
     assert run("edit.mirror_x", session)
-    hand.click_at(_balls(session)[0][1])
+    hand.click_at(balls(session)[0][1])
     assert session.jobs.running is not None
     session.jobs.cancel()
     assert session.jobs.wait()

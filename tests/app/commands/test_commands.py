@@ -129,6 +129,7 @@ _NEEDS_MORE = {
     "object.split_masks",
     "object.worst_view",
     "select.alike",
+    "tool.click_model",
 }
 
 

@@ -1,21 +1,18 @@
 """Masks of renderings lifted and merged: what a model that knows the truth, or errs, leads to."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.pipeline.click_model import Lifted, model_clicks_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.selection.click_cut import Click
-from gaga_core.segmentation.prompter import Candidates
+from tests.color_oracle import ColorOracle, clicked_things
 from tests.scenes import Synthetic, objects_scene
 
 _UP = np.array([0.0, 0.0, 1.0])
-Answer = Callable[[IntArray, FloatArray, BoolArray], BoolArray]  # of colors' map, points, signs
 
 
 @pytest.fixture(scope="module")
@@ -23,37 +20,7 @@ def scene() -> Synthetic:
     return objects_scene(5, 220, n_cameras=8)
 
 
-def _colors(scene: Synthetic) -> FloatArray:
-    """The color (6, 3) of the floor and of each ball, 0..255."""
-    dc = scene.gaussians.sh[:, 0] * 0.28209479177387814 + 0.5
-    means = [dc[scene.labels == k].mean(axis=0) for k in range(6)]
-    return np.clip(np.array(means, np.float32), 0, 1) * 255
-
-
-class _Oracle:
-    """Knows the things by their colors, so no camera has to be told to it."""
-
-    def __init__(self, scene: Synthetic, answer: Answer) -> None:
-        self._colors, self._answer = _colors(scene), answer
-        self.n_asked = 0
-
-    def __call__(self, image: UInt8Array, points: FloatArray, is_on: BoolArray) -> Candidates:
-        self.n_asked += 1
-        away = np.linalg.norm(image[:, :, None].astype(np.float32) - self._colors, axis=3)
-        things = np.where(image.any(axis=2), away.argmin(axis=2), -1).astype(np.int32)
-        mask = self._answer(things, points, is_on)
-        nothing = np.zeros_like(mask)
-        return Candidates(np.stack([nothing, mask]), np.array([0.9, 0.8], np.float32))
-
-
-def _clicked(things: IntArray, points: FloatArray, is_on: BoolArray) -> BoolArray:
-    """The things that are clicked on, without those that are clicked off."""
-    columns, rows = points.astype(np.int64).T
-    met = things[rows, columns]
-    return np.isin(things, np.setdiff1d(met[is_on], met[~is_on]))
-
-
-def _lift(scene: Synthetic, oracle: _Oracle, *clicks: Click) -> Lifted:
+def _lift(scene: Synthetic, oracle: ColorOracle, *clicks: Click) -> Lifted:
     camera = scene.cameras[0].resized(320, 240)
     stage = model_clicks_stage(scene.gaussians, camera, clicks, oracle, choose("cpu"), up=_UP)
     return run_stage(stage)
@@ -85,7 +52,7 @@ def _nearest(scene: Synthetic) -> list[int]:
 
 def test_true_masks_give_the_true_object_from_all_sides(scene: Synthetic) -> None:
     ball = _nearest(scene)[0]
-    oracle = _Oracle(scene, _clicked)
+    oracle = ColorOracle(scene, clicked_things)
     lifted = _lift(scene, oracle, _on(scene, ball))
     assert _iou(scene, lifted, ball) > 0.9
     assert 4 <= lifted.n_views <= 8
@@ -100,9 +67,9 @@ def test_views_that_disagree_have_no_vote(scene: Synthetic) -> None:
 
     def errs(things: IntArray, points: FloatArray, is_on: BoolArray) -> BoolArray:
         wrong = oracle.n_asked > 1 and oracle.n_asked % 4
-        return things == 0 if wrong else _clicked(things, points, is_on)
+        return things == 0 if wrong else clicked_things(things, points, is_on)
 
-    oracle = _Oracle(scene, errs)
+    oracle = ColorOracle(scene, errs)
     lifted = _lift(scene, oracle, _on(scene, ball))
     assert 2 <= lifted.n_views <= 3
     assert _iou(scene, lifted, ball) > 0.6
@@ -113,9 +80,9 @@ def test_ragged_masks_are_outvoted(scene: Synthetic) -> None:
 
     def ragged(things: IntArray, points: FloatArray, is_on: BoolArray) -> BoolArray:
         luck = rng.random(things.shape)
-        return np.asarray((_clicked(things, points, is_on) & (luck > 0.15)) | (luck > 0.99))
+        return np.asarray((clicked_things(things, points, is_on) & (luck > 0.15)) | (luck > 0.99))
 
-    assert _iou(scene, _lift(scene, _Oracle(scene, ragged), _on(scene, ball)), ball) > 0.85
+    assert _iou(scene, _lift(scene, ColorOracle(scene, ragged), _on(scene, ball)), ball) > 0.85
 
 
 def test_clicks_off_the_thing_reach_every_view(scene: Synthetic) -> None:
@@ -126,7 +93,7 @@ def test_clicks_off_the_thing_reach_every_view(scene: Synthetic) -> None:
         columns, rows = points[~is_on].astype(np.int64).T
         return np.asarray((things > 0) & ~np.isin(things, things[rows, columns]))
 
-    oracle = _Oracle(scene, all_balls)
+    oracle = ColorOracle(scene, all_balls)
     both = _lift(scene, oracle, _on(scene, one))
     assert len(np.intersect1d(both.splats, np.flatnonzero(scene.labels == two))) > 150
     told = _lift(scene, oracle, _on(scene, one), _on(scene, two, is_on=False))
@@ -139,4 +106,4 @@ def test_a_model_that_finds_nothing_is_told(scene: Synthetic) -> None:
         return np.zeros(things.shape, np.bool_)
 
     with pytest.raises(GagaError, match="finds nothing there"):
-        _lift(scene, _Oracle(scene, nothing), _on(scene, _nearest(scene)[0]))
+        _lift(scene, ColorOracle(scene, nothing), _on(scene, _nearest(scene)[0]))

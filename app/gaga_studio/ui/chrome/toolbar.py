@@ -3,12 +3,14 @@
 from imgui_bundle import imgui
 
 from gaga_studio import commands
+from gaga_studio.actions import click_model
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import REGION_TOOLS, Mode, SplatLook, ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
 
 _MODES = (
     (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
@@ -22,6 +24,10 @@ _TAKES = (
 _DEPTHS = (
     (False, "", "Through", "Everything in the region, what is hidden behind it too"),
     (True, "", "Visible surface", "Only what is seen from here"),
+)
+_MODEL_HINT = (
+    "A Segment Anything model looks at what was clicked from several sides, in the background; "
+    "its answer takes the place of the first one"
 )
 
 
@@ -106,6 +112,35 @@ def _clicks(session: Session) -> None:
     command_buttons.command_button(session, "object.make", "Make object")
     imgui.same_line(0, em(0.4))
     command_buttons.command_button(session, "select.none", "Clear")
+    imgui.same_line(0, em(0.4))
+    _model_of_clicks(session)
+
+
+def _model_of_clicks(session: Session) -> None:
+    """Which model clicks ask, and the way to get one; the menu Tools has a switch where this has
+    no room."""
+    chosen = click_model.chosen(session)
+    title = widgets.elided(chosen.title if chosen is not None else "none", em(11))
+    room = imgui.get_content_region_avail().x - 2 * imgui.get_style().frame_padding.x
+    texts = (f"{text}  {icons.UNFOLDED}" for text in (f"Model: {title}", "Model"))
+    text = next((text for text in texts if imgui.calc_text_size(text).x <= room), "")
+    if not text:
+        imgui.new_line()
+        return
+    if widgets.button("Model of the clicks", Face(text), hint=_MODEL_HINT):
+        imgui.open_popup("Models for clicks")
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
+    if not imgui.begin_popup("Models for clicks"):
+        return
+    if imgui.menu_item("None", "", chosen is None)[0]:
+        click_model.choose_model(session, click_model.NO_MODEL)
+    for model in click_model.models_here(session):
+        if imgui.menu_item(f"{model.title}###{model.title}", "", model is chosen)[0]:
+            click_model.choose_model(session, model.name)
+    imgui.separator()
+    command_buttons.command_item(session, "object.models")
+    imgui.end_popup()
 
 
 def _modes(session: Session, *, with_text: bool) -> None:

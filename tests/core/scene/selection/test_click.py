@@ -10,7 +10,14 @@ from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.click_cut import Answer, Click, boxed, clicked, nothing_yet
+from gaga_core.scene.selection.click_cut import (
+    Answer,
+    Click,
+    adopted,
+    boxed,
+    clicked,
+    nothing_yet,
+)
 from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
 from gaga_core.scene.selection.click_views import click_views
 from tests.scenes import Synthetic, objects_scene
@@ -68,6 +75,19 @@ def test_what_was_clicked_stays_given(scene: Synthetic, graph: ClickGraph) -> No
         for click in answer.clicks:
             at = int(graph.tree.query(click.point)[1])
             assert answer.samples[at] == click.is_on
+
+
+def test_splats_found_in_another_way_are_where_the_next_click_begins(
+    scene: Synthetic, graph: ClickGraph
+) -> None:
+    two = np.flatnonzero(np.isin(scene.labels, (1, 2))).astype(np.int32)
+    clicks = (Click(_top(scene, 1)),)
+    taken = adopted(graph, clicks, two)
+    assert taken.clicks == clicks
+    assert _iou(scene, graph.splats(taken.samples), 1, 2) > 0.85
+    after = clicked(graph, taken, Click(_top(scene, 2), is_on=False))
+    assert _iou(scene, graph.splats(after.samples), 1) > 0.8
+    assert not adopted(graph, clicks, two[:0]).nodes.any()
 
 
 def test_a_node_that_is_clicked_on_and_off_is_divided(graph: ClickGraph) -> None:
