@@ -86,7 +86,7 @@ class TrainConfig:
     seed: int = 0  # of view order, splitting and noise
     measure_every: float = 0.1  # moments between measurements on held-out views
     snapshot_seconds: float = 2.0  # from one copy of the splats for observers to the next
-    checkpoint_seconds: float = 30.0  # from one checkpoint to the next: what a crash can cost
+    checkpoint_seconds: float = 60.0  # from one checkpoint to the next, or more; 0 = each iteration
     rates: RateConfig = field(default_factory=RateConfig)
     density: DensityConfig = field(default_factory=DensityConfig)
 

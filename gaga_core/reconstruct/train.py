@@ -17,7 +17,8 @@ from gaga_core.arrays import FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster.base import Rasterizer, TrainableRasterizer
-from gaga_core.reconstruct.checkpoint import TrainState, digest_of, load_checkpoint, save_checkpoint
+from gaga_core.reconstruct.checkpoint import TrainState, digest_of, load_checkpoint
+from gaga_core.reconstruct.checkpoint_schedule import Keeper
 from gaga_core.reconstruct.cpu_train import CpuEngine
 from gaga_core.reconstruct.densify import ScreenSums
 from gaga_core.reconstruct.engine import Engine, Setting
@@ -29,7 +30,6 @@ from gaga_core.reconstruct.view_quality import HeldOutQuality, quality_stage
 from gaga_core.reconstruct.views import TrainView, TrainViews
 
 STAGE = "Train splats"
-_REST = 20  # x the time that a checkpoint takes must pass before the next
 _log = logging.getLogger(__name__)
 
 
@@ -75,8 +75,9 @@ def train_stage(
     """Train ``initial`` on ``views.train``; measure on ``views.test``.
 
     Each `Progress` carries a `TrainUpdate`. ``checkpoint`` is a file that is written every
-    `TrainConfig.checkpoint_seconds`, when the stage is closed (cancelled), and at the end; a later
-    call with the same views and settings goes on from it, to the same splats. It is not removed.
+    `TrainConfig.checkpoint_seconds` or less often (see `checkpoint_schedule`), when the stage is
+    closed (cancelled), and at the end; each takes the place of the last one. A later call with the
+    same views and settings goes on from it, to the same splats. It is not removed.
     With a ``team`` each worker runs this with equal arguments and draws its own views; all return
     the same splats. Raises ``GagaError`` when the checkpoint is damaged or cannot be written.
     """
@@ -93,7 +94,7 @@ def train_stage(
     positions = np.array([view.camera.position for view in views.train])
     setting = Setting(views.train, half, config, camera_extent(positions), team)
     engine = _engine(state, setting, rasterizer)
-    keeper = _Keeper(
+    keeper = Keeper(
         engine, checkpoint if team.rank == 0 else None, digest, config.checkpoint_seconds
     )
     watcher = _Watcher(engine, config.snapshot_seconds)
@@ -206,26 +207,3 @@ class _Watcher:
             message += f", held-out {measured[-1].psnr:.1f} dB"
         update = TrainUpdate(state.iteration, losses, n, measured, copy)
         return Progress(STAGE, state.iteration, len(state.losses), message, update)
-
-
-class _Keeper:
-    """Writes checkpoints: every so many seconds, and when asked, if there is anything new."""
-
-    def __init__(self, engine: Engine, path: Path | None, digest: str, seconds: float) -> None:
-        self._engine = engine
-        self._path, self._digest, self._seconds = path, digest, seconds
-        self._last = time.monotonic()
-        self._saved = 0
-        self._took = 0.0
-
-    def tick(self, state: TrainState) -> None:
-        if time.monotonic() - self._last >= max(self._seconds, _REST * self._took):
-            self.save(state)
-
-    def save(self, state: TrainState) -> None:
-        if self._path is not None and state.iteration != self._saved:
-            start = time.monotonic()
-            self._engine.fetch(state)
-            save_checkpoint(self._path, state, self._digest)
-            self._last, self._saved = time.monotonic(), state.iteration
-            self._took = self._last - start

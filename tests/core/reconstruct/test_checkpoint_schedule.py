@@ -1,0 +1,82 @@
+"""How often a training is written to disk: laws of the rule, on a clock of its own."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.reconstruct import checkpoint_schedule
+from gaga_core.reconstruct.checkpoint import TrainState, iteration_of
+from gaga_core.reconstruct.checkpoint_schedule import Keeper, seconds_between
+from gaga_core.reconstruct.densify import ScreenSums
+from gaga_core.reconstruct.exposure import Exposures
+from gaga_core.reconstruct.optimizer import Splats
+from gaga_core.reconstruct.settings import TrainConfig
+from tests.scenes import random_gaussians
+
+
+def times(length: float, took: float, least: float = 60.0) -> list[float]:
+    """Seconds at which a training of ``length`` seconds is written."""
+    found = [0.0]
+    while found[-1] < length:
+        last = found[-1]
+        # Due is what a later look finds due: the elapsed time grows while one waits.
+        due = next(
+            t
+            for t in itertools.count(last, 0.5)
+            if t - last >= seconds_between(least, t, took if last else 0.0) and t > last
+        )
+        found.append(due + took)
+    return [t for t in found[1:] if t <= length]
+
+
+@pytest.mark.parametrize("took", [0.05, 2.0, 30.0])
+@pytest.mark.parametrize("length", [300.0, 3600.0, 40_000.0])
+def test_writing_takes_little_time_and_a_crash_costs_little(length: float, took: float) -> None:
+    written = times(length, took)
+    assert len(written) * took <= 0.021 * length + took  # nothing is known before the first one
+    for before, now in itertools.pairwise([0.0, *written]):
+        assert now - before <= max(60.0, 50 * took, 0.1 * now) + took + 1
+
+
+def test_the_hour_of_a_standard_training_writes_a_tenth_of_what_it_did() -> None:
+    """177 MB each at 250,000 splats: 30 times in the first half hour, 120 by every 30 seconds."""
+    assert len(times(1800, 0.5)) <= 24
+    assert len(times(3600, 0.5)) <= 32
+    assert TrainConfig.of("standard").checkpoint_seconds == 60
+
+
+class _Resting:
+    """An engine whose state is always right."""
+
+    n_splats = 5
+
+    def fetch(self, state: TrainState) -> None:
+        pass
+
+
+def test_one_file_and_only_when_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(checkpoint_schedule.time, "monotonic", lambda: clock[0])
+    state = TrainState(
+        0,
+        Splats.of(random_gaussians(5)),
+        ScreenSums.empty(5),
+        Exposures.neutral(2),
+        np.zeros(100, np.float32),
+        np.zeros((0, 3)),
+    )
+    keeper = Keeper(_Resting(), tmp_path / "train.npz", "", 60.0)  # type: ignore[arg-type]
+    seen = []
+    for i in range(1, 100):
+        clock[0], state.iteration = 10.0 * i, i
+        keeper.tick(state)
+        seen.append(iteration_of(tmp_path / "train.npz"))
+    assert [path.name for path in tmp_path.iterdir()] == ["train.npz"]
+    assert seen[4] is None
+    kept = sorted({i for i in seen if i})
+    assert kept[:10] == [6, 12, 18, 24, 30, 36, 42, 48, 54, 60]
+    assert kept[10:] == [67, 75, 84, 94]
+    keeper.save(state)
+    assert iteration_of(tmp_path / "train.npz") == 99
