@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -23,6 +24,15 @@ _PARTS = ("values", "first", "second")
 _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
 
 
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The splats that drew the held-out views best so far."""
+
+    iteration: int
+    psnr: float  # dB, mean over the held-out views
+    gaussians: Gaussians  # as they were then; never changed
+
+
 @dataclass(eq=False)
 class TrainState:
     """A training between two iterations."""
@@ -33,6 +43,7 @@ class TrainState:
     exposures: Exposures
     losses: FloatArray  # (iterations,) those to come are 0
     measured: DoubleArray  # (M, 3) iteration, held-out PSNR in dB, SSIM
+    best: Best | None = None  # where `TrainConfig.keeps_best` asks for it
 
 
 def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_workers: int) -> str:
@@ -61,6 +72,9 @@ def save_checkpoint(path: Path, state: TrainState, digest: str) -> None:
         arrays[f"exposures_{part}"] = getattr(state.exposures, part)
     arrays |= {"gradient": state.sums.gradient, "n_views": state.sums.n_views}
     arrays |= {"losses": state.losses, "measured": state.measured}
+    if state.best is not None:
+        arrays |= {f"best_{name}": getattr(state.best.gaussians, name) for name in COLUMNS}
+        arrays["best"] = np.array([state.best.iteration, state.best.psnr])
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
@@ -88,6 +102,7 @@ def load_checkpoint(path: Path, digest: str) -> TrainState | None:
             Exposures(*(arrays[f"exposures_{part}"] for part in _PARTS)),
             arrays["losses"],
             arrays["measured"],
+            _best(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{path} is damaged. {cure}") from error
@@ -96,6 +111,14 @@ def load_checkpoint(path: Path, digest: str) -> TrainState | None:
     if any(length != n for length in lengths) or not 0 <= state.iteration <= len(state.losses):
         raise GagaError(f"{path} is damaged. {cure}")
     return state
+
+
+def _best(arrays: Mapping[str, AnyArray]) -> Best | None:
+    if "best" not in arrays:
+        return None
+    iteration, psnr = arrays["best"]
+    columns = [np.ascontiguousarray(arrays[f"best_{name}"]) for name in COLUMNS]
+    return Best(int(iteration), float(psnr), of_columns(columns))
 
 
 def iteration_of(path: Path) -> int | None:

@@ -1,6 +1,7 @@
 """When a training is written to disk: often enough for a crash, rarely enough for the disk."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from gaga_core.reconstruct.checkpoint import TrainState, save_checkpoint
@@ -26,24 +27,31 @@ class Keeper:
     """Writes checkpoints of one training: when they are due, and when asked, if there is anything
     new. Without a path it writes none."""
 
-    def __init__(self, engine: Engine, path: Path | None, digest: str, seconds: float) -> None:
-        self._engine = engine
+    def __init__(
+        self,
+        engine: Engine,
+        path: Path | None,
+        digest: str,
+        seconds: float,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._engine, self._clock = engine, clock
         self._path, self._digest, self._seconds = path, digest, seconds
-        self._start = self._last = time.monotonic()
+        self._start = self._last = self._clock()
         self._saved = 0
         self._took = 0.0
 
     def tick(self, state: TrainState) -> None:
         """Write ``state`` when that is due."""
-        now = time.monotonic()
+        now = self._clock()
         if now - self._last >= seconds_between(self._seconds, now - self._start, self._took):
             self.save(state)
 
     def save(self, state: TrainState) -> None:
         """Write ``state``, unless that iteration was written."""
         if self._path is not None and state.iteration != self._saved:
-            start = time.monotonic()
+            start = self._clock()
             self._engine.fetch(state)
             save_checkpoint(self._path, state, self._digest)
-            self._last, self._saved = time.monotonic(), state.iteration
+            self._last, self._saved = self._clock(), state.iteration
             self._took = self._last - start

@@ -26,8 +26,9 @@ class Cost:
 def report_of(trained: Trained, config: TrainConfig, cost: Cost) -> dict[str, Json]:
     """The content of ``report.json``: plain values only.
 
-    ``held_out`` has PSNR in dB and SSIM of each held-out view and their means, null without any;
-    ``loss_curve`` at most 500 points, each the mean of the iterations since the one before.
+    ``kept_iteration`` is the one that the splats are of (`TrainConfig.keeps_best`); ``held_out``
+    has PSNR in dB and SSIM of each held-out view and their means, null without any; ``loss_curve``
+    at most 500 points, each the mean of the iterations since the one before.
     """
     quality = trained.quality
     held_out: Json = None
@@ -44,6 +45,7 @@ def report_of(trained: Trained, config: TrainConfig, cost: Cost) -> dict[str, Js
         "splats": len(trained.gaussians),
         "sh_degree": trained.gaussians.sh_degree,
         "iterations": len(trained.losses),
+        "kept_iteration": trained.kept,
         "held_out": held_out,
         "curve": [
             {"iteration": m.iteration, "psnr": round(m.psnr, 3), "ssim": round(m.ssim, 4)}

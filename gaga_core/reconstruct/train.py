@@ -17,7 +17,7 @@ from gaga_core.arrays import FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster.base import Rasterizer, TrainableRasterizer
-from gaga_core.reconstruct.checkpoint import TrainState, digest_of, load_checkpoint
+from gaga_core.reconstruct.checkpoint import Best, TrainState, digest_of, load_checkpoint
 from gaga_core.reconstruct.checkpoint_schedule import Keeper
 from gaga_core.reconstruct.cpu_train import CpuEngine
 from gaga_core.reconstruct.densify import ScreenSums
@@ -61,6 +61,7 @@ class Trained:
     quality: HeldOutQuality | None  # on held-out views; None without any
     losses: FloatArray  # (iterations,)
     measured: tuple[Measured, ...]
+    kept: int  # iteration that the splats are of: the last one, or the best measured
 
 
 def train_stage(
@@ -101,11 +102,8 @@ def train_stage(
     yield Progress(STAGE, state.iteration, config.iterations, "preparing")
     try:
         while True:
-            if team.rank == 0 and _is_due(state, config):
-                quality = yield from quality_stage(
-                    engine.copied(state), views.test, rasterizer, setting.background
-                )
-                _note(state, quality)
+            if _is_due(state, config) and views.test:
+                yield from _measure_stage(state, engine, views.test, rasterizer, setting)
             if state.iteration >= config.iterations:
                 break
             engine.advance(state)
@@ -119,9 +117,13 @@ def train_stage(
     keeper.save(state)
     engine.fetch(state)
     yield watcher.progress(state)
-    gaussians = with_degree(engine.copied(state), config.sh_degree)
+    best = state.best
+    last = engine.copied(state) if best is None else best.gaussians
+    # A copy that was brought back from a checkpoint has no comments.
+    gaussians = with_degree(last, config.sh_degree).with_antialiasing(config.antialiased)
     quality = yield from quality_stage(gaussians, views.test, rasterizer, setting.background)
-    return Trained(gaussians, quality, state.losses, _measured(state))
+    kept = state.iteration if best is None else best.iteration
+    return Trained(gaussians, quality, state.losses, _measured(state), kept)
 
 
 def train(
@@ -179,10 +181,29 @@ def _remove_leftovers(checkpoint: Path, team: Team) -> None:
             part.unlink(missing_ok=True)
 
 
-def _note(state: TrainState, quality: HeldOutQuality | None) -> None:
-    if quality is not None:
-        row = (state.iteration, quality.psnr, quality.ssim)
+def _measure_stage(
+    state: TrainState,
+    engine: Engine,
+    views: Sequence[TrainView],
+    rasterizer: Rasterizer,
+    setting: Setting,
+) -> Stage[None]:
+    """Measure on held-out ``views``: a point of the curves, and the best splats so far.
+
+    Only the first worker of a team measures; all keep the same splats.
+    """
+    team, now, psnr = setting.team, engine.copied(state), 0.0
+    if team.rank == 0:
+        quality = yield from quality_stage(now, views, rasterizer, setting.background)
+        assert quality is not None
+        psnr = quality.psnr
+        row = (state.iteration, psnr, quality.ssim)
         state.measured = np.concatenate([state.measured, [row]])
+    psnr = team.size * float(team.mean_values(np.array([psnr]))[0])
+    if not setting.config.keeps_best(len(setting.views)):
+        return
+    if state.best is None or psnr >= state.best.psnr:
+        state.best = Best(state.iteration, psnr, now)
 
 
 def _measured(state: TrainState) -> tuple[Measured, ...]:

@@ -20,7 +20,7 @@ from gaga_core.pipeline.lift import LiftFigures, lift_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.query.index import GroupIndex, save_index
-from gaga_core.reconstruct.checkpoint import TrainState, save_checkpoint
+from gaga_core.reconstruct.checkpoint import Best, TrainState, save_checkpoint
 from gaga_core.reconstruct.densify import ScreenSums
 from gaga_core.reconstruct.exposure import Exposures
 from gaga_core.reconstruct.optimizer import Splats
@@ -187,6 +187,7 @@ def test_the_checkpoint_of_a_training(tmp_path: Path) -> None:
         exposures=Exposures(exposure, exposure, exposure),
         losses=np.zeros(3, np.float32),
         measured=np.zeros((0, 3)),
+        best=Best(1, 20.0, gaussians),
     )
     save_checkpoint(tmp_path / "train.npz", state, "digest")
     _check("Checkpoint of a training", _names(tmp_path / "train.npz"))

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.reconstruct import checkpoint_schedule
 from gaga_core.reconstruct.checkpoint import TrainState, iteration_of
 from gaga_core.reconstruct.checkpoint_schedule import Keeper, seconds_between
 from gaga_core.reconstruct.densify import ScreenSums
@@ -56,9 +55,8 @@ class _Resting:
         pass
 
 
-def test_one_file_and_only_when_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_file_and_only_when_due(tmp_path: Path) -> None:
     clock = [0.0]
-    monkeypatch.setattr(checkpoint_schedule.time, "monotonic", lambda: clock[0])
     state = TrainState(
         0,
         Splats.of(random_gaussians(5)),
@@ -67,7 +65,8 @@ def test_one_file_and_only_when_due(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         np.zeros(100, np.float32),
         np.zeros((0, 3)),
     )
-    keeper = Keeper(_Resting(), tmp_path / "train.npz", "", 60.0)  # type: ignore[arg-type]
+    engine = _Resting()
+    keeper = Keeper(engine, tmp_path / "train.npz", "", 60.0, lambda: clock[0])  # type: ignore[arg-type]
     seen = []
     for i in range(1, 100):
         clock[0], state.iteration = 10.0 * i, i
