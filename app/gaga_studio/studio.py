@@ -13,7 +13,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_studio.actions import autosave, cleanup
+from gaga_studio.actions import autosave, cleanup, mask_splats
 from gaga_studio.actions import camera_path as camera_path_actions
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
@@ -355,10 +355,12 @@ class Studio:
 
     def _overlays(self) -> Overlays:
         session = self.session
+        decision = self.ui.scene.picture.evidence.decision
         return Overlays(
             cameras=session.cameras if session.view.show_frusta else (),
             active_camera=session.active_view,
             labels=session.live_labels,
+            tint=mask_splats.tint(session, decision),
             hovered_group=session.hovered_group,
             focused_group=session.focus if session.view.mode is Mode.MASK else 0,
             pixel_scale=imgui.get_io().display_framebuffer_scale.x,

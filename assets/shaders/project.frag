@@ -9,6 +9,7 @@ uniform usampler2D u_state;
 uniform isampler2D u_labels;
 uniform usampler2D u_placement;
 uniform usampler2D u_confidence;   // 0..255, in mode 3 only
+uniform usampler2D u_tint;         // 4 x 8 bit: rgb over the splat's own color, and its share
 uniform sampler2D u_placements;    // 16 texels a row, 128 rows a line
 uniform sampler2D u_palette;       // color of each label
 
@@ -21,6 +22,8 @@ uniform vec2 u_log_scale;          // fixed point of log scales: low end, range
 uniform int u_mode;                // 0 color, 1 groups, 2 depth, 3 confidence, 4 centres, 5 rings, 6 mask
 uniform int u_hovered;             // label, 0 = none
 uniform int u_focus;               // label that is white in mode 6
+uniform int u_tinted;              // 1: there is a u_tint
+uniform int u_group_centres;       // 1: centres have the colors of their groups
 uniform int u_antialiased;         // 1: the blur of a picture takes as much opacity as it adds area
 uniform float u_threshold;         // see importance() in sort_kernels.py
 uniform float u_point;             // radius of a centre in pixels
@@ -210,10 +213,16 @@ void main()
         color.g > 0.0 && color.g < 1e30 ? color.g : 0.0,
         color.b > 0.0 && color.b < 1e30 ? color.b : 0.0);
     float light = clamp(dot(color, vec3(0.299, 0.587, 0.114)), 0.0, 1.0);
-    if (u_mode == 1) color = texelFetch(u_palette, texel_of(label), 0).rgb * (0.62 + 0.62 * light);
+    bool by_group = u_mode == 1 || (u_mode == 4 && u_group_centres != 0);
+    if (by_group) color = texelFetch(u_palette, texel_of(label), 0).rgb * (0.62 + 0.62 * light);
     if (u_mode == 3) {
         float sure = float(texelFetch(u_confidence, at, 0).r) / 255.0;
         color = (label > 0 ? heat(sure) : vec3(0.42)) * (0.62 + 0.62 * light);
+    }
+    if (u_tinted != 0) {
+        uint word = texelFetch(u_tint, at, 0).r;
+        vec4 tint = vec4(uvec4(word, word >> 8, word >> 16, word >> 24) & 255u) / 255.0;
+        color = mix(color, tint.rgb * (0.62 + 0.62 * light), tint.a);
     }
     if (u_mode >= 4 && (flags & 1u) != 0u) color = vec3(0.36, 0.66, 1.0);
     color = min(color / COLOR_RANGE, 1.0);

@@ -80,43 +80,6 @@ def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> ed
     return edits.together(title, (grouping, edits.select(scene, labels == repair.group)))
 
 
-def overlaps(session: Session, decision: Decision) -> dict[int, float] | None:
-    """Return the share of the splats behind a mask that each object holds, descending.
-
-    None until a quiet job has read its view: ask again in a later frame.
-    """
-    document = session.document
-    if document is None or document.scene.bank is None:
-        return {}
-    try:
-        evidence = evidence_of(session, document)
-        camera = evidence.camera(decision.view)
-    except GagaError:
-        return {}
-    if decision.view not in evidence.bounds:
-        if session.jobs.quiet is None:
-            session.jobs.start_quiet("Look at the view", _look(evidence, decision.view))
-        return None
-    masks, mask_of = evidence.gaussians_of(camera)
-    behind = mask_of == np.searchsorted(masks.ids, decision.mask)
-    labels = document.scene.labels[: len(behind)][behind]
-    counts = np.bincount(labels, minlength=1)
-    counts[0] = 0
-    order = np.argsort(-counts, kind="stable")
-    return {int(g): float(counts[g] / len(labels)) for g in order if counts[g] > 0}
-
-
-def _look(evidence: "Evidence", view: str) -> Stage[object]:
-    def gather() -> Stage[object]:
-        from gaga_core.grouping.repair.view_evidence import gather_stage
-
-        one = evidence.only([evidence.camera(view)])
-        yield from gather_stage(one, choose(), only_bounds=True)
-        return None
-
-    return stages.prepared("Look at the view", gather)
-
-
 # --- an object that is two
 
 

@@ -18,6 +18,8 @@ ViewSwitch = Literal[
     "visible_only",
     "snaps",
     "local_axes",
+    "lights_masks",
+    "has_mask_gate",
 ]  # fields of `ViewState` that are on or off
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from gaga_studio.commands.availability import no_confidence, no_groups, no_scene
 from gaga_studio.commands.base import Command
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, SplatLook
+from gaga_studio.session.view_state import CentreColors, Mode, SplatLook
 
 _BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray, white
 
@@ -25,6 +25,15 @@ def next_background(session: Session) -> None:
     at = _BACKGROUNDS.index(now) if now in _BACKGROUNDS else -1
     color = _BACKGROUNDS[(at + 1) % len(_BACKGROUNDS)]
     session.change_settings(replace(session.settings, background=color))
+
+
+def toggle_group_centres(session: Session) -> None:
+    """Show the centres in the colors of their groups, or in their own."""
+    view = session.view
+    is_on = view.centre_colors is CentreColors.GROUPS
+    view.centre_colors = CentreColors.OWN if is_on else CentreColors.GROUPS
+    if not is_on:
+        view.mode = Mode.CENTRES
 
 
 def _mode(mode: Mode, title: str) -> Command:
@@ -70,6 +79,13 @@ _MODES = (
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,
     Command("view.next_mode", "Next render mode", next_mode, "M", enabled=no_scene),
+    Command(
+        "view.group_centres",
+        "Centres in the colors of their groups",
+        toggle_group_centres,
+        enabled=no_groups,
+        is_on=lambda session: session.view.centre_colors is CentreColors.GROUPS,
+    ),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),
     _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),

@@ -2,7 +2,7 @@
 
 from gaga_studio.actions import navigation
 from gaga_studio.commands import handlers
-from gaga_studio.commands.availability import no_photos, no_scene
+from gaga_studio.commands.availability import no_bank, no_photos, no_scene
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
 
@@ -58,6 +58,13 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     ),
     switch("view.frusta", "Cameras of the photos", "show_frusta", "C", enabled=no_photos),
     switch("view.outline", "Outline of the selection", "show_outline", enabled=no_scene),
+    switch(
+        "view.lights_masks",
+        "Light up the splats of the chosen mask",
+        "lights_masks",
+        enabled=no_bank,
+    ),
+    switch("view.mask_gate", "Depth gate of the chosen mask", "has_mask_gate", enabled=no_bank),
     switch("view.panels", "Panels", "show_panels", "Tab"),
     switch("view.info", "Figures", "show_info", "I"),
 )

@@ -11,7 +11,7 @@ from collections import Counter
 import moderngl
 import numpy as np
 
-from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.arrays import AnyArray, IntArray, UInt8Array
 from gaga_core.color import group_palette
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -45,6 +45,7 @@ class SceneBuffers:
         self._own_colors: dict[int, RGB] = {}  # of groups, in the palette
         self._columns: set[str] = set()  # textures that have a line for every 2048 splats
         self._sent: dict[str, AnyArray] = {}  # columns as they were sent
+        self._tint: UInt8Array | None = None  # as it was given
         self._lines = 0
         self.version = 0
         self.n_splats = 0
@@ -54,11 +55,17 @@ class SceneBuffers:
         self.uploads: Counter[str] = Counter()  # how often each column was sent, in whole or part
 
     def sync(
-        self, scene: Scene, labels: IntArray | None = None, *, with_confidence: bool = False
+        self,
+        scene: Scene,
+        labels: IntArray | None = None,
+        *,
+        with_confidence: bool = False,
+        tint: UInt8Array | None = None,
     ) -> None:
         """Send what changed since the last call. ``labels`` (N,) stand in for those of the scene.
 
-        Raises `GagaError` when the graphics card cannot hold the scene.
+        ``tint`` (N, 4) lies over the colors of the splats. Raises `GagaError` when the graphics
+        card cannot hold the scene.
         """
         now = scene.revision
         is_same = scene is self._scene
@@ -85,6 +92,8 @@ class SceneBuffers:
             self._send_column("placement", scene.placement)
         if with_confidence != ("confidence" in self._textures) or labels_changed:
             self._send_confidence(scene if with_confidence else None)
+        fits = tint is not None and len(tint) == len(scene)
+        self._send_tint(tint if fits else None)
         self._seen = Revision(**vars(now))
 
     def clear(self) -> None:
@@ -100,6 +109,11 @@ class SceneBuffers:
     def scene(self) -> Scene | None:
         """The scene that the textures hold."""
         return self._scene
+
+    @property
+    def is_tinted(self) -> bool:
+        """Whether a color lies over those of the splats."""
+        return "tint" in self._textures
 
     @property
     def nbytes(self) -> int:
@@ -218,15 +232,30 @@ class SceneBuffers:
         texture = self._textures.get("confidence")
         if scene is None:
             if texture is not None:
-                self._textures.pop("confidence").release()
-                self._columns.discard("confidence")
-                self._sent.pop("confidence", None)
+                self._drop_column("confidence")
             return
         if texture is None:
             self._column("confidence", 1, "u1")
         self._send_column(
             "confidence", np.zeros(len(scene), np.uint8) if column is None else column
         )
+
+    def _send_tint(self, tint: UInt8Array | None) -> None:
+        """Put the column there while it is shown: four bytes a splat that are seldom needed."""
+        if tint is None:
+            if self.is_tinted:
+                self._drop_column("tint")
+                self.version += 1
+        elif tint is not self._tint or not self.is_tinted:
+            if not self.is_tinted:
+                self._column("tint", 1, "u4")
+            self._tint = tint
+            self._send_column("tint", np.ascontiguousarray(tint).view("<u4")[:, 0])
+
+    def _drop_column(self, name: str) -> None:
+        self._textures.pop(name).release()
+        self._columns.discard(name)
+        self._sent.pop(name, None)
 
     def _send_placements(self, placements: Placements) -> None:
         if len(placements) > _MOST_SHORT and self._texture("placement").dtype == "u2":

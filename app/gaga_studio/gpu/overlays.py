@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_studio.gpu.composite import ACCENT
 from gaga_studio.gpu.context import load_program, set_uniforms
@@ -33,6 +33,8 @@ class Overlays:
     cameras: tuple[Camera, ...] = ()  # frusta to draw
     active_camera: int | None = None  # index of the highlighted one
     labels: IntArray | None = field(default=None, compare=False)  # (N,) instead of scene.labels
+    # (N, 4) color over each splat's own, and its share 0..255. Compared by identity.
+    tint: UInt8Array | None = field(default=None, compare=False)
     hovered_group: int = 0
     focused_group: int = 0  # the one that Mode.MASK shows
     ground: Ground | None = None

@@ -32,6 +32,7 @@ class Look:
     antialiased: bool = False  # the mip look (Yu 2024): what the blur widens, it thins out
     pixel_scale: float = 1.0  # of lines and points
     threshold: float = -np.inf  # of importance: those above it stand for those that are left out
+    group_centres: bool = False  # Mode.CENTRES: in the colors of their groups
 
 
 class SplatRenderer:
@@ -161,6 +162,8 @@ class SplatRenderer:
                 "u_hovered": look.hovered_group,
                 "u_focus": look.focus,
                 "u_antialiased": int(look.antialiased),
+                "u_tinted": int(buffers.is_tinted),
+                "u_group_centres": int(look.group_centres),
                 "u_threshold": max(look.threshold, -1e9),
                 "u_point": _POINT * look.pixel_scale,
             },

@@ -17,7 +17,7 @@ from gaga_studio.gpu.slices import Slices
 from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
 from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.gpu.targets import Target
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view_state import CentreColors, Mode, ViewState
 
 __all__ = ["Overlays", "Viewport"]
 
@@ -97,7 +97,7 @@ class Viewport:
         order = self._order
         wanted = (
             _Lens.of(camera),
-            (view.mode, view.background, view.look, view.show_outline),
+            (view.mode, view.background, view.look, view.show_outline, view.centre_colors),
             overlays,
             self.buffers.version,
             (view.resolution_scale, order and (order.ticket, order.budget)),
@@ -160,7 +160,7 @@ class Viewport:
             self._forget()
         n_before = self.buffers.n_splats
         is_heat = view.mode is Mode.CONFIDENCE and scene.confidence is not None
-        self.buffers.sync(scene, overlays.labels, with_confidence=is_heat)
+        self.buffers.sync(scene, overlays.labels, with_confidence=is_heat, tint=overlays.tint)
         if self._order is not None and n_before != self.buffers.n_splats:
             self._use(self._order)
         revision = scene.revision
@@ -234,6 +234,7 @@ class Viewport:
                 view.is_antialiased(scene),
                 overlays.pixel_scale * view.resolution_scale,
                 order.threshold,
+                view.centre_colors is CentreColors.GROUPS,
             )
             small = scaled(camera, view.resolution_scale)
             blended = yield from self._splats.draw_parts(

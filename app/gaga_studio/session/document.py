@@ -23,6 +23,7 @@ from gaga_studio.session.search_state import SearchState
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import Quality
+    from gaga_core.grouping.mask_splats import MaskSplats
     from gaga_core.grouping.repair.view_evidence import Evidence
     from gaga_core.scene.cleanup.clean import CleanPreview
 
@@ -39,6 +40,7 @@ class Document:
         self._worlds = {0: np.eye(4)}  # how the whole scene was turned, by History.state_id
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
+        self.lit: tuple[object, MaskSplats] | None = None  # of one mask, see `mask_splats`
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()

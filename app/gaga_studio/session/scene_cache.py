@@ -30,7 +30,8 @@ class SceneCache:
         self._scene = scene
         self._kept: dict[str, tuple[object, object]] = {}
 
-    def _once(self, name: str, key: object, compute: Callable[[], T]) -> T:
+    def once(self, name: str, key: object, compute: Callable[[], T]) -> T:
+        """Return what ``compute`` gave for this ``key``: computed again when the key is another."""
         kept = self._kept.get(name)
         if kept is None or kept[0] != key:
             kept = (key, compute())
@@ -45,34 +46,34 @@ class SceneCache:
             return cast(ObjectTable, kept[1])
         key = (scene.revision.total(), id(live) if live else 0)
         if live is None:
-            return self._once("objects", key, lambda: objects.object_table(scene))
+            return self.once("objects", key, lambda: objects.object_table(scene))
         labels, bank = self.live_labels(live), live.bank
         names, words = (scene.names, scene.described) if live.keeps_ids else ({}, {})
         shown = replace(scene, labels=labels, bank=bank, names=names, described=words)
-        return self._once("objects", key, lambda: objects.object_table(shown))
+        return self.once("objects", key, lambda: objects.object_table(shown))
 
     def live_labels(self, live: BankSnapshot) -> IntArray:
         """Group (N,) of each splat in the growing bank, 0 = none."""
         key = (id(live), self._scene.revision.splats)
-        return self._once("live", key, lambda: labels_of_bank(live.bank, self._scene))
+        return self.once("live", key, lambda: labels_of_bank(live.bank, self._scene))
 
     def has_groups(self) -> bool:
         """Whether any splat belongs to an object."""
         revision = self._scene.revision
         key = (revision.splats, revision.labels)
-        return self._once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
+        return self.once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
 
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""
         revision = self._scene.revision
         key = (revision.splats, revision.state)
-        return self._once("indices", key, lambda: objects.selected_indices(self._scene))
+        return self.once("indices", key, lambda: objects.selected_indices(self._scene))
 
     def selected_groups(self) -> tuple[int, ...]:
         """Groups with a selected splat, ascending, without 0."""
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.labels)
-        return self._once(
+        return self.once(
             "groups",
             key,
             lambda: tuple(int(g) for g in objects.selected_groups(self._scene)),
@@ -85,32 +86,32 @@ class SceneCache:
             return cast(tuple[DoubleArray, DoubleArray], kept[1])
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.placement, revision.placements)
-        return self._once("box", key, lambda: splat_box(self._scene, self.selected_indices(), 0.98))
+        return self.once("box", key, lambda: splat_box(self._scene, self.selected_indices(), 0.98))
 
     def selected_color(self) -> DoubleArray:
         """Mean color (3,) of the selection, 0..1, as it is drawn."""
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.placement, revision.placements)
-        return self._once("color", key, lambda: mean_color(self._scene, self.selected_indices()))
+        return self.once("color", key, lambda: mean_color(self._scene, self.selected_indices()))
 
     def listed(
         self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray
     ) -> IntArray:
         """`listed`, once for each table, text and order."""
         key = (table, text, sort, descending, quality.tobytes() if sort == "quality" else b"")
-        return self._once("listed", key, lambda: listed(table, text, sort, descending, quality))
+        return self.once("listed", key, lambda: listed(table, text, sort, descending, quality))
 
     def labels_digest(self) -> str:
         """Digest of the groups of all splats; an undo restores it."""
         revision = self._scene.revision
         key = (revision.splats, revision.labels)
-        return self._once("digest", key, lambda: _digest(self._scene.labels))
+        return self.once("digest", key, lambda: _digest(self._scene.labels))
 
     def held_by_masks(self) -> dict[int, float]:
         """Share of each group's splats that its masks gave it: 0 for one made by hand."""
         revision = self._scene.revision
         key = (revision.splats, revision.labels, self._scene.bank)
-        return self._once("held", key, lambda: _held_by_masks(self._scene))
+        return self.once("held", key, lambda: _held_by_masks(self._scene))
 
     def overlap_is_of_points(self) -> bool:
         """Whether overlaps in the log are shares of surface points, not of splats."""
@@ -129,13 +130,13 @@ class SceneCache:
         bank = self._scene.bank
         if bank is None:
             return None
-        return self._once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
+        return self.once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
 
     def confidence(self, n_bins: int) -> LongArray | None:
         """Count (B,) the selected splats by confidence, ascending; None when it is unknown."""
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.labels, n_bins)
-        return self._once(
+        return self.once(
             "confidence",
             key,
             lambda: confidence_histogram(self._scene, self.selected_indices(), n_bins),
@@ -146,7 +147,7 @@ class SceneCache:
         bank = self._scene.bank if live is None else live.bank
         if bank is None:
             return ()
-        return self._once("log", bank, lambda: by_group(bank)).get(group, ())
+        return self.once("log", bank, lambda: by_group(bank)).get(group, ())
 
 
 def _digest(labels: IntArray) -> str:

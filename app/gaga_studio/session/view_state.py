@@ -30,6 +30,13 @@ class SplatLook(StrEnum):
     ANTIALIASED = "antialiased"  # and thinned out as much (Yu 2024, Mip-Splatting)
 
 
+class CentreColors(StrEnum):
+    """What the colors of the centres mean, in `Mode.CENTRES`."""
+
+    OWN = "own"  # the splats' own colors
+    GROUPS = "groups"
+
+
 class ToolName(StrEnum):
     """The one active tool."""
 
@@ -93,6 +100,7 @@ class ViewState:
     mode: Mode = Mode.COLOR
     background: tuple[float, float, float] = (0.11, 0.11, 0.12)
     look: SplatLook = SplatLook.AUTO
+    centre_colors: CentreColors = CentreColors.OWN
     show_frusta: bool = False
     show_outline: bool = True
     splat_budget: int = 0  # 0 = no limit
@@ -113,6 +121,8 @@ class ViewState:
     swipe: float = 0.5  # share of the photo's width that shows the photo
     holds_photo: bool = False  # the photo lies over the picture while the keys are held
     show_cube: bool = True  # the view cube in a corner of the picture
+    lights_masks: bool = True  # the splats of the mask that is chosen in the memory bank
+    has_mask_gate: bool = True  # only those that the depth gate lets through
     playback: Playback = field(default_factory=Playback)
     pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
 

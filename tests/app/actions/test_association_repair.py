@@ -88,18 +88,6 @@ def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:
     assert (_labels(session)[: n - (_labels(session) == copy).sum()] != copy).all()
 
 
-def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) -> None:
-    session = associated
-    mask = _decision(session, 3)
-    found = association_repair.overlaps(session, mask)
-    while found is None:
-        session.jobs.poll()
-        found = association_repair.overlaps(session, mask)
-    assert next(iter(found)) == 3
-    assert list(found.values()) == sorted(found.values(), reverse=True)
-    assert 0.5 < found[3] <= 1
-
-
 def test_a_saved_bank_is_repaired_by_its_preset_whatever_the_order_of_its_views(
     associated: Session,
 ) -> None:

@@ -30,6 +30,8 @@ _LINE_BEFORE = {
     "view.look_auto",
     "view.background",
     "view.frame_selected",
+    "view.lights_masks",
+    "view.panels",
     "view.front",
     "view.next_photo",
     "view.outline",

@@ -9,6 +9,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
+from gaga_studio import commands
+from gaga_studio.actions import mask_splats
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -28,6 +30,8 @@ _OVERLAPS = {  # what the shares are of
     False: "share of the splats behind the mask that the object held when the mask was decided",
     True: "share of the points on the surface that the mask shows, which belong to the object",
 }
+_BARS_SHARE = 0.4  # of the panel's height
+_MOST_BARS = 6
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 
@@ -51,6 +55,7 @@ def draw(session: Session, state: EvidenceState) -> None:
         widgets.empty_state(icons.MEMORY, "No object chosen", hint)
         return
     _head(document, session.focus, decisions)
+    _chosen(session, document, state)
     _table(session, document, state, decisions, by_view=True)
 
 
@@ -66,6 +71,56 @@ def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None
         f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
         "belongs elsewhere, or drag it onto its object in the list."
     )
+
+
+def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
+    """The chosen mask: its splats in the picture, and the share of them that each group holds."""
+    decision = state.decision
+    if decision is None or commands.command("view.lights_masks").enabled(session):
+        return
+    view = session.view
+    hint = "Light up the splats of this mask in the picture"
+    if widgets.toggle(f"{icons.MASK_MODE}  Light up###Light up", view.lights_masks, hint=hint):
+        commands.run("view.lights_masks", session)
+    widgets.next_to("Depth gate")
+    hint = "Only splats at the depths of what the mask shows; without it also those behind it, pink"
+    if widgets.toggle("Depth gate", view.has_mask_gate, hint=hint):
+        commands.run("view.mask_gate", session)
+    splats = mask_splats.found(session, decision)
+    shares = mask_splats.overlaps(session, decision, has_gate=view.has_mask_gate)
+    if splats is None or shares is None:
+        widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
+        return
+    n_splats = f"{int(splats.of(view.has_mask_gate).sum()):,} splats"
+    widgets.next_to(n_splats)
+    imgui.align_text_to_frame_padding()
+    widgets.dim(n_splats)
+    height = imgui.get_text_line_height_with_spacing()
+    n_bars = int(imgui.get_content_region_avail().y * _BARS_SHARE / height)
+    _shares(session, document, shares, min(max(n_bars, 1), _MOST_BARS))
+
+
+def _shares(session: Session, document: Document, shares: dict[int, float], n: int) -> None:
+    """The largest shares as bars; all of them in the tooltip."""
+    table = session.objects()
+    first = imgui.get_cursor_screen_pos()
+    left = imgui.get_cursor_pos_x()
+    wide = imgui.get_content_region_avail().x
+    for group, share in list(shares.items())[:n]:
+        row = table.row(group)
+        color = theme.FAINT if row is None or not group else widgets.rgba(table.colors[row])
+        with theme.text_color(color):
+            imgui.text_unformatted("●")
+        imgui.same_line(0, em(0.4))
+        name = document.name_of(group) if group else "no object"
+        widgets.line(widgets.elided(name, 0.45 * wide - em(1.6)), theme.TEXT)
+        imgui.same_line(left + 0.45 * wide)
+        _bar(share, color)
+    end = imgui.get_cursor_screen_pos()
+    if imgui.is_mouse_hovering_rect(first, ImVec2(first.x + wide, end.y)):
+        names = ((document.name_of(g) if g else "no object", s) for g, s in shares.items())
+        listed = "\n".join(f"{100 * share:.1f} %  {name}" for name, share in names)
+        imgui.set_tooltip(f"Overlap of the mask with each group\n{listed}")
 
 
 def _growing(

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio import commands
-from gaga_studio.actions import association_repair, selection
+from gaga_studio.actions import association_repair, mask_splats, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -75,8 +75,9 @@ def _objects(
     """The other objects: those that hold splats behind the mask first, with their share."""
     key = f"{decision.view} {decision.mask} {document.read.labels_digest()}"
     if state.overlaps[0] != key:
-        found = association_repair.overlaps(session, decision)
+        found = mask_splats.overlaps(session, decision)
         if found is not None:
+            found.pop(0, None)  # no object
             state.overlaps = (key, found)
     is_known = state.overlaps[0] == key
     shares = dict(state.overlaps[1]) if is_known else {}

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.camera import Camera
 from gaga_studio.actions import align_ground, cleanup, objects
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view_state import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
@@ -228,6 +228,8 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> Non
 def mode_badge(session: Session) -> str:
     """What the colors of the picture say, when they are not the scene's own."""
     mode = session.view.mode
+    if mode is Mode.CENTRES and session.view.centre_colors is CentreColors.GROUPS:
+        return "Centres of the splats, in the colors of their groups"
     if mode is Mode.MASK:
         name = session.document.name_of(session.focus) if session.document is not None else ""
         return f"Mask of {name}" if session.focus else "Mask: click an object"

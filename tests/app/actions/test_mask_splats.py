@@ -1,0 +1,70 @@
+"""The splats of a chosen mask: lit, gated or not, and whose they are."""
+
+import numpy as np
+import pytest
+
+from gaga_core.grouping.memory_bank import Decision
+from gaga_studio.actions import mask_splats, selection
+from gaga_studio.commands import run
+from gaga_studio.session.session import Session
+
+
+def _mask(session: Session) -> Decision:
+    """A mask of the object 3, its view read."""
+    decision = session.decisions(3)[-1]
+    while mask_splats.overlaps(session, decision) is None:
+        session.jobs.poll()
+    return decision
+
+
+def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) -> None:
+    decision = associated.decisions(3)[-1]
+    assert mask_splats.overlaps(associated, decision) is None
+    decision = _mask(associated)
+    found = mask_splats.overlaps(associated, decision)
+    assert found is not None
+    assert next(iter(found)) == 3
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+    assert 0.5 < found[3] <= 1
+    assert sum(found.values()) == pytest.approx(1)
+    behind = mask_splats.overlaps(associated, decision, has_gate=False)
+    assert behind is not None
+    assert len(behind) >= len(found)
+    assert behind[3] < found[3]  # the floor is behind every ball
+
+
+def test_lit_splats_are_those_of_the_mask_and_the_gate_is_a_switch(associated: Session) -> None:
+    session = associated
+    decision = _mask(session)
+    splats = mask_splats.found(session, decision)
+    assert splats is not None
+    gated = mask_splats.tint(session, decision)
+    assert gated is not None
+    assert np.array_equal((gated == mask_splats.IN_GATE).all(axis=1), splats.gated)
+    assert not (gated == mask_splats.CUT_OFF).all(axis=1).any()
+    assert mask_splats.tint(session, decision) is gated  # nothing is sent to the card again
+    run("view.mask_gate", session)
+    free = mask_splats.tint(session, decision)
+    assert free is not None
+    assert np.array_equal((free == mask_splats.IN_GATE).all(axis=1), splats.gated)
+    cut = (free == mask_splats.CUT_OFF).all(axis=1)
+    assert np.array_equal(cut, splats.behind & ~splats.gated)
+    assert cut.any()
+    assert mask_splats.tint(session, None) is None
+    run("view.lights_masks", session)
+    assert mask_splats.tint(session, decision) is None
+
+
+def test_copies_are_lit_with_their_originals(associated: Session) -> None:
+    session = associated
+    decision = _mask(session)
+    before = mask_splats.tint(session, decision)
+    selection.select_groups(session, (3,))
+    assert run("edit.duplicate", session)
+    scene = session.scene
+    assert scene is not None
+    after = mask_splats.tint(session, decision)
+    assert before is not None
+    assert after is not None
+    assert len(after) == len(scene) > len(before)
+    assert np.array_equal(after, before[scene.source])
