@@ -13,7 +13,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_studio.actions import autosave, cleanup, mask_splats
+from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats
 from gaga_studio.actions import camera_path as camera_path_actions
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
@@ -25,7 +25,6 @@ from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
-from gaga_studio.system.layout import Panel
 from gaga_studio.system.log import start_log
 from gaga_studio.system.window import Hooks, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
@@ -41,18 +40,9 @@ from gaga_studio.ui.dialogs import (
 )
 from gaga_studio.ui.dialogs.file_dialog import FilePicker, has_native
 from gaga_studio.ui.dispatch import request_table
+from gaga_studio.ui.docked import panels
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.guard import Guard
-from gaga_studio.ui.panels import (
-    bookmarks,
-    camera_path,
-    film_strip,
-    history,
-    inspector,
-    memory_bank,
-    objects,
-    selecting,
-)
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.viewport import training
 from gaga_studio.ui.viewport.viewport import ViewportPanel
@@ -94,7 +84,9 @@ class Studio:
         self.picture = ViewportPanel(self._render, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
         options = replace(options or remembered, ui_scale=self.session.settings.ui_scale)
-        self.window = Window(self._hooks(), self._panels(), options)
+        listed = panels(self.session, self.ui, self.picture)
+        guarded = tuple(replace(p, draw=self._guard.wrap(p.label, p.draw)) for p in listed)
+        self.window = Window(self._hooks(), guarded, options)
 
     def run(self) -> None:
         """Open the window and stay until it is closed. Raises ``GagaError`` if it cannot open."""
@@ -127,52 +119,6 @@ class Studio:
             frame_rate=self._frame_rate,
             panels_shown=lambda: session.view.show_panels,
         )
-
-    def _panels(self) -> tuple[Panel, ...]:
-        session, ui = self.session, self.ui
-        main = "MainDockSpace"
-
-        def draw_picture() -> None:
-            self.picture.draw(session, ui.scene.picture, ui.area)
-
-        def draw_objects() -> None:
-            masks = ui.scene.picture.evidence.menu
-            objects.draw(session, ui.scene.objects, masks, ui.area)
-
-        def draw_bank() -> None:
-            memory_bank.draw(session, ui.scene.picture.evidence)
-
-        panels = (
-            Panel("Viewport", draw_picture, main, main, is_bare=True),
-            Panel("Objects", draw_objects, "Left", "Right"),
-            Panel(
-                "Inspector",
-                lambda: inspector.draw(session, ui.scene.inspector),
-                "Right",
-                "RightBottom",
-            ),
-            Panel(
-                "Select by",
-                lambda: selecting.draw(session, ui.scene.select_by),
-                "Right",
-                "RightBottom",
-            ),
-            Panel("Memory bank", draw_bank, "RightDown", "RightBottom"),
-            Panel(
-                "Views", lambda: film_strip.draw(session, ui.scene.film_strip), "Bottom", "Right"
-            ),
-            Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
-            Panel(
-                "Bookmarks", lambda: bookmarks.draw(session, ui.scene.bookmarks), "Bottom", "Right"
-            ),
-            Panel(
-                "History",
-                lambda: history.draw(session, ui.scene.history),
-                "RightDown",
-                "RightBottom",
-            ),
-        )
-        return tuple(replace(p, draw=self._guard.wrap(p.label, p.draw)) for p in panels)
 
     def _started(self) -> None:
         self._ctx = attach()
@@ -225,6 +171,7 @@ class Studio:
         style.font_scale_main = self.session.settings.ui_scale
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
+        bank_timeline.tick(self.session, imgui.get_io().delta_time)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
             saving.look_at_files(self.session)
@@ -289,6 +236,9 @@ class Studio:
             self.session.view.playback.is_playing = False
             return True
         if self.picture.cancel(self.session):
+            return True
+        if bank_timeline.timeline_of(self.session).is_open:
+            bank_timeline.close(self.session)
             return True
         evidence = self.ui.scene.picture.evidence
         if evidence.decision is not None:
@@ -359,7 +309,7 @@ class Studio:
         return Overlays(
             cameras=session.cameras if session.view.show_frusta else (),
             active_camera=session.active_view,
-            labels=session.live_labels,
+            labels=session.live_labels if session.live else bank_timeline.labels(session),
             tint=mask_splats.tint(session, decision),
             hovered_group=session.hovered_group,
             focused_group=session.focus if session.view.mode is Mode.MASK else 0,
@@ -375,6 +325,7 @@ class Studio:
         is_drawn = self.viewport is None or (self.viewport.settled and self._pacing.is_settled)
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
+        is_driven |= bank_timeline.timeline_of(self.session).is_playing
         is_driven |= self.session.view.playback.is_playing or self.session.view.holds_photo
         is_driven |= (
             self.session.render_requests is not None and self.session.render_requests.is_wanted

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, click_object, detail, quality, search
+from gaga_studio.actions import bank_timeline, cleanup, click_object, detail, quality, search
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -145,6 +145,11 @@ def no_bank(session: Session) -> str:
     if session.scene.bank is None:
         return "Nothing is known of the masks behind these objects. Use Find objects first."
     return no_masks(session)
+
+
+def not_replayable(session: Session) -> str:
+    """Needs a memory bank with masks and the job runner, or an open replay."""
+    return "" if bank_timeline.timeline_of(session).is_open else no_bank(session)
 
 
 def not_one_object_with_masks(session: Session) -> str:

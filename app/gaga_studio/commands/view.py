@@ -1,8 +1,8 @@
 """View: how the scene is shown, and from where."""
 
-from gaga_studio.actions import navigation
+from gaga_studio.actions import bank_timeline, navigation
 from gaga_studio.commands import handlers
-from gaga_studio.commands.availability import no_bank, no_photos, no_scene
+from gaga_studio.commands.availability import no_bank, no_photos, no_scene, not_replayable
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
 
@@ -65,6 +65,13 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         enabled=no_bank,
     ),
     switch("view.mask_gate", "Depth gate of the chosen mask", "has_mask_gate", enabled=no_bank),
+    Command(
+        "view.timeline",
+        "Replay the memory bank",
+        bank_timeline.toggle,
+        enabled=not_replayable,
+        is_on=lambda s: bank_timeline.timeline_of(s).is_open,
+    ),
     switch("view.panels", "Panels", "show_panels", "Tab"),
     switch("view.info", "Figures", "show_info", "I"),
 )

@@ -20,6 +20,7 @@ from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.save_state import SaveState
 from gaga_studio.session.scene_cache import SceneCache
 from gaga_studio.session.search_state import SearchState
+from gaga_studio.session.timeline import Timeline
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import Quality
@@ -41,6 +42,7 @@ class Document:
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
         self.lit: tuple[object, MaskSplats] | None = None  # of one mask, see `mask_splats`
+        self.timeline = Timeline()
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()

@@ -24,6 +24,8 @@ class Request(Enum):
     RENAME = auto()
     FIND = auto()
     FIND_IN_VIEW = auto()  # the text that is there already
+    # A panel that comes to the front.
+    TIMELINE = auto()
     # A path of the file dialog.
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()

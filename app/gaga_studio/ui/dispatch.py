@@ -10,7 +10,7 @@ from gaga_studio.ui.dialogs import (
     sheets,
 )
 from gaga_studio.ui.kit.requests import RequestTable
-from gaga_studio.ui.panels import objects, search
+from gaga_studio.ui.panels import bank_timeline, objects, search
 from gaga_studio.ui.state import UiState
 from gaga_studio.ui.viewport import training
 
@@ -27,5 +27,6 @@ def request_table(ui: UiState) -> RequestTable:
     models.register(table)
     open_and_save.register(table, ui.files)
     objects.register(table, lambda: ui.scene.objects)
+    bank_timeline.register(table)
     search.register(table, lambda: ui.scene.objects.search, ui.area)
     return table

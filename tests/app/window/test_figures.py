@@ -7,7 +7,7 @@ import pytest
 
 from gaga_studio.actions import mask_splats, selection
 from gaga_studio.commands import run
-from gaga_studio.session.view_state import CentreColors
+from gaga_studio.session.view_state import CentreColors, Mode
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window
@@ -22,6 +22,7 @@ def test_figures_of_the_paper(
         plain = d.pixels().astype(int)
         _mask_in_3d(d, plain)
         _centres_by_group(d, plain)
+        _replay(d)
 
     drive(walk, path=grouped_scene)
 
@@ -50,3 +51,25 @@ def _centres_by_group(d: Driver, plain: np.ndarray) -> None:
     assert np.abs(d.pixels().astype(int) - plain).mean() > 5
     d.menu("View/###Centres in the colors of their groups")
     d.menu("View/###Color")
+
+
+def _replay(d: Driver) -> None:
+    """The bank grows from nothing to the saved groups; a step can be taken from the curve."""
+    d.on_main(lambda: run("view.groups", d.session))
+    saved = d.pixels().astype(int)
+    d.on_main(lambda: run("view.color", d.session))
+    d.menu("View/###Replay the memory bank")
+    timeline = d.session.document.timeline  # type: ignore[union-attr]
+    d.until(lambda: timeline.is_open, "the growth is known")
+    d.click("Timeline/**/###Camera follows")
+    growth = timeline.growth
+    assert growth is not None
+    d.until(lambda: not timeline.is_playing, "the replay has ended")
+    assert timeline.step == growth.last_step
+    d.click("Timeline/**/###Step back")
+    assert timeline.step == growth.last_step - 1
+    d.click("Timeline/**/###Close replay")
+    assert d.session.view.mode is Mode.COLOR
+    d.on_main(lambda: run("view.groups", d.session))
+    assert np.abs(d.pixels().astype(int) - saved).mean() < 1
+    d.on_main(lambda: run("view.color", d.session))
