@@ -212,7 +212,8 @@ def _add_identity(project: Project) -> IdentityField:
     They are of `gaga lift`; without one, those with which the model came.
     """
     from gaga_core.identity.classifier_io import field_of_model, with_encodings
-    from gaga_core.pipeline.lift import FILE, read_identity
+    from gaga_core.identity.field import FILE
+    from gaga_core.pipeline.lift import read_identity
 
     field = field_of_model(project.scene.gaussians, project.model_path)
     folder = project.folder

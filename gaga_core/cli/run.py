@@ -1,12 +1,13 @@
 """The command that goes the whole way: from photos to objects."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
+from gaga_core.cli.switches import GroupSwitches, IdentitySwitches
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
@@ -27,10 +28,14 @@ class RunCommand:
     """Who makes the masks (gaga masks --list); default: regions, where there are none yet."""
     model: Path | None = None
     """The 3D Gaussians; default: the newest model of the scene folder."""
-    preset: Literal["robust", "paper"] = "robust"
-    """Preset of the association."""
-    detail: float | None = None
-    """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
+    preset: Literal["robust", "paper"] | None = None
+    """robust (default): groups by the consensus of all views, identities by vote. paper: the
+    published method to the letter: association of section 3.2, identities trained for 10,000 steps,
+    labels by their classifier. When given, groups of the other preset are made again."""
+    groups: Annotated[GroupSwitches, arg(name="")] = field(default_factory=GroupSwitches)
+    lift: Literal["vote", "refine", "paper"] | None = None
+    """How groups become identities (see gaga lift); default: as the preset has it."""
+    identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
     quality: Literal["draft", "standard", "full"] = "draft"
     """Of splats that are still to be trained."""
     iterations: int | None = None
@@ -91,7 +96,6 @@ class RunCommand:
         return 0
 
     def _config(self) -> "RunConfig":
-        from gaga_core.grouping.associate import AssociateConfig
         from gaga_core.pipeline.reconstruct import ReconstructConfig
         from gaga_core.pipeline.run import RunConfig
 
@@ -112,7 +116,10 @@ class RunCommand:
             reconstruct=reconstruct,
             masks=self.masks,
             masks_from=self.masks_from,
-            associate=AssociateConfig.of(self.preset).at_detail(self.detail),
+            associate=self.groups.config(self.preset or "robust"),
+            keeps_groups=self.preset is None,
+            mode=self.lift,
+            lift=self.identities.config(),
         )
 
     def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:

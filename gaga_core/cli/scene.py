@@ -1,16 +1,14 @@
 """Commands over a scene folder: the stages of the method, and their scores."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
+from gaga_core.cli.switches import GroupSwitches, IdentitySwitches
 from gaga_core.errors import GagaError
-
-if TYPE_CHECKING:
-    from gaga_core.grouping.associate import AssociateConfig
 
 
 @dataclass(frozen=True)
@@ -25,16 +23,7 @@ class AssociateCommand:
     """The 3D Gaussians; default: the newest model of the scene folder."""
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
-    detail: float | None = None
-    """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
-    threshold: float | None = None
-    """Least overlap of a mask with a group to join it, in (0, 1]; default: 0.1, as published."""
-    inlier_factor: float | None = None
-    """f of the depth gate: pixels within f IQRs of the mask's depths count; default: 1."""
-    depth: Literal["expected", "median", "none"] | None = None
-    """Of a pixel; none: all Gaussians behind a mask. Default: expected (paper), median (robust)."""
-    order: Literal["name", "coverage"] | None = None
-    """Of the views; coverage: widest first. Default: name (paper), coverage (robust)."""
+    groups: Annotated[GroupSwitches, arg(name="")] = field(default_factory=GroupSwitches)
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -42,15 +31,13 @@ class AssociateCommand:
 
     def run(self) -> int:
         """Write SCENE/gaga/: bank, labels per Gaussian, group maps of the masks, report."""
-        from gaga_core.grouping.associate import AssociateConfig
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.pipeline import associate
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
-        config = AssociateConfig.of(self.preset).at_detail(self.detail)
-        config = self._switched(config)
+        config = self.groups.config(self.preset)
         stage = associate.associate_scene(
             folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
         )
@@ -64,21 +51,6 @@ class AssociateCommand:
         out.result(report.to_json(), as_json=self.json)
         return 0
 
-    def _switched(self, config: "AssociateConfig") -> "AssociateConfig":
-        """``config`` with the settings that were given."""
-        given = {
-            name: value
-            for name in ("threshold", "depth", "order")
-            if (value := getattr(self, name)) is not None
-        }
-        try:
-            gate = config.gate
-            if self.inlier_factor is not None:
-                gate = replace(gate, iqr_factor=self.inlier_factor)
-            return replace(config, gate=gate, **given)
-        except ValueError as error:
-            raise GagaError(f"That cannot be: {error}.") from error
-
 
 @dataclass(frozen=True)
 class LiftCommand:
@@ -86,8 +58,11 @@ class LiftCommand:
 
     scene: Positional[Path]
     """Scene folder whose masks are associated."""
-    mode: Literal["vote", "refine", "paper"] = "vote"
-    """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros."""
+    mode: Literal["vote", "refine", "paper"] | None = None
+    """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros,
+    10,000 steps. Default: paper where the preset paper made the groups, else vote. After paper of
+    the preset paper the scene's labels are those of the classifier."""
+    identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -100,8 +75,10 @@ class LiftCommand:
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene)
-        stage = lift_scene(folder, mode=self.mode, rasterizer=choose(self.backend))
-        report = out.follow(stage)
+        config = self.identities.config()
+        report = out.follow(lift_scene(folder, self.mode, config, rasterizer=choose(self.backend)))
+        if (folder.work / "project.json").is_file():
+            out.say("The saved project of this scene keeps its own labels until you lift there.")
         out.result(report.to_json(), as_json=self.json)
         return 0
 
@@ -114,8 +91,9 @@ class RenderCommand:
     """Scene folder; for a film also a splat file or a saved project, with its edits."""
     out: Path | None = None
     """Folder to write <view>.png into (groups: 16-bit group ids, depth: 16-bit thousandths)."""
-    what: Literal["rgb", "groups", "depth", "identity"] = "rgb"
-    """What a pixel holds. identity: group ids decoded from the rendered identity encodings."""
+    what: Literal["rgb", "groups", "depth", "identity", "encodings"] = "rgb"
+    """What a pixel holds. identity: group ids decoded from the rendered identity encodings.
+    encodings: these as colors, their three principal components, as the window shows them."""
     views: tuple[str, ...] = ("test",)
     """train, test, all, or names of views."""
     model: Path | None = None
@@ -143,7 +121,7 @@ class RenderCommand:
             raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.lift import render_identity
+        from gaga_core.pipeline.lift import render_encodings, render_identity
         from gaga_core.pipeline.render import render_views
         from gaga_core.raster import choose
 
@@ -151,6 +129,8 @@ class RenderCommand:
         engine = choose(self.backend)
         if self.what == "identity":
             stage = render_identity(folder, self.out, views=self.views, rasterizer=engine)
+        elif self.what == "encodings":
+            stage = render_encodings(folder, self.out, views=self.views, rasterizer=engine)
         else:
             stage = render_views(
                 folder, self.out, what=self.what, views=self.views, rasterizer=engine
@@ -167,7 +147,7 @@ class RenderCommand:
         from gaga_core.scene.camera_json import load_path
         from gaga_core.scene.project import open_path_stage
 
-        if self.what == "identity" or self.model is not None:
+        if self.what == "identity" or self.what == "encodings" or self.model is not None:
             raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
         video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
         config = FilmConfig(self.what, video=video)

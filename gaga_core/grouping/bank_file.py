@@ -1,5 +1,6 @@
 """What an association leaves on disk: bank.npz (owners, preset, decision log) and labels.npz."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -47,6 +48,15 @@ def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
         preset=_preset_of(str(arrays["preset"])) if "preset" in arrays else _guessed_preset(log),
         levels=_levels_of(arrays) if "levels" in arrays else None,
     )
+
+
+def bank_digest(bank: MemoryBank) -> str:
+    """What tells the groups of ``bank`` from those of another one: 32 hex digits."""
+    state = hashlib.blake2b(np.ascontiguousarray(bank.group, np.int32).tobytes(), digest_size=16)
+    state.update(f"{bank.n_groups} {bank.preset}".encode())
+    for decision in bank.log:
+        state.update(f"{decision.view} {decision.mask} {decision.group};".encode())
+    return state.hexdigest()
 
 
 def _levels_of(arrays: dict[str, AnyArray]) -> Levels:

@@ -13,12 +13,14 @@ from gaga_core.arrays import FloatArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.linear_kernels import D, softmax_rows
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
 from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import LabelFrame, Rasterizer
 
+FILE = "identity.npz"  # in the work folder of a scene
 _BLOCK = 1024  # rows whose scores are held at a time by a thread
 _CURE = "Lift the groups again."
 
@@ -77,6 +79,7 @@ class Identity:
     labels: IntArray  # (N,) 1..G, 0 = none; what the field decodes
     confidence: FloatArray  # (N,) 0..1
     mode: str  # vote, refine or paper
+    bank: str = ""  # `grouping.bank_file.bank_digest` of the groups; "" = older, not known
 
     def __post_init__(self) -> None:
         n = len(self.field.encodings)
@@ -114,7 +117,7 @@ def decode_view(
 
 
 def save_identity(path: Path, identity: Identity) -> None:
-    """Write ``identity.npz``: encodings, weight, bias, labels, confidence, mode."""
+    """Write ``identity.npz``: encodings, weight, bias, labels, confidence, colors, mode, bank."""
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez(
             file,
@@ -123,7 +126,9 @@ def save_identity(path: Path, identity: Identity) -> None:
             bias=identity.field.bias,
             labels=identity.labels,
             confidence=identity.confidence,
+            colors=encoding_colors(identity.field.encodings),
             mode=np.array(identity.mode),
+            bank=np.array(identity.bank),
         )
 
 
@@ -135,7 +140,8 @@ def load_identity(path: Path) -> Identity:
         field = IdentityField(*(np.ascontiguousarray(arrays[c], np.float32) for c in columns))
         labels = np.ascontiguousarray(arrays["labels"], np.int32)
         confidence = np.ascontiguousarray(arrays["confidence"], np.float32)
-        identity = Identity(field, labels, confidence, str(arrays["mode"]))
+        bank = str(arrays.get("bank", ""))
+        identity = Identity(field, labels, confidence, str(arrays["mode"]), bank)
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{path} is damaged. {_CURE}") from error
     if labels.min(initial=0) < 0 or labels.max(initial=0) > field.n_groups:

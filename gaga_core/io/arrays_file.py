@@ -59,9 +59,15 @@ def read_array(path: Path, cure: str) -> AnyArray:
     raise GagaError(f"{path} is an archive of arrays, not one array. {cure}")
 
 
-def read_arrays(path: Path, cure: str, names: Collection[str] | None = None) -> dict[str, AnyArray]:
+def read_arrays(
+    path: Path,
+    cure: str,
+    names: Collection[str] | None = None,
+    optional: Collection[str] = (),
+) -> dict[str, AnyArray]:
     """The arrays of an ``.npz`` by name, or only those of ``names``; never unpickles.
 
+    Of ``optional`` those that are there come besides ``names``.
     Sizes that the headers announce are compared with those of the archive before memory is taken.
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
     """
@@ -72,7 +78,9 @@ def read_arrays(path: Path, cure: str, names: Collection[str] | None = None) -> 
                 _check_archive(file)
             file.seek(0)
             stored = np.load(file, allow_pickle=False)
-            return {name: stored[name] for name in (stored.files if names is None else names)}
+            wanted = stored.files if names is None else names
+            further = [name for name in optional if name in stored.files and name not in wanted]
+            return {name: stored[name] for name in (*wanted, *further)}
     except OSError as error:
         if error.errno is None:
             raise GagaError(f"{path} is damaged. {cure}") from error

@@ -21,6 +21,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.export import exported_indices
+from gaga_core.scene.opened_labels import groups_of_folder
 from gaga_core.scene.project import Project
 
 What = Literal["rgb", "groups", "depth"]
@@ -37,7 +38,8 @@ def render_views(
 ) -> Stage[tuple[Path, ...]]:
     """Render ``views`` (train, test, all, or names) into ``out`` and return the files.
 
-    One <stem>.png a view: "rgb" 8-bit color; "groups" uint16 group ids, 0 = none; "depth" uint16
+    One <stem>.png a view: "rgb" 8-bit color; "groups" uint16 group ids, 0 = none, of the labels
+    with which the scene opens (`scene.opened_labels`); "depth" uint16
     thousandths of the scene unit of the expected depth, 0 = nothing there, 65535 = that or more.
     ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay.
     `lift.render_identity` renders what the identity encodings say.
@@ -49,7 +51,10 @@ def render_views(
     if gaussians is None:
         gaussians = yield from read_model(folder)
     model, engine = gaussians, rasterizer or choose()
-    labels = read_groups(folder, len(model))[0] if what == "groups" else np.zeros(0, np.int32)
+    labels = np.zeros(0, np.int32)
+    if what == "groups":
+        read_groups(folder, len(model))  # its errors say what to do
+        labels = groups_of_folder(folder.work, len(model)).labels
 
     def paint(path: Path, camera: Camera) -> None:
         if what == "groups":

@@ -12,6 +12,11 @@ from typing import Any
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.grouping.bank_file import load_bank
+from gaga_core.grouping.memory_bank import Preset
+from gaga_core.identity.field import FILE
+from gaga_core.identity.lift import LiftConfig, Mode, mode_of_preset
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.masks import RECORD, view_key
 from gaga_core.io.scene_folder import (
     SceneFolder,
@@ -20,8 +25,8 @@ from gaga_core.io.scene_folder import (
     read_model,
     read_report,
 )
-from gaga_core.pipeline import lift
 from gaga_core.pipeline.associate import associate_scene
+from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.segment import segment_scene
@@ -37,8 +42,10 @@ class RunConfig:
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     masks: str | Path | None = None  # a folder, or a name in SCENE/masks; None = the only one
     masks_from: str = ""  # who makes missing masks; "" = regions, if there are none
-    associate: AssociateConfig = field(default_factory=AssociateConfig)
-    mode: lift.Mode = "vote"  # of the lift
+    associate: AssociateConfig = field(default_factory=lambda: AssociateConfig.of("robust"))
+    keeps_groups: bool = True  # of another preset than that; False: they are made again
+    mode: Mode | None = None  # of the lift; None = as the preset of the groups has it
+    lift: LiftConfig = field(default_factory=LiftConfig)
 
 
 @dataclass(eq=False)
@@ -171,7 +178,20 @@ def _is_associated(work: Work) -> bool:
     if not _labels(work.folder).is_file():
         return False
     wanted = work.config.masks_from if work.config.masks is None else ""
-    return not wanted or _associated_masks(work.folder) == wanted
+    if wanted and _associated_masks(work.folder) != wanted:
+        return False
+    return work.config.keeps_groups or _preset_of(work) == work.config.associate.preset
+
+
+def _preset_of(work: Work) -> Preset | None:
+    """The preset that made the groups; None where they have no bank."""
+    bank = work.folder.work / "bank.npz"
+    return load_bank(bank).preset if bank.is_file() else None
+
+
+def _mode(work: Work) -> Mode:
+    """The mode of lift that is wanted: as asked for, else that of the preset of the groups."""
+    return work.config.mode or mode_of_preset(_preset_of(work) or work.config.associate.preset)
 
 
 def _associated_masks(folder: SceneFolder) -> str:
@@ -191,13 +211,20 @@ def _associate(work: Work) -> Stage[object]:
 
 
 def _is_lifted(work: Work) -> bool:
-    labels = _labels(work.folder)
-    return labels.is_file() and _is_newer(work.folder.work / lift.FILE, labels)
+    """Whether there are identities of the groups, and of the mode that is wanted by name."""
+    labels, identity = _labels(work.folder), work.folder.work / FILE
+    if not labels.is_file() or not _is_newer(identity, labels):
+        return False
+    if work.config.mode is None and work.config.keeps_groups:
+        return True
+    stored = read_arrays(identity, "Remove it, and run again.", ("mode",))
+    return str(stored["mode"]) == _mode(work)
 
 
 def _lift(work: Work) -> Stage[object]:
     gaussians = yield from work.model()
-    return (yield from lift.lift_scene(work.folder, work.config.mode, gaussians=gaussians))
+    config = work.config
+    return (yield from lift_scene(work.folder, config.mode, config.lift, gaussians=gaussians))
 
 
 def _shown(folder: SceneFolder) -> tuple[str, ...]:
@@ -208,8 +235,13 @@ def _shown(folder: SceneFolder) -> tuple[str, ...]:
 def _is_rendered(work: Work) -> bool:
     labels, pictures = _labels(work.folder), work.folder.work / "renders" / "groups"
     names = [f"{view_key(name)}.png" for name in _shown(work.folder)]
+    if not labels.is_file():
+        return False
     # Pictures older than the labels show groups that are gone.
-    return labels.is_file() and all(_is_newer(pictures / name, labels) for name in names)
+    sources = [labels]
+    if _mode(work) == "paper" and (work.folder.work / FILE).is_file():  # labels come from there
+        sources.append(work.folder.work / FILE)
+    return all(_is_newer(pictures / name, source) for name in names for source in sources)
 
 
 def _render(work: Work) -> Stage[object]:

@@ -24,7 +24,6 @@ import numpy as np
 
 from gaga_core import __version__
 from gaga_core.errors import GagaError
-from gaga_core.grouping.bank_file import load_bank
 from gaga_core.io.files import atomic_write, fingerprint
 from gaga_core.io.folder_lock import lock_folder
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
@@ -35,7 +34,7 @@ from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entr
 from gaga_core.scene.camera_path import Bookmark, CameraPath
 from gaga_core.scene.edits.append import with_added_stage
 from gaga_core.scene.model_copy import KnownCopies, current_file
-from gaga_core.scene.opened_labels import labels_of_file, read_labels
+from gaga_core.scene.opened_labels import groups_of_file, groups_of_folder, with_groups
 from gaga_core.scene.project_file import (
     FILE,
     FORMAT,
@@ -108,8 +107,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
 def _open_model(path: Path) -> Stage[Project]:
     digest = fingerprint(path)
     gaussians = yield from read_splats_stage(path)
-    scene = Scene.of(gaussians)
-    scene.labels, scene.confidence = labels_of_file(gaussians, path)
+    scene = with_groups(Scene.of(gaussians), groups_of_file(gaussians, path))
     return Project(scene, path, model_fingerprint=digest)
 
 
@@ -207,14 +205,11 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
         )
     digest = fingerprint(folder.model_path)
     gaussians = yield from read_splats_stage(folder.model_path)
-    scene = Scene.of(gaussians)
-    labels = folder.work / "labels.npz"
-    if labels.is_file():
-        scene.labels, scene.confidence = read_labels(labels, len(gaussians))
-        bank = folder.work / "bank.npz"
-        scene.bank = load_bank(bank) if bank.is_file() else None
+    if (folder.work / "labels.npz").is_file():
+        groups = groups_of_folder(folder.work, len(gaussians))
     else:
-        scene.labels, scene.confidence = labels_of_file(gaussians, folder.model_path)
+        groups = groups_of_file(gaussians, folder.model_path)
+    scene = with_groups(Scene.of(gaussians), groups)
     return Project(scene, folder.model_path, folder, model_fingerprint=digest)
 
 

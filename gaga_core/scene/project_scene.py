@@ -8,6 +8,7 @@ from gaga_core.arrays import AnyArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_arrays, bank_of
+from gaga_core.scene.identity_arrays import identities_of, identity_arrays
 from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.project_file import CURE
 from gaga_core.scene.scene import Placements, Scene
@@ -28,6 +29,7 @@ def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
         arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
     if scene.confidence is not None:
         arrays["confidence"] = scene.confidence
+    arrays |= identity_arrays(scene.identities)
     for i, kept in enumerate(scene.named_selections.values()):
         arrays[f"set_{i}"] = np.packbits(kept.mask())
         arrays[f"length_{i}"] = np.array(kept.n)
@@ -63,6 +65,7 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
             placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
             bank=bank_of(bank) if bank else None,
             confidence=_read_confidence(arrays, n_opened),
+            identities=identities_of(arrays, n_opened),
             named_selections=_read_named_selections(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:

@@ -6,6 +6,7 @@ Only an Edit changes a Scene, and only History applies one.
 
 from dataclasses import dataclass, field
 from enum import IntFlag
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from gaga_core.scene.index_set import IndexSet
 _MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
 
 RGB = tuple[float, float, float]  # 0..1
+LabelSource = Literal["votes", "identities"]  # of the masks; of the classifier on the encodings
 
 
 class State(IntFlag):
@@ -69,6 +71,29 @@ class Added:
     n: int  # splats
 
 
+@dataclass(frozen=True, eq=False)
+class Labelling:
+    """Groups of the rows of the opened file from one source, while another one is in use."""
+
+    labels: IntArray  # (M,)
+    confidence: UInt8Array | None  # (M,) 0..255
+
+
+@dataclass(frozen=True, eq=False)
+class Identities:
+    """Where the labels in use come from, and what identity encodings say besides."""
+
+    source: LabelSource = "votes"  # of `Scene.labels`
+    other: Labelling | None = None  # of the source that is not in use; None: there is none
+    colors: UInt8Array | None = None  # (M, 3) RGB of the encodings (`identity.colors`)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        other = (self.other.labels, self.other.confidence) if self.other is not None else ()
+        return sum(array.nbytes for array in (*other, self.colors) if array is not None)
+
+
 @dataclass
 class Revision:
     """Counters that grow when a column changed; GPU mirrors compare them."""
@@ -118,6 +143,7 @@ class Scene:
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.
     confidence: UInt8Array | None = None
     named_selections: dict[str, IndexSet] = field(default_factory=dict)
+    identities: Identities = field(default_factory=Identities)
     revision: Revision = field(default_factory=Revision)
     added: tuple[Added, ...] = ()  # other files whose splats are here too
 
@@ -153,6 +179,19 @@ class Scene:
             return self.confidence[self.source]
         rows = np.minimum(self.source, len(self.confidence))
         return np.append(self.confidence, np.uint8(255))[rows]
+
+    def identity_colors_of(self) -> UInt8Array | None:
+        """RGB (N, 3) of each splat's identity encoding; gray where splats were added.
+
+        None without encodings. A duplicate has its original's.
+        """
+        colors = self.identities.colors
+        if colors is None:
+            return None
+        if not self.added:
+            return colors[self.source]
+        gray = np.full((1, 3), 128, np.uint8)
+        return np.concatenate([colors, gray])[np.minimum(self.source, len(colors))]
 
     @property
     def n_opened(self) -> int:

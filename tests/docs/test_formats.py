@@ -10,13 +10,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from gaga_core.identity.lift import LiftFigures
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.models.catalogue import known_model
 from gaga_core.models.hub import Listing
 from gaga_core.models.lock_file import LockedFile, write_lock
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import LiftFigures, lift_scene
+from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.query.index import GroupIndex, save_index
@@ -51,7 +52,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> SceneFolder:
     write_scene(root, n_objects=3)
     folder = open_scene_folder(root)
     run_stage(associate_scene(folder))
-    run_stage(lift_scene(folder))
+    run_stage(lift_scene(folder, "vote"))
     return open_scene_folder(root)
 
 

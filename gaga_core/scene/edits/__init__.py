@@ -8,6 +8,7 @@ ends in ``values`` hold the edits themselves.
 from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
 from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
+from gaga_core.scene.edits.identities import set_identities, use_labels
 from gaga_core.scene.edits.levels import join_here, split_here
 from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
 from gaga_core.scene.edits.placement import recolor, transform
@@ -50,6 +51,7 @@ __all__ = [
     "separate",
     "set_color",
     "set_grouping",
+    "set_identities",
     "set_labels",
     "set_state",
     "show",
@@ -60,4 +62,5 @@ __all__ = [
     "together",
     "transform",
     "unlock",
+    "use_labels",
 ]

@@ -13,12 +13,13 @@ from gaga_core.scene.edits.values import (
     SetBank,
     SetColor,
     SetConfidence,
+    SetIdentities,
     SetLabels,
     SetNames,
     together,
 )
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Identities, Scene
 
 
 def set_labels(
@@ -88,7 +89,7 @@ def set_grouping(
 ) -> Edit | None:
     """The result of an association: labels (N,), its bank, and names (default: none).
 
-    ``confidence`` (M,) in 0..1 is by row of the opened file.
+    ``confidence`` (M,) in 0..1 is by row of the opened file. Identities of the former groups go.
     """
     after = dict(names or {})
     touched = sorted({*scene.names, *after})
@@ -104,9 +105,18 @@ def set_grouping(
             set_labels(scene, np.ones(len(scene), np.bool_), labels, title),
             SetBank(title, scene.bank, bank) if bank is not scene.bank else None,
             _set_confidence(scene, confidence, title),
+            _forget_identities(scene, title),
             rename_all if changed else None,
         ),
     )
+
+
+def _forget_identities(scene: Scene, title: str) -> SetIdentities | None:
+    """Labels are votes again, and what encodings said of other groups is gone."""
+    now = scene.identities
+    if now.source == "votes" and now.other is None and now.colors is None:
+        return None
+    return SetIdentities(title, now, Identities())
 
 
 def _set_confidence(

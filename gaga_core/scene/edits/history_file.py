@@ -1,7 +1,7 @@
 """An undo history as named arrays and back, bit for bit: the file history.npz of an autosave.
 
-Edits are written as in a script (`encode_edit`), and so is what a script leaves out: memory banks
-and confidences as arrays of their own, named selections as sets of splats.
+Edits are written as in a script (`encode_edit`), and so is what a script leaves out: memory banks,
+confidences and identities as arrays of their own, named selections as sets of splats.
 """
 
 import logging
@@ -25,11 +25,20 @@ from gaga_core.scene.edits.json import (
     encode_edit,
     encode_set,
 )
-from gaga_core.scene.edits.values import Edit, Edits, SetBank, SetConfidence, SetNamedSelection
+from gaga_core.scene.edits.values import (
+    Edit,
+    Edits,
+    SetBank,
+    SetConfidence,
+    SetIdentities,
+    SetNamedSelection,
+)
+from gaga_core.scene.identity_arrays import identities_of, identity_arrays
 from gaga_core.scene.index_set import IndexSet
+from gaga_core.scene.scene import Identities
 
 _LOG = logging.getLogger(__name__)
-_ONLY_HERE = ("bank", "confidence", "selection")  # kinds that a script does not know
+_ONLY_HERE = ("bank", "confidence", "identities", "selection")  # kinds that a script does not know
 _EDITS = "edits"  # the array that holds the JSON
 
 
@@ -44,7 +53,7 @@ class _HistoryFile(msgspec.Struct, frozen=True):
 def history_arrays(record: HistoryRecord) -> dict[str, AnyArray]:
     """The history as named arrays, for `history_of`. No pickles."""
     arrays: dict[str, AnyArray] = {}
-    values: dict[int, int] = {}  # number in the file of each bank and confidence, by identity
+    values: dict[int, int] = {}  # number in the file of each value, by its id()
     encoded = [_encoded(edit, arrays, values) for edit in record.edits]
     content = _HistoryFile(record.cursor, encoded, list(record.forgotten))
     arrays[_EDITS] = np.frombuffer(msgspec.json.encode(content), np.uint8)
@@ -89,6 +98,9 @@ def _encoded(edit: Edit, arrays: dict[str, AnyArray], values: dict[int, int]) ->
     if isinstance(edit, SetConfidence):
         pair = [_numbered(column, arrays, values) for column in (edit.before, edit.after)]
         return {"kind": "confidence", "title": edit.title, "before": pair[0], "after": pair[1]}
+    if isinstance(edit, SetIdentities):
+        pair = [_numbered(value, arrays, values) for value in (edit.before, edit.after)]
+        return {"kind": "identities", "title": edit.title, "before": pair[0], "after": pair[1]}
     if isinstance(edit, SetNamedSelection):
         sets = [None if kept is None else encode_set(kept) for kept in (edit.before, edit.after)]
         head = {"kind": "selection", "title": edit.title, "name": edit.name}
@@ -99,15 +111,21 @@ def _encoded(edit: Edit, arrays: dict[str, AnyArray], values: dict[int, int]) ->
 
 
 def _numbered(
-    value: MemoryBank | UInt8Array | None, arrays: dict[str, AnyArray], values: dict[int, int]
+    value: MemoryBank | Identities | UInt8Array | None,
+    arrays: dict[str, AnyArray],
+    values: dict[int, int],
 ) -> int | None:
-    """Number of a bank or column in the file; each is written once."""
+    """Number of a bank, column or identities in the file; each is written once."""
     if value is None:
         return None
     if id(value) not in values:
         number = values[id(value)] = len(values)
         if isinstance(value, MemoryBank):
             arrays |= {f"bank_{number}_{name}": a for name, a in bank_arrays(value).items()}
+        elif isinstance(value, Identities):
+            arrays |= {
+                f"identities_{number}_{name}": a for name, a in identity_arrays(value).items()
+            }
         else:
             arrays[f"confidence_{number}"] = value
     return values[id(value)]
@@ -128,6 +146,8 @@ def _decoded(
             return SetBank(title, _bank(before, arrays, banks), _bank(after, arrays, banks))
         if kind == "confidence":
             return SetConfidence(title, _confidence(before, arrays), _confidence(after, arrays))
+        if kind == "identities":
+            return SetIdentities(title, _identities(before, arrays), _identities(after, arrays))
         return SetNamedSelection(title, str(content["name"]), _selection(before), _selection(after))
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise GagaError(f"An edit of the history is damaged ({error}).") from error
@@ -144,6 +164,13 @@ def _bank(
         found = {name.removeprefix(head): a for name, a in arrays.items() if name.startswith(head)}
         banks[number] = bank_of(found)
     return banks[number]
+
+
+def _identities(number: object, arrays: Mapping[str, AnyArray]) -> Identities:
+    head = f"identities_{number}_"
+    found = {name.removeprefix(head): a for name, a in arrays.items() if name.startswith(head)}
+    rows = next((len(a) for name, a in found.items() if name != "labels_from"), 0)
+    return identities_of(found, rows)
 
 
 def _confidence(number: object, arrays: Mapping[str, AnyArray]) -> UInt8Array | None:

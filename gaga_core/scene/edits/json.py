@@ -1,8 +1,8 @@
 """Edits as JSON and back, exactly: the operation "edit" of a script, which the window records.
 
 Numbers are written so that they are read back bit for bit, sets of splats as they are stored. The
-memory bank, confidences and named selections are no part of it: a script is replayed to write
-splats.
+memory bank, confidences, identities and named selections are no part of it: a script is replayed to
+write splats.
 """
 
 import base64
@@ -27,6 +27,7 @@ from gaga_core.scene.edits.values import (
     SetBank,
     SetColor,
     SetConfidence,
+    SetIdentities,
     SetLabels,
     SetNamedSelection,
     SetNames,
@@ -56,7 +57,7 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
 
     Raises ``TypeError`` for a kind of edit that has no form here.
     """
-    if isinstance(edit, SetBank | SetConfidence | SetNamedSelection):
+    if isinstance(edit, SetBank | SetConfidence | SetIdentities | SetNamedSelection):
         return None
     if isinstance(edit, Edits):
         parts = [part for part in map(encode_edit, edit.edits) if part is not None]

@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.index_set import IndexSet, PackedInts
-from gaga_core.scene.scene import RGB, Scene, State
+from gaga_core.scene.scene import RGB, Identities, Scene, State
 
 
 class Edit(Protocol):
@@ -255,6 +255,30 @@ class SetConfidence:
     def revert(self, scene: Scene) -> None:
         """Put the old column back."""
         scene.confidence = self.before
+        scene.revision.labels += 1
+
+
+@dataclass(frozen=True, eq=False)
+class SetIdentities:
+    """Where labels come from, and those of the other source (frozen values)."""
+
+    title: str
+    before: Identities
+    after: Identities
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return self.before.nbytes + self.after.nbytes
+
+    def apply(self, scene: Scene) -> None:
+        """Put the new value in place."""
+        scene.identities = self.after
+        scene.revision.labels += 1
+
+    def revert(self, scene: Scene) -> None:
+        """Put the old value back."""
+        scene.identities = self.before
         scene.revision.labels += 1
 
 

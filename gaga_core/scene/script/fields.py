@@ -61,6 +61,13 @@ def how(where: str, value: object) -> str:
     return str(value)
 
 
+def label_source(where: str, value: object) -> str:
+    """Where labels come from."""
+    if value not in ("votes", "identities"):
+        raise GagaError(f"{where} must be votes or identities, not {_short(value)}.")
+    return str(value)
+
+
 def vector(where: str, value: object) -> Value:
     """Three finite numbers."""
     if not isinstance(value, list) or len(value) != 3:

@@ -23,6 +23,7 @@ from gaga_core.scene.script.fields import (
     flag,
     group_list,
     how,
+    label_source,
     matrix,
     name,
     number,
@@ -162,6 +163,10 @@ def _rename(scene: Scene, op: Op) -> Edit | None:
     return edits.rename(scene, _one_object(scene, op), str(op.fields["name"]))
 
 
+def _labels(scene: Scene, op: Op) -> Edit | None:
+    return edits.use_labels(scene, op.fields["from"])  # type: ignore[arg-type]
+
+
 def _clean(scene: Scene, op: Op) -> Edit | None:
     groups = groups_of(scene, op)
     if not groups:
@@ -211,6 +216,7 @@ OBJECT_KINDS: Mapping[str, OperationKind] = {
     "merge": OperationKind(lambda s, op: edits.merge_groups(s, groups_of(s, op)), {}, GROUPS),
     "split_here": OperationKind(_split_here, {}, GROUPS),
     "join_here": OperationKind(_join_here, {}, GROUPS),
+    "labels": OperationKind(_labels, {"from": label_source}, {}),
     "clean": OperationKind(_clean, {}, GROUPS),
     "undo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
     "redo": OperationKind(lambda _s, _o: None, {}, {"times": count}),

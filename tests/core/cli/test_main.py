@@ -14,6 +14,7 @@ import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.cli.output import follow
+from gaga_core.cli.run import RunCommand
 from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
 from gaga_core.progress import Progress, Stage
@@ -80,6 +81,42 @@ def test_settings_of_the_association_are_switches(tmp_path: Path, capsys: Captur
     assert "not in (0, 1]" in refusal(capsys, *paper, "--threshold", "7")
     robust = ("associate", str(root), "--preset", "robust", "--depth", "expected")
     assert "needs the depth 'median'" in refusal(capsys, *robust)
+
+
+def test_preset_paper_is_the_whole_method(tmp_path: Path, capsys: Capture) -> None:
+    """Association of 3.2, identities trained from zeros, labels by their classifier."""
+    assert RunCommand(tmp_path, preset="paper").identities.config().paper.iterations == 10_000
+    root = tmp_path / "scene"
+    write_scene(root)
+    few = ("--lift-iterations", "20", "--void", "train", "--pseudo", "bank")
+    assert main(["run", str(root), *few]) == 0
+    assert _entry(root, "associate")["config"]["preset"] == "robust"  # type: ignore[index]
+    assert _entry(root, "lift")["mode"] == "vote"
+    values = answer(capsys, "run", str(root), "--preset", "paper", *few)
+    assert values["stages_run"] == ["associate", "lift", "render"]
+    config = _entry(root, "associate")["config"]
+    assert config["preset"] == "paper"  # type: ignore[index]
+    lift = _entry(root, "lift")
+    assert (lift["mode"], lift["steps"]) == ("paper", 19)
+    assert lift["config"]["rows"]["train_void"]  # type: ignore[index]
+    assert answer(capsys, "run", str(root), "--preset", "paper", *few)["stages_run"] == []
+    with np.load(root / "gaga" / "identity.npz") as stored:
+        trained = stored["labels"]
+    with np.load(root / "gaga" / "labels.npz") as stored:
+        voted = stored["labels"]
+    assert not np.array_equal(trained, voted)
+    for ops, want in (([], trained), ([{"op": "labels", "from": "votes"}], voted)):
+        (tmp_path / "script.json").write_text(json.dumps(ops))
+        target = str(tmp_path / "out.ply")
+        script = ("--script", str(tmp_path / "script.json"), "--groups")
+        answer(capsys, "edit", str(root), target, *script)
+        assert np.array_equal(read_ply(Path(target)).extra["group"], want)
+
+
+def _entry(root: Path, name: str) -> dict[str, object]:
+    report = json.loads((root / "gaga" / "report.json").read_text())
+    entry: dict[str, object] = report[name]
+    return entry
 
 
 def test_a_missing_prediction_is_named(scene: Path, tmp_path: Path, capsys: Capture) -> None:

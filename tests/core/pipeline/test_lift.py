@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,30 +10,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.closed_form import Voted, vote_identity
+from gaga_core.identity.colors import encoding_colors
+from gaga_core.identity.lift import LiftConfig, Mode
 from gaga_core.identity.paper import PaperConfig
 from gaga_core.identity.refine import RefineConfig
 from gaga_core.identity.rows import RowConfig
 from gaga_core.io.colmap import write_colmap
+from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import mask_folder, read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model, select_views
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import (
     CHECKPOINT,
-    LiftConfig,
-    Mode,
     decode_groups,
     lift_scene,
     read_identity,
+    render_encodings,
 )
+from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.scene.project import open_path_stage
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
 
@@ -94,7 +100,7 @@ def test_lift_writes_identities_and_a_report(folder: SceneFolder, mode: Mode) ->
 
 
 def test_vote_keeps_the_associations_labels(folder: SceneFolder) -> None:
-    run_stage(lift_scene(folder))
+    run_stage(lift_scene(folder, "vote"))
     gaussians = run_stage(read_model(folder))
     labels, confidence = read_groups(folder, len(gaussians))
     identity = read_identity(folder, len(gaussians))
@@ -155,7 +161,7 @@ def test_what_is_missing_or_does_not_fit_is_told(folder: SceneFolder) -> None:
         run_stage(lift_scene(folder, "magic"))  # type: ignore[arg-type]
     with pytest.raises(GagaError, match="Lift the groups first"):
         read_identity(folder, 3)
-    run_stage(lift_scene(folder))
+    run_stage(lift_scene(folder, "vote"))
     with pytest.raises(GagaError, match="the model has 3"):
         read_identity(folder, 3)
     name = f"{Path(folder.train[0]).stem}.png"
@@ -164,10 +170,10 @@ def test_what_is_missing_or_does_not_fit_is_told(folder: SceneFolder) -> None:
         run_stage(lift_scene(folder, "refine", _SMALL))
     (folder.work / "bank.npz").unlink()
     with pytest.raises(GagaError, match="lacks the memory bank"):
-        run_stage(lift_scene(folder))
+        run_stage(lift_scene(folder, "vote"))
     (folder.work / "labels.npz").unlink()
     with pytest.raises(GagaError, match="Associate the masks first"):
-        run_stage(lift_scene(folder))
+        run_stage(lift_scene(folder, "vote"))
 
 
 def test_decoded_test_views_of_a_real_table_are_as_good_as_splatted_ones(ycb_table: Path) -> None:
@@ -200,3 +206,60 @@ def test_decoded_test_views_of_a_real_table_are_as_good_as_splatted_ones(ycb_tab
     decoded = score([decode_groups(engine, gaussians, camera, field) for camera in test])
     assert splatted.iou > 0.4
     assert abs(decoded.iou - splatted.iou) < 0.02
+
+
+def test_labels_are_the_classifiers_where_the_paper_says_so(folder: SceneFolder) -> None:
+    """Preset paper: votes until identities are trained as published, then their labels."""
+    n = len(run_stage(read_model(folder)))
+    votes = read_groups(folder, n)[0]
+    source, labels = _opened(folder)
+    assert (source, labels.tolist()) == ("votes", votes.tolist())
+    run_stage(lift_scene(folder, "vote"))
+    assert _opened(folder)[0] == "votes"
+    run_stage(lift_scene(folder, config=_SMALL))  # no mode: the preset's
+    identity = read_identity(folder, n)
+    assert identity.mode == "paper"
+    assert not np.array_equal(identity.labels, votes)
+    source, labels = _opened(folder)
+    assert source == "identities"
+    assert np.array_equal(labels, identity.labels)
+    (picture,) = run_stage(render_views(folder, views=folder.test))
+    camera = select_views(folder, "test")[0]
+    shown = splat_groups(choose(), run_stage(read_model(folder)), camera, identity.labels)
+    assert np.array_equal(read_labels(picture), shown)
+    # Groups that were made again are no longer those of the identities.
+    strict = replace(AssociateConfig(), threshold=0.9)
+    run_stage(associate_scene(folder, config=strict))
+    os.utime(folder.work / "identity.npz")
+    assert _opened(folder)[0] == "votes"
+
+
+def test_robust_groups_keep_their_votes(folder: SceneFolder) -> None:
+    run_stage(associate_scene(folder, config=AssociateConfig.of("robust")))
+    report = run_stage(lift_scene(folder))
+    assert report.mode == "vote"
+    run_stage(lift_scene(folder, "paper", _SMALL))
+    scene = run_stage(open_path_stage(folder.root)).scene
+    assert scene.identities.source == "votes"
+    assert scene.identities.other is not None
+    identity = read_identity(folder, len(scene))
+    assert np.array_equal(scene.identities.other.labels, identity.labels)
+    colors = encoding_colors(identity.field.encodings)
+    assert scene.identities.colors is not None
+    assert np.array_equal(scene.identities.colors, colors)
+
+
+def _opened(folder: SceneFolder) -> tuple[str, IntArray]:
+    scene = run_stage(open_path_stage(folder.root)).scene
+    return scene.identities.source, scene.labels
+
+
+def test_encodings_are_pictures_of_their_colors(folder: SceneFolder) -> None:
+    run_stage(lift_scene(folder, "vote"))
+    (picture,) = run_stage(render_encodings(folder))
+    gaussians, camera = run_stage(read_model(folder)), select_views(folder, "test")[0]
+    field = read_identity(folder, len(gaussians)).field
+    channels = encoding_colors(field.encodings).astype(np.float32) / np.float32(255)
+    shown = choose().render(gaussians, camera, channels=channels).image
+    assert np.abs(read_rgb(picture).astype(float) - 255 * shown).max() <= 1
+    assert len(np.unique(channels, axis=0)) >= field.n_groups - 1

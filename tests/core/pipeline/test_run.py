@@ -108,7 +108,7 @@ def test_identities_are_drawn_as_groups_are(folder: SceneFolder, tmp_path: Path)
     with pytest.raises(GagaError, match="Lift the groups first"):
         run_stage(render_identity(folder))
     run_stage(associate_scene(folder))
-    run_stage(lift_scene(folder))
+    run_stage(lift_scene(folder, "vote"))
     decoded = run_stage(render_identity(folder, views="all"))
     assert [path.parent for path in decoded] == [folder.work / "renders" / "identity"] * 5
     splatted = run_stage(render_views(folder, tmp_path / "groups", views="all"))

@@ -10,6 +10,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.identity_arrays import identity_arrays
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import random_gaussians
 
@@ -41,6 +42,7 @@ def columns(scene: Scene) -> dict[str, AnyArray]:
     extra = {f"extra {name}": column for name, column in g.extra.items()}
     if scene.confidence is not None:
         extra["confidence"] = scene.confidence
+    extra |= {f"identities {name}": a for name, a in identity_arrays(scene.identities).items()}
     return extra | {
         "means": g.means,
         "quats": g.quats,
@@ -117,7 +119,20 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
         sure = rng.random(400).astype(np.float32) if rng.random() < 0.7 else None
         return edits.set_grouping(scene, labels, some_bank(rng, scene), {3: "bowl"}, "x", sure)
 
+    def lift(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        n = scene.n_opened
+        labels = rng.integers(0, 9, n).astype(np.int32)
+        sure, colors = rng.random(n).astype(np.float32), rng.integers(0, 255, (n, 3), np.uint8)
+        return edits.set_identities(scene, labels, sure, colors, used=bool(rng.random() < 0.5))
+
+    def use_labels(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        if scene.identities.other is None:
+            return lift(rng, scene)
+        return edits.use_labels(scene, "votes" if rng.random() < 0.5 else "identities")
+
     return {
+        "set_identities": lift,
+        "use_labels": use_labels,
         "select": lambda r, c: edits.select(c, s(r, c), hows[r.integers(4)]),
         "hide": lambda r, c: edits.hide(c, s(r, c)),
         "show": lambda r, c: edits.show(c, s(r, c)),

@@ -89,6 +89,7 @@ def test_scaling_keeps_the_middle_where_it_is() -> None:
 def test_every_operation_runs() -> None:
     extra: dict[str, dict[str, Any]] = {
         "move": {"by": [1, 0, 0]},
+        "labels": {"from": "votes"},
         "rotate": {"axis": [0, 1, 0], "degrees": 30},
         "scale": {"factor": 2},
         "transform": {"matrix": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]},

@@ -1,0 +1,253 @@
+"""From groups to identity encodings (section 3.3) in one of three modes, on values in memory."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import bank_digest
+from gaga_core.grouping.memory_bank import MemoryBank, Preset, groups_of_masks
+from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.votes import LabelMap, associated_labels, splat_groups
+from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
+from gaga_core.identity.field import Identity
+from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
+from gaga_core.identity.paper import PaperConfig, train_identity
+from gaga_core.identity.refine import RefineConfig, refine_identity
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Stage
+from gaga_core.raster.base import Rasterizer
+
+Mode = Literal["vote", "refine", "paper"]
+Pseudo = Literal["masks", "bank"]
+
+
+def mode_of_preset(preset: Preset) -> Mode:
+    """How groups of a preset become identities unless something else is asked for.
+
+    Preset paper trains them as published (section 3.3); robust votes, which takes seconds.
+    """
+    return "paper" if preset == "paper" else "vote"
+
+
+@dataclass(frozen=True)
+class LiftConfig:
+    """Settings of all modes; a mode reads its own."""
+
+    vote: VoteConfig = field(default_factory=VoteConfig)
+    fit: FitConfig = field(default_factory=FitConfig)  # on top of the vote, also before refining
+    refine: RefineConfig = field(default_factory=RefineConfig)
+    paper: PaperConfig = field(default_factory=PaperConfig)
+    pseudo: Pseudo = "masks"  # labels to train on: masks, or the splatted bank
+
+    def __post_init__(self) -> None:
+        if self.pseudo not in ("masks", "bank"):
+            raise ValueError(f"pseudo: {self.pseudo!r} is neither 'masks' nor 'bank'")
+
+    def switched(
+        self,
+        iterations: int | None = None,
+        pseudo: Pseudo | None = None,
+        train_void: bool | None = None,
+    ) -> "LiftConfig":
+        """The same with the switches that are given; None changes nothing.
+
+        ``iterations`` are those of mode "paper". ``train_void``: pixels that no mask covers are
+        trained as class 0 (else left out), in "paper" and "refine". Raises ``ValueError`` when out
+        of range.
+        """
+        paper, refine = self.paper, self.refine
+        if iterations is not None:
+            paper = replace(paper, iterations=iterations)
+        if train_void is not None:
+            paper = replace(paper, rows=replace(paper.rows, train_void=train_void))
+            refine = replace(refine, rows=replace(refine.rows, train_void=train_void))
+        return replace(self, paper=paper, refine=refine, pseudo=pseudo or self.pseudo)
+
+
+@dataclass(frozen=True)
+class LiftFigures:
+    """What a mode counted and measured; None where it has no such figure."""
+
+    from_bank: int | None = None  # Gaussians labelled by the memory bank alone
+    from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours
+    max_cosine: float | None = None  # of the two closest codes
+    sweeps: int | None = None  # of the fit to the vote; 0 = the vote was not improved
+    rows: int | None = None  # sampled pixels fitted to or trained on
+    steps: int | None = None
+    best_step: int | None = None  # refine: 0 = the vote was not improved
+    resumed_at: int | None = None  # paper: step that the run went on from
+    accuracy_before: float | None = None  # right pixels, held out
+    accuracy: float | None = None  # vote, refine: held out; paper: of the last views trained on
+    loss_before: float | None = None  # refine: nats, held out; paper: over ln(classes)
+    loss: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LiftTask:
+    """What every mode reads: groups of Gaussians, and the views that they came from."""
+
+    gaussians: Gaussians
+    cameras: tuple[Camera, ...]  # training views with label maps
+    labels: IntArray  # (N,) of the association
+    confidence: FloatArray  # (N,) 0..1
+    bank: MemoryBank
+    label_map: LabelMap  # pseudo labels of a view
+    rasterizer: Rasterizer
+    config: LiftConfig
+    checkpoint: Path | None = None  # of mode "paper"
+
+
+def pseudo_labels(
+    kind: Pseudo,
+    of_masks: LabelMap,
+    gaussians: Gaussians,
+    bank: MemoryBank,
+    rasterizer: Rasterizer,
+) -> LabelMap:
+    """Labels to train on: masks with their groups' ids (figure 2 of the paper, the published code),
+    or the bank's groups splatted into the view (the paper's text, section 3.3)."""
+    owners = np.maximum(bank.group, 0)
+
+    def of_bank(camera: Camera) -> IntArray:
+        return splat_groups(rasterizer, gaussians, camera, owners)
+
+    return of_bank if kind == "bank" else of_masks
+
+
+def task_of_association(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    masks: MaskSet,
+    grouping: tuple[IntArray, FloatArray, MemoryBank],
+    rasterizer: Rasterizer,
+    config: LiftConfig | None = None,
+    *,
+    checkpoint: Path | None = None,
+) -> LiftTask:
+    """What an association in memory gives to be lifted.
+
+    ``masks`` are those that were associated, with the segmenter's own ids; ``grouping`` holds
+    labels (N,), their confidence (N,) in 0..1, and the bank whose log says which group each mask
+    joined. Raises ``GagaError`` when there are no groups or no view has masks.
+    """
+    labels, confidence, bank = grouping
+    config = config or LiftConfig()
+    if bank.n_groups == 0 or len(bank.group) != len(gaussians):
+        raise GagaError("There are no groups of this model to lift. Find objects first.")
+    views = views_with_masks(cameras, masks)
+    groups: Mapping[str, IntArray] = groups_of_masks(bank, [camera.name for camera in views])
+
+    def of_masks(camera: Camera) -> IntArray:
+        return associated_labels(load_labels(masks, camera)[0], groups[camera.name])
+
+    return LiftTask(
+        gaussians=gaussians,
+        cameras=views,
+        labels=np.where(labels <= bank.n_groups, labels, 0).astype(np.int32),
+        confidence=confidence,
+        bank=bank,
+        label_map=pseudo_labels(config.pseudo, of_masks, gaussians, bank, rasterizer),
+        rasterizer=rasterizer,
+        config=config,
+        checkpoint=checkpoint,
+    )
+
+
+def lift_groups(task: LiftTask, mode: Mode) -> Stage[tuple[Identity, LiftFigures]]:
+    """Encode groups: "vote" in closed form, "refine" trains that a little, "paper" from zeros.
+
+    The identity names the bank that its groups are of (`Identity.bank`).
+    """
+    runs: Mapping[Mode, Callable[[LiftTask], Stage[tuple[Identity, LiftFigures]]]] = {
+        "vote": _voted,
+        "refine": _refine,
+        "paper": _paper,
+    }
+    identity, figures = yield from runs[mode](task)
+    return replace(identity, bank=bank_digest(task.bank)), figures
+
+
+def _voted(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
+    voted = yield from _vote(task)
+    return voted.closed.identity, _vote_figures(voted)
+
+
+def _vote(task: LiftTask) -> Stage[Fitted]:
+    closed = yield from vote_identity(
+        task.gaussians,
+        Voted(task.labels, task.confidence),
+        task.bank.group,
+        task.bank.n_groups,
+        task.cameras,
+        task.rasterizer,
+        task.config.vote,
+    )
+    return (
+        yield from fit_identity(
+            task.gaussians, closed, task.cameras, task.label_map, task.rasterizer, task.config.fit
+        )
+    )
+
+
+def _vote_figures(voted: Fitted) -> LiftFigures:
+    closed = voted.closed
+    return LiftFigures(
+        from_bank=closed.n_from_bank,
+        from_neighbours=closed.n_from_neighbours,
+        max_cosine=closed.max_cosine,
+        sweeps=voted.sweeps,
+        accuracy_before=voted.before,
+        accuracy=voted.after,
+        rows=voted.n_rows,
+    )
+
+
+def _refine(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
+    voted = yield from _vote(task)
+    refined = yield from refine_identity(
+        task.gaussians,
+        voted.closed,
+        task.cameras,
+        task.label_map,
+        task.rasterizer,
+        task.config.refine,
+    )
+    figures = replace(
+        _vote_figures(voted),
+        rows=refined.n_rows,
+        steps=refined.steps,
+        best_step=refined.best_step,
+        accuracy_before=refined.before.accuracy,
+        accuracy=refined.after.accuracy,
+        loss_before=refined.before.loss,
+        loss=refined.after.loss,
+    )
+    return refined.identity, figures
+
+
+def _paper(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
+    trained = yield from train_identity(
+        task.gaussians,
+        task.bank.n_groups,
+        task.cameras,
+        task.label_map,
+        task.rasterizer,
+        task.config.paper,
+        checkpoint=task.checkpoint,
+    )
+    figures = LiftFigures(
+        rows=trained.n_rows,
+        steps=trained.steps,
+        resumed_at=trained.resumed_at,
+        accuracy=trained.accuracy,
+        loss_before=trained.first_loss,
+        loss=trained.last_loss,
+    )
+    return trained.identity, figures
