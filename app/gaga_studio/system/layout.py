@@ -13,10 +13,12 @@ from imgui_bundle import hello_imgui, imgui
 
 Draw = Callable[[], None]
 Split = tuple[str, str, imgui.Dir, float]
+_Made = tuple[int, int, float]  # width, height, scale
 _WIDE, _COMPACT = "Wide", "Compact"
 _MAIN = "MainDockSpace"
 # Columns of the wide layout, pixels at 96 dpi, and the most of the window that they take.
 _RIGHT, _RIGHT_MOST, _LEFT, _LEFT_MOST = 345.0, 0.3, 310.0, 0.36
+_BOTTOM, _BOTTOM_MOST, _BARS = 205.0, 0.32, 95.0  # its row at the foot; menu, tool and status bar
 _SETTLED = 4  # frames after which a layout is built: it is neither left nor looked at before
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
@@ -42,6 +44,8 @@ class Layout:
     compact_below: tuple[int, int]  # pixels at 96 dpi
     _name: str = ""
     _scale: float = 0.0
+    _made_for: dict[str, _Made] = field(default_factory=dict)  # by layout, until it is shown
+    remembered: frozenset[str] = frozenset()  # layouts that a person has arranged
     _frames: int = field(default=0)  # since the layout or its scale changed
 
     def prepare(
@@ -49,7 +53,8 @@ class Layout:
     ) -> None:
         """Give both layouts to the runner, the one for a window of ``size`` first."""
         self._name = self._wanted(size, scale)
-        both = [self._docking(name, size[0] / scale) for name in (_WIDE, _COMPACT)]
+        both = [self._docking(name, size, scale) for name in (_WIDE, _COMPACT)]
+        self._made_for = dict.fromkeys((_WIDE, _COMPACT), (*size, scale))
         both.sort(key=lambda docking: docking.layout_name != self._name)
         params.docking_params, other = both
         params.alternative_docking_layouts = [other]
@@ -73,8 +78,12 @@ class Layout:
             self._name, self._scale, self._frames = wanted, scale, 0
             hello_imgui.switch_layout(wanted)
             return True
-        if self._scale not in (0.0, scale):
-            docking.docking_splits = _splits(self._name, size.x / scale)
+        # Shares of a window that has another size by now would make panels of another width.
+        made, now = self._made_for.pop(self._name, None), (*whole, scale)
+        is_stale = made not in (None, now) and self._name not in self.remembered
+        if self._scale not in (0.0, scale) or is_stale:
+            self._made_for[self._name] = now
+            docking.docking_splits = _splits(self._name, *whole, scale)
             docking.layout_reset = True
             self._frames = 0
         self._scale = scale
@@ -84,16 +93,25 @@ class Layout:
         narrow, low = (side * scale for side in self.compact_below)
         return _COMPACT if size[0] < narrow or size[1] < low else _WIDE
 
-    def _docking(self, name: str, width: float) -> hello_imgui.DockingParams:
+    def _docking(self, name: str, size: tuple[int, int], scale: float) -> hello_imgui.DockingParams:
         docking = hello_imgui.DockingParams()
         docking.layout_name = name
-        docking.docking_splits = _splits(name, width)
+        docking.docking_splits = _splits(name, *size, scale)
         docking.dockable_windows = [
             self.dockable(panel, panel.space if name == _WIDE else panel.compact_space)
             for panel in self.panels
         ]
         docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
         return docking
+
+
+def remembered(settings_file: Path | None) -> frozenset[str]:
+    """Names of the layouts that the settings file holds as they were left."""
+    try:
+        text = "" if settings_file is None else settings_file.read_text("utf-8", "replace")
+    except OSError:
+        text = ""  # there is none yet
+    return frozenset(name for name in (_WIDE, _COMPACT) if f"_{name}>>>" in text)
 
 
 def forget_if_lost(settings_file: Path) -> None:
@@ -107,8 +125,9 @@ def forget_if_lost(settings_file: Path) -> None:
         settings_file.unlink()
 
 
-def _splits(name: str, width: float) -> list[hello_imgui.DockingSplit]:
-    """How a layout divides a window ``width`` pixels wide, at 96 dpi."""
+def _splits(name: str, width: float, height: float, scale: float) -> list[hello_imgui.DockingSplit]:
+    """How a layout divides a window of so many pixels, whose text has ``scale``."""
+    width, height = width / scale, height / scale
     if name == _COMPACT:
         splits: list[Split] = [
             (_MAIN, "Right", imgui.Dir.right, 0.43),
@@ -117,10 +136,11 @@ def _splits(name: str, width: float) -> list[hello_imgui.DockingSplit]:
     else:
         right = min(_RIGHT / width, _RIGHT_MOST)
         left = min(_LEFT / (width * (1 - right)), _LEFT_MOST)
+        bottom = min(_BOTTOM / max(height - _BARS, 1.0), _BOTTOM_MOST)
         splits = [
             (_MAIN, "Right", imgui.Dir.right, right),
             ("Right", "RightDown", imgui.Dir.down, 0.36),
-            (_MAIN, "Bottom", imgui.Dir.down, 0.22),
+            (_MAIN, "Bottom", imgui.Dir.down, bottom),
             (_MAIN, "Left", imgui.Dir.left, left),
         ]
     return [hello_imgui.DockingSplit(*split) for split in splits]

@@ -13,7 +13,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError
 from gaga_studio.system.key_queue import KeyQueue
-from gaga_studio.system.layout import Draw, Layout, Panel, forget_if_lost
+from gaga_studio.system.layout import Draw, Layout, Panel, forget_if_lost, remembered
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,7 @@ class Window:
         p.app_window_params.window_title = self.options.title
         p.app_window_params.window_geometry.size = self.options.size
         _settings(p, self.options.settings_file)
+        self._layout.remembered = remembered(self.options.settings_file)
         _frame(p)
         p.fps_idling.time_active_after_last_event = 1.0
         self._callbacks(p.callbacks)

@@ -35,6 +35,16 @@ def test_docks_keep_room_when_window_and_text_change(display: str, tmp_path: Pat
             d.on_main(partial(d.session.change_settings, changed))
             d.frames(20)
             _check(d)
+        # Both in one: the panels are laid out for the window that is there in the end.
+        d.on_main(partial(d.session.change_settings, Settings(first_steps_done=True, ui_scale=1.5)))
+        d.frames(2)
+        d.resize(1300, 1000)
+        d.frames(2)
+        d.on_main(partial(d.session.change_settings, Settings(first_steps_done=True)))
+        d.frames(20)
+        _check(d)
+        list_width = d.engine.get_window_by_ref("//Objects").size.x
+        assert 270 <= list_width <= 330, list_width
 
     settings = Settings(first_steps_done=True, ui_scale=1.5)
     drive(walk, size=(1300, 1000), settings=settings, layout_file=layout)
