@@ -149,7 +149,7 @@ def _half_views(views: Sequence[TrainView], config: TrainConfig) -> Stage[tuple[
     """The views at half size; none when the schedule has no use for them."""
     half = []
     for i, view in enumerate(views if config.half_until > 0 else ()):
-        yield Progress(STAGE, 0, config.iterations, f"half size {i + 1} of {len(views)}")
+        yield Progress("Halve photos", i, len(views), view.camera.name)
         half.append(view.smaller(0.5))
     return tuple(half)
 

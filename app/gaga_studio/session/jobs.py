@@ -23,7 +23,7 @@ T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
 _QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
-_LEAST_FOR_ETA = 0.03  # below this share of the work a rate is no estimate
+_LEAST_FOR_ETA = 0.03  # below this share of what was left at first a rate is no estimate
 
 
 @dataclass(frozen=True)
@@ -220,6 +220,23 @@ class _Delivery(Generic[T]):
         self._value: T | None = None
         self._payload: object = None
         self.latest: Progress | None = None
+        self._begun: dict[str, tuple[float, float]] = {}  # time and share of each step's first word
+
+    def seconds_left(self) -> float | None:
+        """Estimate of the time left in the present step; None while it is not known.
+
+        Counts from where the step began: what a resumed training had behind it took no time now,
+        and what came before took its own.
+        """
+        latest = self.latest
+        if latest is None or latest.total <= 0:
+            return None
+        share = min(latest.done / latest.total, 1.0)
+        begun_at, begun_share = self._begun.get(latest.stage, (0.0, share))
+        done, left = share - begun_share, 1 - share
+        if done < _LEAST_FOR_ETA * (1 - begun_share) or done <= 0:
+            return None
+        return (time.monotonic() - begun_at) * left / done
 
     def step(self) -> bool:
         """One step of the stage, in the worker; False at its end."""
@@ -230,6 +247,8 @@ class _Delivery(Generic[T]):
             return False
         if progress.payload is not None:
             self._payload = progress.payload
+        if progress.stage not in self._begun and progress.total > 0:
+            self._begun[progress.stage] = (time.monotonic(), progress.done / progress.total)
         self.latest = progress
         return True
 
@@ -295,13 +314,12 @@ class _Worker(threading.Thread):
         if progress is None:
             return Job(self.title, self.title, "", -1.0, None, elapsed, self.is_cancelling)
         fraction = min(progress.done / progress.total, 1.0) if progress.total > 0 else -1.0
-        eta = elapsed * (1 - fraction) / fraction if fraction >= _LEAST_FOR_ETA else None
         return Job(
             self.title,
             progress.stage,
             progress.message,
             fraction,
-            eta,
+            self.delivery.seconds_left(),
             elapsed,
             self.is_cancelling,
         )

@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
-from gaga_studio.session.jobs import JobRunner
+from gaga_studio.session.jobs import Job, JobRunner
 from gaga_studio.session.notices import Level
 
 Said = list[tuple[Level, str]]
@@ -131,25 +131,35 @@ def test_one_job_at_a_time() -> None:
 
 
 def test_rate_gives_the_time_that_is_left() -> None:
+    """Also of a step that goes on where an earlier run stopped, after one that took its own."""
     runner, _ = _runner()
-    gate = threading.Event()
+    gates = {0: threading.Event(), 90: threading.Event(), 95: threading.Event()}
 
     def stage() -> Stage[None]:
-        time.sleep(0.1)
-        yield Progress("Half", 1, 2, "half way")
-        gate.wait(5)
+        yield Progress("Look", 0, 0)
+        time.sleep(0.3)
+        for done, gate in gates.items():
+            yield Progress("Train", done, 100, f"{done}") if done else Progress("Look", 1, 1)
+            gate.wait(5)
+
+    def at(message: str, stage: str = "Train") -> Job:
+        while True:
+            job = runner.running
+            assert job is not None
+            if (job.stage, job.message) == (stage, message):
+                return job
+            time.sleep(0.002)
 
     runner.start("Work", stage())
-    job = runner.running
-    while job is not None and job.stage != "Half":
-        assert job.fraction == -1
-        assert job.eta_s is None
-        time.sleep(0.005)
-        job = runner.running
-    assert job is not None
-    assert (job.title, job.message, job.fraction) == ("Work", "half way", 0.5)
-    assert job.eta_s == pytest.approx(job.elapsed_s)
-    gate.set()
+    at("", "Look")
+    gates[0].set()
+    assert at("90").eta_s is None, "no rate yet"
+    time.sleep(0.1)
+    gates[90].set()
+    job = at("95")
+    assert job.fraction == 0.95
+    assert job.eta_s == pytest.approx(0.1, abs=0.08), "as long as the half of the rest has taken"
+    gates[95].set()
     assert runner.wait()
 
 

@@ -27,7 +27,7 @@ def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
     tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
     job = session.jobs.running or session.jobs.quiet
-    middle = min(em(30), width * 0.5) if job is not None else 0.0
+    middle = _job_width(session, job, width - tail) if job is not None else 0.0
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
     if room > em(4):
@@ -44,10 +44,21 @@ def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
         widgets.tooltip(backend().sentence)
 
 
+_BAR, _SHORT_BAR, _CANCEL, _GAPS = 7.0, 3.5, 4.8, 1.9  # ems
+
+
+def _job_width(session: Session, job: Job, room: float) -> float:
+    """What the job's words, bar and button need; what a click does now gives way to them."""
+    cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
+    words = imgui.calc_text_size(_job_text(job)).x + cancel + em(_GAPS)
+    return min(max(words + em(_BAR), em(24)), room)
+
+
 def _job(session: Session, job: Job, width: float) -> None:
-    cancel = em(4.8) if session.jobs.running is not None else 0.0
-    bar = em(7) if width > em(24) else em(3.5)
-    text = widgets.elided(_job_text(job), width - cancel - bar - em(1.8))
+    cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
+    words = imgui.calc_text_size(_job_text(job)).x
+    bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
+    text = widgets.elided(_job_text(job), width - cancel - bar - em(_GAPS - 0.1))
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)
