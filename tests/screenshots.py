@@ -156,7 +156,7 @@ def _photos(d: Driver, shot: Shot) -> None:
 
 
 def _masks(d: Driver, shot: Shot) -> None:
-    d.menu("Object/###Make masks…")
+    d.menu("Find/###Make masks…")
     dialog = d.studio.ui.scene.masks
     for n in (1, 2):  # the first compiles
         d.click("**/###Try on one photo")
@@ -166,7 +166,7 @@ def _masks(d: Driver, shot: Shot) -> None:
 
 
 def _models(d: Driver, shot: Shot) -> None:
-    d.menu("Object/###Models…")
+    d.menu("Find/###Models…")
     shot.window(d)
 
 

@@ -11,7 +11,7 @@ from gaga_studio.commands.edit import EDIT_COMMANDS
 from gaga_studio.commands.file import FILE_COMMANDS
 from gaga_studio.commands.help import HELP_COMMANDS
 from gaga_studio.commands.keymaps import BLENDER, Keys
-from gaga_studio.commands.objects import OBJECTS_COMMANDS
+from gaga_studio.commands.objects import FIND_COMMANDS, OBJECTS_COMMANDS
 from gaga_studio.commands.select import SELECT_COMMANDS
 from gaga_studio.commands.tools import TOOLS_COMMANDS
 from gaga_studio.commands.view import VIEW_COMMANDS
@@ -23,6 +23,7 @@ MENUS: Mapping[str, tuple[Command, ...]] = {
     "File": FILE_COMMANDS,
     "Edit": EDIT_COMMANDS,
     "Select": SELECT_COMMANDS,
+    "Find": FIND_COMMANDS,
     "Object": OBJECTS_COMMANDS,
     "View": VIEW_COMMANDS,
     "Camera": CAMERA_COMMANDS,

@@ -1,4 +1,4 @@
-"""Object: what is done with objects."""
+"""Find and Object: how objects are found in masks, and what is done with those that are there."""
 
 from gaga_studio.actions import (
     association_repair,
@@ -39,7 +39,7 @@ from gaga_studio.commands.availability import (
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
 
-OBJECTS_COMMANDS: tuple[Command, ...] = (
+FIND_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.masks",
         "Make masks…",
@@ -89,6 +89,18 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     ),
     Command("object.index", "Index this scene", search.index, enabled=not_indexable),
     Command("object.name_all", "Name the objects", search.name_all, enabled=not_nameable),
+    Command(
+        "object.quality", "Measure the quality of the objects", quality.measure, enabled=no_bank
+    ),
+    Command("object.worst_view", "Go to the worst view", quality.worst_view, enabled=no_quality),
+    Command(
+        "object.uncertain",
+        "Select uncertain splats",
+        selection.select_uncertain,
+        enabled=no_confidence,
+    ),
+)
+OBJECTS_COMMANDS: tuple[Command, ...] = (
     Command("object.hide", "Hide", objects.hide, "H", enabled=no_selection),
     Command(
         "object.isolate", "Isolate", cleanup.isolate_selected, "/", enabled=no_selection_to_clean
@@ -101,6 +113,8 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         ("Alt+H",),
         enabled=nothing_hidden,
     ),
+    Command("object.lock", "Lock", objects.lock, enabled=no_selection),
+    Command("object.unlock_all", "Unlock all", objects.unlock_all, enabled=nothing_locked),
     Command("object.rename", "Rename", ask(Request.RENAME), "F2", enabled=not_one_object),
     Command(
         "object.make", "Make an object of the clicks", click_object.make_object, enabled=no_clicks
@@ -134,18 +148,6 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         association_repair.split_by_masks,
         enabled=not_one_object_with_masks,
     ),
-    Command(
-        "object.uncertain",
-        "Select uncertain splats",
-        selection.select_uncertain,
-        enabled=no_confidence,
-    ),
-    Command(
-        "object.quality", "Measure the quality of the objects", quality.measure, enabled=no_bank
-    ),
-    Command("object.worst_view", "Go to the worst view", quality.worst_view, enabled=no_quality),
-    Command("object.lock", "Lock", objects.lock, enabled=no_selection),
-    Command("object.unlock_all", "Unlock all", objects.unlock_all, enabled=nothing_locked),
     Command("object.clean", "Clean up", cleanup.start, enabled=not_cleanable),
     Command("object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=no_cleaning),
     Command(

@@ -29,7 +29,7 @@ def test_from_photos_to_regions_objects_and_a_found_one(display: str, tmp_path: 
 
 def _try_one(d: Driver) -> None:
     """The dialog, one photo to look at before all."""
-    d.menu("Object/###Make masks…")
+    d.menu("Find/###Make masks…")
     dialog = d.studio.ui.scene.masks
     d.click("**/###Try on one photo")
     d.until(lambda: dialog.preview is not None, "one photo is done")

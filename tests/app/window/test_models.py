@@ -24,7 +24,7 @@ def test_get_asks_downloads_and_remove_asks(
 
     def walk(d: Driver) -> None:
         d.session.change_settings(replace(d.session.settings, hub_mirror=hub.url))
-        d.menu("Object/###Models…")
+        d.menu("Find/###Models…")
         d.click(f"**/{TINY.name}/###Get")
         d.until(lambda: d.session.models.offered is not None, "the terms are there")
         d.frames(3)

@@ -97,17 +97,15 @@ _OBJECT_MENU = (
     "object.rename",
     "",
     "edit.duplicate",
-    "object.separate",
-    "object.split",
-    "object.split_here",
-    "object.join_here",
-    "object.split_masks",
     "object.merge",
+    "object.separate",
+    "object.split",  # the submenu of all ways
     "object.clean",
     "edit.delete",
     "",
     "file.export_selected",
 )
+SPLITS = ("object.split", "object.split_masks", "object.split_here", "object.join_here")
 _SCENE_MENU = (
     "select.all",
     "select.none",
@@ -194,10 +192,20 @@ def picture_menus(session: Session) -> None:
         imgui.end_popup()
 
 
+def split_menu(session: Session) -> None:
+    """The ways to take one object apart, as a submenu."""
+    if imgui.begin_menu(f"{icons.SPLIT}  Split###Split"):
+        for command_id in SPLITS:
+            command_item(session, command_id)
+        imgui.end_menu()
+
+
 def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
     """Commands as menu items; "" is a line."""
     for command_id in command_ids:
-        if command_id:
+        if command_id == "object.split":
+            split_menu(session)
+        elif command_id:
             command_item(session, command_id)
         else:
             imgui.separator()

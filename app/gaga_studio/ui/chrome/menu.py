@@ -22,7 +22,7 @@ _LINE_BEFORE = {
     "edit.preferences",
     "object.associate",
     "object.find",
-    "object.hide",
+    "object.quality",
     "object.rename",
     "object.clean",
     "view.confidence",
@@ -48,7 +48,7 @@ _LINE_BEFORE = {
     "help.about",
 }
 
-_IN_SUBMENUS = {*RECALL, *SET}
+_IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS}
 
 
 def draw(session: Session, reset_layout: Callable[[], None]) -> None:
@@ -70,7 +70,9 @@ def draw(session: Session, reset_layout: Callable[[], None]) -> None:
 
 
 def _submenu_after(session: Session, command_id: str) -> None:
-    if command_id == "camera.add_bookmark":
+    if command_id == "object.separate":
+        command_buttons.split_menu(session)
+    elif command_id == "camera.add_bookmark":
         _bookmarks(session)
     elif command_id == "file.demo":
         _recent(session)

@@ -173,7 +173,7 @@ def _shortcuts(session: Session) -> None:
         imgui.table_next_column()
         _sheet("Mouse", MOUSE)
         for position, (menu, listed) in enumerate(MENUS.items()):
-            if position == 3 and columns == 2:
+            if position == 4 and columns == 2:
                 imgui.table_next_column()
             rows = [(", ".join(commands.keys_of(c, session)), c.title.rstrip("…")) for c in listed]
             _sheet(menu, [(keys, title) for keys, title in rows if keys])
