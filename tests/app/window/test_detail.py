@@ -51,9 +51,9 @@ def test_the_slider_of_detail_is_one_edit(
         levels = detail.levels_of(session)
         assert levels is not None
         before, place = document.scene.labels.copy(), session.need().history.cursor
-        d.engine.mouse_move("//Objects/Detail")
+        d.engine.mouse_move("//Objects/##Detail")
         d.engine.mouse_down(0)
-        slider = d.engine.item_info("//Objects/Detail").rect_full.min
+        slider = d.engine.item_info("//Objects/##Detail").rect_full.min
         d.engine.mouse_move_to_pos(ImVec2(slider.x + 3, slider.y + 8))
         d.frames(3)
         assert session.live is not None

@@ -37,8 +37,8 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         _capture(d, "photos")
         d.click("**/###Settings…")
         d.frames(4)
-        d.type_into("**/Iterations", "20000")
-        d.type_into("**/Longest side, pixels", "160")
+        d.type_into("**/##Iterations", "20000")
+        d.type_into("**/##Longest side, pixels", "160")
         _capture(d, "sheet")
         assert isinstance(d.studio.ui.plan.plan, ReconstructionPlan)
         assert d.studio.ui.plan.plan.config.iterations == 20_000

@@ -23,6 +23,7 @@ from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 _FILM, _PICTURE, _OBJECTS = "Save film", "Save picture", "Export objects"
+_NAMES = 9.0  # width of the names of fields, ems
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
 _WHATS: tuple[tuple[pipeline_video.What, str, str], ...] = (
     ("rgb", icons.COLOR, "Color"),
@@ -90,10 +91,10 @@ def _film(session: Session, choices: ExportChoices) -> bool:
     whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
     choices.what = widgets.segmented("What", whats, choices.what, why_not={})
     _size(choices)
-    imgui.set_next_item_width(em(10))
-    _, choices.fps = imgui.slider_float("Pictures a second", choices.fps, 5, 60, "%.0f")
-    imgui.set_next_item_width(em(10))
-    _, choices.quality = imgui.slider_int("Quality", choices.quality, 1, 100)
+    widgets.field_name("Pictures a second", em(_NAMES))
+    _, choices.fps = imgui.slider_float("##Pictures a second", choices.fps, 5, 60, "%.0f")
+    widgets.field_name("Quality", em(_NAMES))
+    _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
     path = camera_path.path_of(session)
     n = len(path.frame_times(choices.fps)) if path.keyframes else 0
     widgets.dim(f"{path.seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
@@ -127,9 +128,9 @@ def _objects(session: Session, choices: ExportChoices) -> bool:
 
 
 def _size(choices: ExportChoices) -> None:
-    imgui.set_next_item_width(em(10))
+    widgets.field_name("Width and height", em(_NAMES))
     values = [choices.width, choices.height]
-    changed, values = imgui.input_int2("Width and height", values)
+    changed, values = imgui.input_int2("##Width and height", values)
     if changed:
         choices.width, choices.height = (max(16, min(value, 16384)) for value in values)
     for position, (width, height) in enumerate(_SIZES):

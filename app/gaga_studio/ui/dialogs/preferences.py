@@ -18,6 +18,7 @@ _PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
 _PRESETS = (("robust", "Robust: all views decide"), ("paper", "Paper: one view after the other"))
 _LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
 _SHEET = "Preferences"
+_NAMES = 11.5  # width of the names of fields, ems
 
 
 @dataclass
@@ -35,19 +36,18 @@ def register(table: RequestTable) -> None:
 
 def draw(session: Session, dragged: DraggedPreferences) -> None:
     """The whole sheet."""
-    if not begin_modal(_SHEET, em(31)):
+    # Not dimmed: what is chosen here is seen in the window.
+    if not begin_modal(_SHEET, em(31), dims=False):
         dragged.values.clear()
         dragged.mirror = None
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays visible.
     imgui.begin_child("Rows", ImVec2(0, body_height(em(31.5))))
-    imgui.push_item_width(em(13))
     settings = _look(before, dragged)
     settings = _handling(settings, dragged)
     settings = _work(settings, dragged)
     settings = _models(settings, dragged)
-    imgui.pop_item_width()
     imgui.end_child()
     if settings != before:
         session.change_settings(settings)
@@ -59,7 +59,8 @@ def _look(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Look")
     settings = replace(settings, theme=_choice("Theme", _THEMES, settings.theme))
     settings = _slider(settings, dragged, "ui_scale", "Size of text and buttons", "%.2f×")
-    changed, color = imgui.color_edit3("Background", list(settings.background_color))
+    widgets.field_name("Background", em(_NAMES))
+    changed, color = imgui.color_edit3("##Background", list(settings.background_color))
     return replace(settings, background=hex_color(color)) if changed else settings
 
 
@@ -67,6 +68,7 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
+    widgets.under_fields(em(_NAMES))
     changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
     return replace(settings, invert_zoom=inverted) if changed else settings
 
@@ -74,6 +76,7 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
 def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Objects and edits")
     settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
+    widgets.under_fields(em(_NAMES))
     changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
     if changed:
@@ -88,7 +91,8 @@ def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
 def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Models")
     text = settings.hub_mirror if dragged.mirror is None else dragged.mirror
-    changed, text = imgui.input_text_with_hint("Mirror of the hub", HUB, text)
+    widgets.field_name("Mirror of the hub", em(_NAMES))
+    changed, text = imgui.input_text_with_hint("##Mirror of the hub", HUB, text)
     widgets.tooltip("Address that models are downloaded from; empty: the hub of Hugging Face")
     if changed:
         dragged.mirror = text
@@ -97,6 +101,7 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
+    widgets.under_fields(em(_NAMES))
     changed, offline = widgets.checkbox("Work offline", settings.works_offline)
     widgets.tooltip("Never ask a hub of models; what is here is used")
     return replace(settings, works_offline=offline) if changed else settings
@@ -113,7 +118,8 @@ def _slider(
     """A number of the settings; it counts when the mouse lets go."""
     low, high = RANGES[name]
     value = dragged.values.get(name, float(getattr(settings, name)))
-    changed, value = imgui.slider_float(label, value, low, high, shown, flags)
+    widgets.field_name(label, em(_NAMES))
+    changed, value = imgui.slider_float(f"##{label}", value, low, high, shown, flags)
     if changed:
         dragged.values[name] = value
     if imgui.is_item_deactivated_after_edit() and name in dragged.values:
@@ -125,5 +131,6 @@ def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> s
     """A drop-down of (value, text)."""
     names = [value for value, _ in choices]
     at = names.index(current) if current in names else 0
-    changed, at = imgui.combo(label, at, [text for _, text in choices])
+    widgets.field_name(label, em(_NAMES))
+    changed, at = imgui.combo(f"##{label}", at, [text for _, text in choices])
     return names[at] if changed else current

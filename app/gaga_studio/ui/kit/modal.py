@@ -15,8 +15,11 @@ _MODAL = (
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
-def begin_modal(name: str, width: float) -> bool:
-    """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it."""
+def begin_modal(name: str, width: float, *, dims: bool = True) -> bool:
+    """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it.
+
+    The window behind it is dimmed, but not where it is what the sheet changes.
+    """
     viewport = imgui.get_main_viewport()
     imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
     fitting = min(width, viewport.size.x * 0.94)
@@ -27,6 +30,8 @@ def begin_modal(name: str, width: float) -> bool:
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(round(em(1.1)), round(em(0.9))))
     is_open, _ = imgui.begin_popup_modal(name, None, _MODAL)
     imgui.pop_style_var(2)
+    if is_open:
+        theme.dim_behind(dims)
     if is_open and name != "Question":
         widgets.escape_closes()
     return is_open

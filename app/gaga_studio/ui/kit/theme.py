@@ -57,6 +57,9 @@ CLEAR = _both("000000", "000000", 0.0)
 ON_ACCENT = _both("FFFFFF", "FFFFFF")  # text on the accent
 CHOSEN = _both("FFFFFF", "123A70")  # text of what is switched on
 POPUP = _both("26282E", "FBFBFC", 0.99)
+FIELD = _both("2C2F36", "FFFFFF")  # ground of what is typed or dragged
+SLIDER_GRAB = _both("5B9DF5", "2F74D0", 0.38)  # values are read through it
+DIMMED = _both("0C0D0F", "40444C", 0.6)  # laid over the window behind a sheet
 
 _COLORS = {
     "text": TEXT,
@@ -66,11 +69,11 @@ _COLORS = {
     "window_bg": PANEL,
     "child_bg": _both("212328", "F4F5F7", 0.0),
     "popup_bg": POPUP,
-    "modal_window_dim_bg": _both("0C0D0F", "40444C", 0.6),
+    "modal_window_dim_bg": DIMMED,
     "menu_bar_bg": BACK,
     "border": LINE,
     "border_shadow": _both("000000", "000000", 0.0),
-    "frame_bg": _both("2C2F36", "FFFFFF"),
+    "frame_bg": FIELD,
     "frame_bg_hovered": _both("353941", "E9EDF4"),
     "frame_bg_active": _both("3D424C", "DCE3EE"),
     "title_bg": BACK,
@@ -93,7 +96,7 @@ _COLORS = {
     "header_active": _both("5B9DF5", "2F74D0", 0.38),
     "check_mark": ACCENT,
     "checkbox_selected_bg": ACCENT_SOFT,
-    "slider_grab": _both("7C828E", "8A919D"),
+    "slider_grab": SLIDER_GRAB,
     "slider_grab_active": ACCENT,
     "separator": LINE,
     "separator_hovered": _both("5B9DF5", "2F74D0", 0.6),
@@ -196,9 +199,31 @@ def use(name: str) -> bool:
     for color, dark, light in _BOTH:
         color.x, color.y, color.z, color.w = light if name == "light" else dark
     _apply_colors()
-    # White fields on a bright ground need a line around them.
-    imgui.get_style().frame_border_size = 1 if name == "light" else 0
+    _apply_edges()
     return True
+
+
+def _apply_edges() -> None:
+    """White fields on a bright ground need a line around them."""
+    imgui.get_style().frame_border_size = 1 if _Loaded.theme == "light" else 0
+
+
+def resize(scale: float) -> bool:
+    """Take the user's scale of text, distances and corners; whether it was another one."""
+    style = imgui.get_style()
+    if style.font_scale_main == scale:
+        return False
+    apply_style()
+    _apply_edges()
+    style.scale_all_sizes(scale)
+    style.font_scale_main = scale
+    return True
+
+
+def dim_behind(is_dimmed: bool) -> None:
+    """Dim the window behind the open sheet, or show it in its own colors."""
+    color = DIMMED if is_dimmed else CLEAR
+    imgui.get_style().set_color_(imgui.Col_.modal_window_dim_bg, color)
 
 
 def _apply_colors() -> None:

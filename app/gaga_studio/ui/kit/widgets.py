@@ -191,6 +191,23 @@ def section(label: str) -> bool:
     return opened
 
 
+def field_name(name: str, width: float, right: float = 0.0) -> None:
+    """Name of the field that is drawn next, left of it, in a column of ``width`` pixels.
+
+    The field takes the rest of the line, but ``right`` pixels; it is called ``##name``.
+    """
+    left = imgui.get_cursor_pos_x()
+    imgui.align_text_to_frame_padding()
+    dim(elided(name, width))
+    imgui.same_line(left + width)
+    imgui.set_next_item_width(-right if right else -1.0)
+
+
+def under_fields(width: float) -> None:
+    """What is drawn next, a box to tick say, begins where the fields do."""
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + width)
+
+
 def checkbox(label: str, value: bool) -> tuple[bool, bool]:
     """A box to tick, with an edge that is seen while it is empty."""
     with _edge():

@@ -24,9 +24,9 @@ def draw(session: Session, state: DetailState) -> None:
         state.dragged = None
         return
     shown = levels.chosen if state.dragged is None else state.dragged
-    imgui.set_next_item_width(-em(4))
+    widgets.field_name("Detail", em(4))
     moved, level = imgui.slider_int(
-        "Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
+        "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
     )
     ended = imgui.is_item_deactivated()
     widgets.tooltip("Left: things together. Right: small parts. Ctrl+Z takes a change back.")

@@ -10,6 +10,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
 
+_NAMES = 6.0  # width of the names of fields, ems
 _SLIDERS = (
     ("temperature", "Temperature", -1.0, 1.0, "Cold to warm"),
     ("green", "Green", -1.0, 1.0, "Magenta to green"),
@@ -27,20 +28,20 @@ def draw(session: Session, sliders: GradeSliders) -> None:
         return
     sliders.follow(session)
     grade, changed, ended = sliders.value, False, False
-    imgui.push_item_width(-em(6.5))
-    moved, tint = imgui.color_edit3("Tint", list(grade.tint), imgui.ColorEditFlags_.float)
+    widgets.field_name("Tint", em(_NAMES))
+    moved, tint = imgui.color_edit3("##Tint", list(grade.tint), imgui.ColorEditFlags_.float)
     ended |= imgui.is_item_deactivated_after_edit()
     if moved:
         grade, changed = replace(grade, tint=(tint[0], tint[1], tint[2])), True
     for name, label, low, high, hint in _SLIDERS:
+        widgets.field_name(label, em(_NAMES))
         moved, value = imgui.slider_float(
-            label, getattr(grade, name), low, high, "%.2f", imgui.SliderFlags_.always_clamp
+            f"##{label}", getattr(grade, name), low, high, "%.2f", imgui.SliderFlags_.always_clamp
         )
         ended |= imgui.is_item_deactivated_after_edit()
         widgets.tooltip(hint)
         if moved:
             grade, changed = _with(grade, name, value), True
-    imgui.pop_item_width()
     if changed:
         sliders.show(session, grade)
     if ended:

@@ -13,6 +13,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
+_NAMES = 5.5  # width of the names of fields, ems
 _HOWS: tuple[tuple[str, How], ...] = (("Select", "set"), ("Add", "add"), ("Remove", "remove"))
 
 
@@ -103,8 +104,8 @@ def _by_color(session: Session, held: SelectBy) -> None:
     why_not = "" if len(session.selected_indices()) else "Nothing is selected."
     if widgets.button("Take", why_not=why_not, hint="The mean color of the selection"):
         held.color = selection.selected_color(session)
-    imgui.set_next_item_width(-em(6))
-    _, held.tolerance = imgui.slider_float("Tolerance", held.tolerance, 0.01, 0.5, "%.2f")
+    widgets.field_name("Tolerance", em(_NAMES))
+    _, held.tolerance = imgui.slider_float("##Tolerance", held.tolerance, 0.01, 0.5, "%.2f")
     how = _how_buttons("color")
     if how:
         selection.by_color(session, held.color, held.tolerance, how)
@@ -116,10 +117,10 @@ def _by_box(session: Session, held: SelectBy) -> None:
         held.box = _around(session)
     lo, hi = held.box
     extent = max(float(np.abs(hi - lo).max()), 1e-6)
-    imgui.set_next_item_width(-em(3))
-    _, first = imgui.drag_float3("From", lo.tolist(), extent / 300, 0, 0, "%.3f")
-    imgui.set_next_item_width(-em(3))
-    _, last = imgui.drag_float3("To", hi.tolist(), extent / 300, 0, 0, "%.3f")
+    widgets.field_name("From", em(_NAMES / 2))
+    _, first = imgui.drag_float3("##From", lo.tolist(), extent / 300, 0, 0, "%.3f")
+    widgets.field_name("To", em(_NAMES / 2))
+    _, last = imgui.drag_float3("##To", hi.tolist(), extent / 300, 0, 0, "%.3f")
     held.box = np.array(first), np.array(last)
     if widgets.button("Fit", hint="Around the selection, else around everything"):
         held.box = _around(session)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.placement_report import PlacementReport
 
 _MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
+NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
 _MANY = 150.0  # matches of a strong link
@@ -24,31 +25,37 @@ _MANY = 150.0  # matches of a strong link
 def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
-    changed, focal = imgui.input_float("Focal length, pixels", config.focal or 0.0, 0, 0, "%.0f")
+    widgets.field_name("Focal length, pixels", em(NAMES))
+    changed, focal = imgui.input_float("##Focal length, pixels", config.focal or 0.0, 0, 0, "%.0f")
     widgets.tooltip("Of the photos as they are; 0: from EXIF, else estimated")
     if changed:
         plan = reconstruction.plan_with(plan, focal=max(focal, 0.0))
     if found.is_video:
         rate = config.video_fps or 0.0
-        changed, rate = imgui.input_float("Frames of each second", rate, 0, 0, "%.1f")
+        widgets.field_name("Frames of each second", em(NAMES))
+        changed, rate = imgui.input_float("##Frames of each second", rate, 0, 0, "%.1f")
         widgets.tooltip("0: as the camera moves, the sharpest ones")
         if changed:
             plan = reconstruction.plan_with(plan, video_fps=min(max(rate, 0.0), _MOST_FPS))
     minutes = config.place_minutes or 0.0
-    changed, minutes = imgui.input_float("Minutes for placing", minutes, 0, 0, "%.0f")
+    widgets.field_name("Minutes for placing", em(NAMES))
+    changed, minutes = imgui.input_float("##Minutes for placing", minutes, 0, 0, "%.0f")
     widgets.tooltip("For all attempts to place the photos; 0: as the quality says")
     if changed:
         plan = reconstruction.plan_with(plan, place_minutes=min(max(minutes, 0.0), _MOST_MINUTES))
-    changed, number = imgui.input_int("Scene", config.scene)
+    widgets.field_name("Scene", em(NAMES))
+    changed, number = imgui.input_int("##Scene", config.scene)
     widgets.tooltip("Which one, by its number of photos, when the photos show several")
     if changed:
         number = min(max(number, 1), _MOST_SCENES)
         plan = replace(plan, config=replace(plan.config, scene=number))
+    widgets.under_fields(em(NAMES))
     changed, turntable = widgets.checkbox("Object on a turntable", config.turntable)
     widgets.tooltip("The object turned, the camera stood still: the background is left out")
     if changed:
         plan = replace(plan, config=replace(plan.config, turntable=turntable))
-    changed, folder = imgui.input_text("Masks of the object", config.foreground or "")
+    widgets.field_name("Masks of the object", em(NAMES))
+    changed, folder = imgui.input_text("##Masks of the object", config.foreground or "")
     widgets.tooltip("A folder with NAME.png for each photo, black where the background is")
     if changed:
         masks = folder.strip() or None

@@ -24,6 +24,7 @@ from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import placement
+from gaga_studio.ui.viewport.placement import NAMES
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.photo_source import PhotoFind
@@ -193,13 +194,11 @@ def sheet(session: Session, held: PlanSheet) -> None:
         imgui.text_unformatted(reconstruction.title(session))
     widgets.dim(reconstruction.found_text(found), wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
-    imgui.push_item_width(em(11))
     try:
         plan = _fields(held.plan, found)
     except GagaError as error:
         session.notify(Level.WARNING, str(error))
         plan = held.plan
-    imgui.pop_item_width()
     held.plan = plan
     imgui.dummy(ImVec2(0, em(0.3)))
     _sheet_end(session, found, plan)
@@ -210,35 +209,42 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     config = plan.config
     names = [name for name, _, _ in _QUALITIES]
     at = names.index(config.quality)
-    changed, at = imgui.combo("Quality", at, [title for _, title, _ in _QUALITIES])
+    widgets.field_name("Quality", em(NAMES))
+    changed, at = imgui.combo("##Quality", at, [title for _, title, _ in _QUALITIES])
     if changed:
         plan = reconstruction.plan_with(plan, quality=names[at])
     widgets.dim(_QUALITIES[at][2], wrap=True)
     settings = plan.config.train()
-    changed, side = imgui.input_int("Longest side, pixels", settings.longest_side, 80, 320)
+    widgets.field_name("Longest side, pixels", em(NAMES))
+    changed, side = imgui.input_int("##Longest side, pixels", settings.longest_side, 80, 320)
     if changed:
         plan = reconstruction.plan_with(plan, max_side=min(max(side, 64), _MOST_SIDE))
-    changed, count = imgui.input_int("Iterations", settings.iterations, 500, 5000)
+    widgets.field_name("Iterations", em(NAMES))
+    changed, count = imgui.input_int("##Iterations", settings.iterations, 500, 5000)
     if changed:
         plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
     if not found.is_placed:
         plan = placement.draw_fields(plan, found)
+    widgets.under_fields(em(NAMES))
     changed, hold = widgets.checkbox(
         "Hold the test photos out, to measure on", plan.config.hold_out
     )
     widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
     if changed:
         plan = replace(plan, config=replace(plan.config, hold_out=hold))
+    widgets.under_fields(em(NAMES))
     changed, antialiased = widgets.checkbox("Antialiased", plan.config.antialiased)
     widgets.tooltip("Splats that also look right from nearer and from farther away (mip mode)")
     if changed:
         plan = replace(plan, config=replace(plan.config, antialiased=antialiased))
+    widgets.under_fields(em(NAMES))
     changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
     widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
     if changed:
         plan = replace(plan, config=replace(plan.config, exposure=exposure))
     if found.photos is not None:
-        changed, text = imgui.input_text("Scene folder", str(plan.scene))
+        widgets.field_name("Scene folder", em(NAMES))
+        changed, text = imgui.input_text("##Scene folder", str(plan.scene))
         if changed and text.strip():
             plan = replace(plan, scene=Path(text.strip()).expanduser())
     return plan
