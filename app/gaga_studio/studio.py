@@ -167,8 +167,7 @@ class Studio:
         """Everything that a frame needs before it is drawn."""
         theme.use(self.session.settings.theme)
         self._letters()
-        style = imgui.get_style()
-        style.font_scale_main = self.session.settings.ui_scale
+        theme.resize(self.session.settings.ui_scale)
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         bank_timeline.tick(self.session, imgui.get_io().delta_time)
@@ -203,7 +202,8 @@ class Studio:
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
-        is_covered = ui.scene.picture.evidence.decision is not None
+        growing = session.live is not None  # its card stands at the same place
+        is_covered = ui.scene.picture.evidence.decision is not None or growing
         # A place of its own for each: a failure is told once while the same place goes on failing.
         call("Commands", lambda: self._requests.take(session))
         call("File dialog", ui.files.draw)
@@ -222,10 +222,11 @@ class Studio:
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.controller.tool(self.session))
-        scene = self.session.scene
+        document = self.session.document
         figures = None
-        if scene is not None:
-            figures = status_bar.FrameFigures(len(scene), self._pacing.frame_ms, self._backend)
+        if document is not None:
+            n_splats = document.read.n_splats()
+            figures = status_bar.FrameFigures(n_splats, self._pacing.frame_ms, self._backend)
         status_bar.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:

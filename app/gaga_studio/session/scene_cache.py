@@ -63,6 +63,12 @@ class SceneCache:
         key = (revision.splats, revision.labels)
         return self.once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
 
+    def n_splats(self) -> int:
+        """How many splats there are, without deleted ones."""
+        revision = self._scene.revision
+        key = (revision.splats, revision.state)
+        return self._once("count", key, lambda: int((~self._scene.has(State.DELETED)).sum()))
+
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""
         revision = self._scene.revision

@@ -69,10 +69,16 @@ def draw(session: Session) -> None:
 
 
 def _paint() -> None:
-    """The ground of the bar; the window's own color does not follow the theme."""
+    """The ground of the bar, and of what no panel covers: round corners, the last line of pixels.
+
+    The window's own color does not follow the theme.
+    """
     corner, size = imgui.get_window_pos(), imgui.get_window_size()
     end = imgui.ImVec2(corner.x + size.x, corner.y + size.y)
     imgui.get_window_draw_list().add_rect_filled(corner, end, theme.u32(theme.BACK))
+    whole = imgui.get_main_viewport()
+    far = imgui.ImVec2(whole.pos.x + whole.size.x, whole.pos.y + whole.size.y)
+    imgui.get_background_draw_list().add_rect_filled(whole.pos, far, theme.u32(theme.BACK))
 
 
 def _options(session: Session) -> None:

@@ -21,7 +21,7 @@ STEPS = (
     ("export", "Export what you made"),
 )
 _WIDTH, _LINE, _GAP = 14.6, 1.55, 0.7  # ems
-_HIGH = 1.9 + len(STEPS) * _LINE + 0.9  # title, steps, padding
+_HIGH = 1.9 + len(STEPS) * _LINE + 1.2  # title, steps, padding
 
 
 @dataclass
@@ -110,7 +110,7 @@ def draw(
     imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
     imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(0.6), em(0.35)))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(0.6), em(0.5)))
     imgui.begin("First steps", None, _FLAGS)
     if where.is_whole:
         _card(session, progress)

@@ -81,30 +81,48 @@ def _marks(path: CameraPath) -> None:
         imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
 
 
+_ROW = 19.6  # width of a keyframe's row, ems
+
+
 def _table(session: Session, path: CameraPath) -> None:
-    chosen = session.view.playback.chosen
-    times = path.times()
-    for index, key in enumerate(path.keyframes):
-        imgui.push_id(index)
-        width = em(6.4)
-        text = f"{index + 1}   at {times[index]:.1f} s"
-        if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
-            camera_path.choose(session, index)
-        widgets.tooltip("Click to go there")
-        imgui.same_line(width + em(0.4))
-        if index or path.is_closed:
-            imgui.set_next_item_width(em(6.4))
-            form = "%.2f s before" if index else "%.2f s back"
-            imgui.begin_disabled(path.even_speed)
-            imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
-            changed, seconds = imgui.drag_float("##S", key.seconds, 0.02, 0.05, 600, form)
-            imgui.pop_style_var()
-            imgui.end_disabled()
-            if changed:
-                camera_path.set_seconds(session, index, seconds)
-        imgui.same_line(width + em(7.2))
-        _row_buttons(session, index)
-        imgui.pop_id()
+    """The keyframes, down one column after the other where the panel is wide and low."""
+    room = imgui.get_content_region_avail()
+    in_column = max(int(room.y / imgui.get_text_line_height_with_spacing()), 1)
+    most = max(int(room.x / em(_ROW)), 1)
+    n_columns = min(-(-len(path.keyframes) // in_column), most)
+    if not imgui.begin_table("Columns", n_columns, imgui.TableFlags_.sizing_stretch_same):
+        return
+    in_column = -(-len(path.keyframes) // n_columns)
+    imgui.table_next_row()
+    for index in range(len(path.keyframes)):
+        if index % in_column == 0:
+            imgui.table_next_column()
+        _row(session, path, index)
+    imgui.end_table()
+
+
+def _row(session: Session, path: CameraPath, index: int) -> None:
+    chosen, times, key = session.view.playback.chosen, path.times(), path.keyframes[index]
+    imgui.push_id(index)
+    width = em(6.4)
+    text = f"{index + 1}   at {times[index]:.1f} s"
+    if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
+        camera_path.choose(session, index)
+    widgets.tooltip("Click to go there")
+    imgui.same_line(width + em(0.4))
+    if index or path.is_closed:
+        imgui.set_next_item_width(em(6.4))
+        form = "%.2f s before" if index else "%.2f s back"
+        imgui.begin_disabled(path.even_speed)
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
+        changed, seconds = imgui.drag_float("##S", key.seconds, 0.02, 0.05, 600, form)
+        imgui.pop_style_var()
+        imgui.end_disabled()
+        if changed:
+            camera_path.set_seconds(session, index, seconds)
+    imgui.same_line(width + em(7.2))
+    _row_buttons(session, index)
+    imgui.pop_id()
 
 
 def _row_buttons(session: Session, index: int) -> None:

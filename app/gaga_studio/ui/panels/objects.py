@@ -155,7 +155,10 @@ def _background_row(session: Session, n: int, high: float) -> None:
     icon = icons.FOLDED if folds else icons.UNFOLDED
     at = ImVec2(low.x + em(0.4), low.y + (high - em(1)) / 2)
     drawing = imgui.get_window_draw_list()
-    drawing.push_clip_rect(low, imgui.get_item_rect_max())  # over all columns
+    high_corner = imgui.get_item_rect_max()
+    window = imgui.internal.get_current_window().inner_clip_rect
+    top, bottom = max(low.y, window.min.y), min(high_corner.y, window.max.y)
+    drawing.push_clip_rect(ImVec2(low.x, top), ImVec2(high_corner.x, bottom))  # over all columns
     drawing.add_text(at, theme.u32(theme.DIM), f"{icon}  Background and supports ({n:,})")
     drawing.pop_clip_rect()
 

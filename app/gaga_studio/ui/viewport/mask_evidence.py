@@ -66,13 +66,15 @@ def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None
 
 def _head(session: Session, document: Document, state: EvidenceState, decision: Decision) -> None:
     room = imgui.get_content_region_avail().x
-    button = em(7.4)
+    button = em(14.4)
     imgui.align_text_to_frame_padding()
     text = f"{decision.view}, mask {decision.mask}"
     with theme.face(strong=True):
         shown = widgets.elided(text, room - button - em(3))
         imgui.text_unformatted(shown)
     imgui.same_line(room - button - em(0.6))
+    mask_menu.button(session, document, state.menu, decision)
+    imgui.same_line()
     face = Face(icon=icons.CAMERA)
     if widgets.button("Go to view", face, hint="Fly to where the photo was taken"):
         command_buttons.fly_to(session, decision.view)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from imgui_bundle import imgui
+from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio import commands
@@ -12,6 +12,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, widgets
 from gaga_studio.ui.kit.object_menu import MASK_DRAG, ObjectMenuState
+from gaga_studio.ui.kit.widgets import Face
 
 
 @dataclass
@@ -40,10 +41,7 @@ def items(session: Session, document: Document, state: MaskMenuState, decision: 
     if imgui.begin_menu(f"{icons.JOINED}  Move to###Move to"):
         _objects(session, document, state, decision)
         imgui.end_menu()
-    if imgui.menu_item_simple(f"{icons.NEW}  New object###New object"):
-        association_repair.move_mask(session, decision, association_repair.NEW)
-    if imgui.menu_item_simple(f"{icons.CLOSE}  No object###No object"):
-        association_repair.move_mask(session, decision, association_repair.NONE)
+    _elsewhere(session, decision)
     imgui.end_disabled()
     widgets.tooltip(why_not)
     imgui.separator()
@@ -53,6 +51,30 @@ def items(session: Session, document: Document, state: MaskMenuState, decision: 
         selection.select_groups(session, (decision.runner_up,))
     if imgui.menu_item_simple(f"{icons.CAMERA}  Go to view###Go to view"):
         command_buttons.fly_to(session, decision.view)
+
+
+def button(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
+    """A button that moves the mask to its object, or out of all."""
+    name = f"Move mask {decision.view} {decision.mask}"
+    face = Face(f"Move to {icons.LATER}", icons.JOINED)
+    hint = "Put this mask where it belongs; the association is redone from its view on"
+    if widgets.button("Move mask", face, why_not=why_not_moved(session), hint=hint):
+        imgui.open_popup(name)
+    low = imgui.get_item_rect_min()
+    imgui.set_next_window_pos(ImVec2(low.x, low.y), imgui.Cond_.always, ImVec2(0, 1))
+    if imgui.begin_popup(name):
+        _objects(session, document, state, decision)
+        imgui.separator()
+        _elsewhere(session, decision)
+        widgets.escape_closes()
+        imgui.end_popup()
+
+
+def _elsewhere(session: Session, decision: Decision) -> None:
+    if imgui.menu_item_simple(f"{icons.NEW}  New object###New object"):
+        association_repair.move_mask(session, decision, association_repair.NEW)
+    if imgui.menu_item_simple(f"{icons.CLOSE}  No object###No object"):
+        association_repair.move_mask(session, decision, association_repair.NONE)
 
 
 def drag_source(state: MaskMenuState, document: Document, decision: Decision) -> None:
