@@ -67,7 +67,7 @@ class SceneCache:
         """How many splats there are, without deleted ones."""
         revision = self._scene.revision
         key = (revision.splats, revision.state)
-        return self._once("count", key, lambda: int((~self._scene.has(State.DELETED)).sum()))
+        return self.once("count", key, lambda: int((~self._scene.has(State.DELETED)).sum()))
 
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""
