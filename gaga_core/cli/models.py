@@ -35,7 +35,8 @@ class ListModels:
         out.scores(rows, as_json=self.json)
         if not self.json:
             out.say(
-                f"Models lie in {models_folder()}. Sizes are about; gaga models get asks first."
+                f"Models lie in {models_folder()}. Sizes are approximate; gaga models get NAME "
+                "shows licence and exact size, and downloads nothing without your consent."
             )
         return 0
 
@@ -205,11 +206,12 @@ class _Models:
 
     def table(self) -> list[list[str]]:
         """A row a model."""
-        rows = [["name", "for", "here", "about MB", "licence", "s/photo"]]
+        rows = [["name", "for", "here", "about MB", "licence", "s a photo"]]
         for entry in self.entries:
             seconds = entry["seconds_a_photo"]
             about = "" if entry["is_measured"] else "about "
-            shown = f"{about}{seconds:.3g}" if isinstance(seconds, float) else ""
+            unknown = "not known" if entry["purpose"] == "masks" else ""
+            shown = f"{about}{seconds:.2g}" if isinstance(seconds, float) else unknown
             here = "yes" if entry["is_here"] else "no"
             size, licence = f"{entry['megabytes']:,}", str(entry["licence"])
             rows.append([str(entry["name"]), str(entry["purpose"]), here, size, licence, shown])

@@ -203,7 +203,7 @@ def gated(model: KnownModel) -> str:
     return (
         f"{model.title} is gated: {model.page} asks for your name and consent. Ask for access "
         "there, then set HF_TOKEN (or use hf auth login) and get it again. "
-        f"Or take its files from elsewhere: {by_hand(model)}"
+        f"Or take its files from another place. {by_hand(model)}"
     )
 
 

@@ -17,14 +17,15 @@ from gaga_studio.ui.kit.widgets import Face
 
 SHEET = "Models"
 _PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
-_COLUMNS = (
-    ("Model", 0.0),
-    ("Good for", 13.0),
+_COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
+    ("Model", -0.45),
+    ("Good for", -0.55),
     ("Size", 5.0),
-    ("Licence", 7.0),
-    ("A photo", 5.0),
+    ("Licence", 6.5),
+    ("Time a photo", 6.5),
     ("", 6.0),
 )
+_FOOT = 5.0  # em: two lines and a row of buttons
 
 
 def register(table: RequestTable) -> None:
@@ -39,7 +40,7 @@ def register(table: RequestTable) -> None:
 
 def draw(session: Session) -> None:
     """The whole sheet."""
-    if not begin_modal(SHEET, em(56)):
+    if not begin_modal(SHEET, em(68)):
         return
     if not session.models.entries:
         models.refresh(session)
@@ -50,8 +51,9 @@ def draw(session: Session) -> None:
         wrap=True,
     )
     imgui.pop_text_wrap_pos()
-    footer = em(6.5)
-    if imgui.begin_child("Known", ImVec2(0, body_height(em(24) + footer) - footer)):
+    footer = em(_FOOT)
+    below = footer + imgui.get_style().item_spacing.y
+    if imgui.begin_child("Known", ImVec2(0, body_height(em(24) + below) - below)):
         _table(session)
     imgui.end_child()
     if imgui.begin_child("Answer", ImVec2(0, footer)):
@@ -67,8 +69,8 @@ def _table(session: Session) -> None:
         return
     for title, width in _COLUMNS:
         kind = imgui.TableColumnFlags_
-        flag = kind.width_fixed if width else kind.width_stretch
-        imgui.table_setup_column(title, flag, em(width) if width else 1.0)
+        flag = kind.width_fixed if width > 0 else kind.width_stretch
+        imgui.table_setup_column(title, flag, em(width) if width > 0 else -width)
     imgui.table_headers_row()
     for entry in session.models.entries:
         imgui.table_next_row()
