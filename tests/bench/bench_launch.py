@@ -12,7 +12,7 @@ from tests.display import xvfb
 
 _RUNS = 3
 _LAUNCH = """
-from tests.app.driver import Driver, drive
+from tests.app.window.driver import Driver, drive
 drive(lambda driver: None, demo=True, size=(1280, 720))
 """
 _BASE = "import numpy, imgui_bundle, moderngl"
