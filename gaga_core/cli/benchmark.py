@@ -18,7 +18,8 @@ class BenchmarkCommand:
     """Run the method over every scene of a data set and print the paper's table with ours."""
 
     dataset: Positional[Literal["replica", "scannet", "lerf-mask", "3d-ovs", "mipnerf360"]]
-    """Which data set (mipnerf360: any scenes with a COLMAP model and true maps in gt/instance)."""
+    """Which data set (mipnerf360: any scenes with a COLMAP model; scored where gt/instance holds
+    true maps, else shown by a film and a contact sheet)."""
     folder: Positional[Path]
     """Its folder, with one folder a scene."""
     scenes: tuple[str, ...] = ()
@@ -32,9 +33,17 @@ class BenchmarkCommand:
     """Name of the mask folder in every scene (masks/NAME, raw_sam_mask, ...); default: the only
     one, or the weights-free regions where there is none."""
     models: Path | None = None
-    """Folder of the trained models, as <scene>/point_cloud/...; default: in the scenes."""
+    """Folder of the trained models, as <scene>/point_cloud/...; default: in the scenes. Where there
+    is none, splats are trained on the training views alone."""
+    quality: Literal["draft", "standard", "full"] = "standard"
+    """Of splats that are trained here."""
+    iterations: int | None = None
+    """Training steps of such splats; default: as the quality says."""
     detector: str | None = None
     """For text prompts: folder or name of a Grounding DINO or OWLv2 model (see gaga query)."""
+    box_masks: str | None = None
+    """With --detector: folder or name of a Segment Anything model. Then prompts are answered by the
+    published rule: masks in the boxes, groups with more than 0.7 inside, probability over 0.2."""
     index_with: str | None = None
     """For text prompts, without a detector: folder or name of a CLIP or SigLIP model; without
     either, words for colors, sizes and places alone are understood."""
@@ -43,6 +52,8 @@ class BenchmarkCommand:
     and run nothing."""
     sparse: str = ""
     """Percentages of the train views to run as well, such as 30,20,10,5."""
+    retrain_sparse: bool = False
+    """Train splats on each of those choices of views; default: use those of all training views."""
     seed: int = 0
     """Of the choice of those views."""
     out: Path | None = None
@@ -59,6 +70,7 @@ class BenchmarkCommand:
         from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
         from gaga_core.io.datasets.catalog import open_dataset
         from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.reconstruct import ReconstructConfig
         from gaga_core.raster import choose
 
         if self.pred is not None and not self.pred.is_dir():
@@ -72,6 +84,8 @@ class BenchmarkCommand:
             find=self._find(),
             pred=self.pred,
             redo=self.redo,
+            train=ReconstructConfig(quality=self.quality, iterations=self.iterations),
+            retrain_sparse=self.retrain_sparse,
         )
         dataset = open_dataset(self.dataset, self.folder, self.scenes, models=self.models)
         target = self.out or self.folder / "gaga-benchmark"
@@ -85,6 +99,8 @@ class BenchmarkCommand:
         else:
             for table in report.tables():
                 out.scores(table, as_json=False)
+                for note in table.notes:
+                    out.line(f"  {note}")
         return 1 if report.failed else 0
 
     def _find(self) -> "FindConfig":
@@ -95,6 +111,7 @@ class BenchmarkCommand:
         return FindConfig(
             detector=None if detector is None else folder_of(detector, KNOWN_DETECTORS),
             embedder=None if index is None else folder_of(index, KNOWN_EMBEDDERS),
+            segmenter=self.box_masks,
         )
 
 

@@ -1,12 +1,19 @@
 """Results of a data set, scene by scene, as the tables that the paper prints."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
 from gaga_core.evaluate.metrics import Score
-from gaga_core.evaluate.published import INSTANCE, PROMPT_METRICS, PROMPTS, SPARSE_IOU
+from gaga_core.evaluate.protocol import Conditions, absent_scenes, departures, sentences
+from gaga_core.evaluate.published import (
+    INSTANCE,
+    INSTANCE_METRICS,
+    PROMPT_METRICS,
+    PROMPTS,
+    SPARSE_IOU,
+)
 from gaga_core.evaluate.sparse import iou_drop
 
 
@@ -32,7 +39,7 @@ class BenchmarkRun:
     """One run over one scene: all train views, or a share of them."""
 
     share: float
-    scores: InstanceScores | PromptScores
+    scores: InstanceScores | PromptScores | None  # None: shown, not scored
     n_views: int  # train views used
     n_groups: int
     seconds: float
@@ -42,6 +49,8 @@ class BenchmarkRun:
     @property
     def headline(self) -> float:
         """The data set's IoU in 0..1, with void where the published code counts it."""
+        if self.scores is None:
+            return 0.0
         if isinstance(self.scores, PromptScores):
             return self.scores.miou
         return self.scores.with_void.iou
@@ -55,6 +64,7 @@ class SceneResult:
     masks: str  # where the 2D masks come from
     runs: tuple[BenchmarkRun, ...]
     n_reused: int = 0  # runs taken from an earlier benchmark
+    conditions: Conditions = field(default_factory=Conditions)
 
     def run(self, share: float) -> BenchmarkRun | None:
         """The run with this share of the train views."""
@@ -66,6 +76,7 @@ class TextTable:
     """Rows of text, headings first."""
 
     rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()  # how it was made, sentences
 
     def table(self) -> list[list[str]]:
         """The rows."""
@@ -86,21 +97,34 @@ class BenchmarkReport:
     scenes: tuple[SceneResult, ...]
     failed: Mapping[str, str]  # scene -> why it has no result
     out: str  # folder of the results
-    protocol: str = "instance"  # "lerf-mask", "3d-ovs"
+    protocol: str = "instance"  # "lerf-mask", "3d-ovs", "qualitative"
+    sparse_splats: str = ""  # which splats runs over few views use
 
     def to_json(self) -> dict[str, object]:
         """Plain values; scores in 0..1, published figures in percent."""
         values = asdict(self)
         values["means"] = {str(share): self._mean_headline(share) for share in self._shares()}
         values["tables"] = [table.table() for table in self.tables()]
+        values["made"] = self.made()
+        values["departures"] = self.departures()
         return values
+
+    def made(self) -> list[str]:
+        """How the tables were made: split, truth, masks, scenes, splats, queries."""
+        return sentences(self.dataset, [(s.scene, s.conditions) for s in self.scenes])
+
+    def departures(self) -> list[str]:
+        """What is not as the paper has it: then its figures stand in a table of their own."""
+        found = [d for s in self.scenes for d in departures(self.dataset, s.scene, s.conditions)]
+        absent = absent_scenes(self.dataset, [s.scene for s in self.scenes])
+        if absent and self.protocol == "instance":
+            n = len(absent) + sum(s.scene not in absent for s in self.scenes)
+            found.append(f"scenes: {len(absent)} of {n} are not here, and the mean is over all")
+        return list(dict.fromkeys(found))
 
     def sentences(self) -> list[str]:
         """What a person should know about the table."""
         found = [f"{scene}: {reason}" for scene, reason in self.failed.items()]
-        sources = sorted({scene.masks for scene in self.scenes if scene.masks})
-        if sources:
-            found.append(f"Masks: {', '.join(sources)}.")
         for scene in self.scenes:
             whole = scene.runs[0]
             found += [f"{scene.scene}: {note}" for note in whole.notes]
@@ -118,13 +142,47 @@ class BenchmarkReport:
         """The paper's table with ours in it, the scores without void, and the table of few views
         if any was run."""
         whole = [(s.scene, run) for s in self.scenes if (run := s.run(1.0)) is not None]
-        instance = self.protocol == "instance"
-        tables = [self._instance_table(whole) if instance else self._prompt_table(whole)]
-        if instance and whole:
-            tables.append(self._void_free_table(whole))
-        if len(self._shares()) > 1:
+        scored = [(scene, run) for scene, run in whole if run.scores is not None]
+        instance = self.protocol in ("instance", "qualitative")
+        tables = [self._instance_table(scored) if instance else self._prompt_table(scored)]
+        if instance and scored:
+            tables.append(self._void_free_table(scored))
+        if len(self._shares()) > 1 and scored:
             tables.append(self._sparse_table())
-        return tuple(tables)
+        if scored != whole:
+            tables.append(self._shown_table(whole))
+        made = self.made()
+        noted = [replace(table, notes=(*table.notes, *made)) for table in tables]
+        return (*noted, *self._published_apart())
+
+    def _shown_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """Scenes that have no truth."""
+        rows = [
+            [scene, str(run.n_views), str(run.n_groups), f"{run.seconds:.1f}"]
+            for scene, run in whole
+            if run.scores is None
+        ]
+        return _table(
+            [[f"{self.title}, {self.preset}: shown", "views", "groups", "seconds"], *rows]
+        )
+
+    def _published_apart(self) -> tuple[TextTable, ...]:
+        """The published figures on their own, where ours were not measured the same way."""
+        why = self.departures()
+        if not why:
+            return ()
+        rows = [
+            [f"{p.method}, {p.masks}", *_hundredths(p.values)]
+            for p in INSTANCE.get(self.dataset, ())
+        ]
+        names = list(INSTANCE_METRICS)
+        if self.dataset in PROMPTS:
+            n = 1 if self.protocol == "3d-ovs" else 2
+            names = list(PROMPT_METRICS[:n])
+            rows = [[scene, *_tenths(v, n)] for scene, v in PROMPTS[self.dataset].items()]
+        head = f"{self.title}, published: measured in another way than ours"
+        notes = tuple(f"Not as published: {reason}." for reason in why)
+        return (replace(_table([[head, *names], *rows]), notes=notes),)
 
     def _instance_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """Counted as published: void is a label of both sides."""
@@ -142,8 +200,9 @@ class BenchmarkReport:
             mean = _hundredths(np.mean(values, axis=0).tolist())
             counted = [f"{groups:.0f}", f"{seconds:.1f}", n_missing]
             rows.append([self._mean_title(len(values)), *mean, *counted])
-        for p in INSTANCE.get(self.dataset, ()):
-            rows.append([f"published: {p.method}, {p.masks}", *_hundredths(p.values), "", "", ""])
+        for p in () if self.departures() else INSTANCE.get(self.dataset, ()):
+            title = f"published ({p.table}): {p.method}, {p.masks}"
+            rows.append([title, *_hundredths(p.values), "", "", ""])
         return _table(rows)
 
     def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
@@ -160,6 +219,8 @@ class BenchmarkReport:
     def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
         n, published = len(names), PROMPTS.get(self.dataset, {})
+        if self.departures():
+            return self._prompt_table_alone(whole, names)
         heads = [f"{self.title}, {self.preset}", *names, *(f"published {name}" for name in names)]
         rows, ours, theirs = [], [], []
         for scene, run in whole:
@@ -179,8 +240,25 @@ class BenchmarkReport:
             rows.append([self._mean_title(len(ours)), *mean, *_tenths(theirs_mean, n), n_missing])
         return _table([[*heads, "missing"], *rows])
 
+    def _prompt_table_alone(
+        self, whole: Sequence[tuple[str, BenchmarkRun]], names: Sequence[str]
+    ) -> TextTable:
+        """Ours without the published columns."""
+        n = len(names)
+        rows, ours = [], []
+        for scene, run in whole:
+            if isinstance(run.scores, PromptScores):
+                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
+                rows.append([scene, *_tenths(ours[-1], n), str(len(run.missing))])
+        rows += [[scene, *_tenths((), n), "failed"] for scene in self.failed]
+        if ours:
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
+            rows.append([self._mean_title(len(ours)), *mean, n_missing])
+        return _table([[f"{self.title}, {self.preset}", *names, "missing"], *rows])
+
     def _sparse_table(self) -> TextTable:
-        published = SPARSE_IOU.get(self.dataset, {})
+        published = {} if self.departures() else SPARSE_IOU.get(self.dataset, {})
         heads = ["train views", "scenes", "IoU", "IoU drop"]
         for masks in published:
             heads += [f"published, {masks}", "drop"]
@@ -196,7 +274,7 @@ class BenchmarkReport:
                 else:
                     row += [f"{theirs:.2f}", _drop(figures[1.0], theirs, share)]
             rows.append(row)
-        return _table([heads, *rows])
+        return replace(_table([heads, *rows]), notes=(self.sparse_splats,))
 
     def _shares(self) -> list[float]:
         found = {run.share for scene in self.scenes for run in scene.runs}
@@ -218,7 +296,7 @@ class BenchmarkReport:
 
 def _instance_figures(run: BenchmarkRun, *, with_void: bool) -> list[float]:
     """Percent: IoU, precision, recall, pooled IoU."""
-    if isinstance(run.scores, PromptScores):
+    if run.scores is None or isinstance(run.scores, PromptScores):
         return []
     score = run.scores.with_void if with_void else run.scores.without_void
     values = (score.iou, score.precision, score.recall, score.pooled_iou)

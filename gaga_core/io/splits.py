@@ -22,6 +22,8 @@ TEST_EVERY = 8  # every 8th view by alphabet, as the published loaders of 3DGS t
 REPLICA_EVERY, REPLICA_AFTER = 5, 2  # frames of Semantic-NeRF: 0, 5, ... and 2, 7, ...
 EVERY_8TH = "every 8th view by name is a test view"
 NAMES = "names train_* and test_*"
+FRAMES = "frames 5 apart, tests 2 later (Semantic-NeRF)"
+OVS3D = "views with true masks are test views (3D-OVS)"
 SCANNET_LISTS, SCANNET_FOLDERS = "train_split.txt and test_split.txt", "train/ and test/ (DM-NeRF)"
 
 
@@ -210,7 +212,7 @@ RULES: Mapping[str, _Rule] = {
     SCANNET_LISTS: _of_lists,
     SCANNET_FOLDERS: _of_folders,
     "images_train": _of_train_photos,
-    "frames 5 apart, tests 2 later (Semantic-NeRF)": _of_frames,
-    "views with true masks are test views (3D-OVS)": _of_segmentations,
+    FRAMES: _of_frames,
+    OVS3D: _of_segmentations,
     NAMES: _of_names,
 }

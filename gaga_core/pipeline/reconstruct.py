@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import write_cameras_json
@@ -119,10 +121,14 @@ def train_scene(
     config: ReconstructConfig,
     *,
     rasterizer: Rasterizer | None = None,
+    out: Path | None = None,
 ) -> Stage[Gaussians]:
-    """Train splats on the photos of ``folder`` and write them, with cameras.json and the report.
+    """Train splats on the training photos of ``folder`` and write them, with cameras.json and the
+    report, to ``out`` (default: the scene folder itself).
 
-    Started by torchrun, all workers train together and the first one writes.
+    Views of neither part of the split are left out. Started by torchrun, all workers train together
+    and the first one writes. For a folder without a COLMAP model ``out`` has to be named: its
+    cameras come from elsewhere, and points are found by stereo.
     """
     # Loaded when there is something to train: the kernels take a good part of the launch time.
     from gaga_core.reconstruct.distributed import joined_team
@@ -132,20 +138,21 @@ def train_scene(
     from gaga_core.reconstruct.views import load_views_stage
 
     sparse = find_sparse(folder.root)
-    if sparse is None or not folder.cameras:
+    if (sparse is None and out is None) or not folder.cameras:
         raise GagaError(f"There is no COLMAP model in {folder.root}. Place the photos first.")
-    folder.require_image(folder.cameras[0].name)
+    root, test = out or folder.root, folder.test if config.hold_out else ()
+    wanted = {*folder.train, *folder.test}
+    cameras = tuple(camera for camera in folder.cameras if camera.name in wanted)
+    folder.require_image((cameras or folder.cameras)[0].name)
     start, cpu_start, settings = time.perf_counter(), time.process_time(), config.train()
-    model = read_colmap(sparse)
+    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    if sparse is not None:
+        model = read_colmap(sparse)
+        points, colors = model.points, model.point_colors
     engine = rasterizer or choose()
-    test = folder.test if config.hold_out else ()
-    views = yield from load_views_stage(
-        folder.cameras, folder.image_paths, test, settings.longest_side
-    )
-    initial = yield from first_splats_stage(
-        model.points, model.point_colors, views.train, settings, engine
-    )
-    workspace = folder.root / WORKSPACE
+    views = yield from load_views_stage(cameras, folder.image_paths, test, settings.longest_side)
+    initial = yield from first_splats_stage(points, colors, views.train, settings, engine)
+    workspace = root / WORKSPACE
     with _tidied(workspace), joined_team() as team:
         with atomic_write(workspace / SETTINGS) as temporary:
             temporary.write_text(json.dumps(asdict(config)), encoding="utf-8")
@@ -155,9 +162,9 @@ def train_scene(
         if team.rank == 0:
             yield Progress("Write splats", 0, 1)
             cost = Cost(time.perf_counter() - start, time.process_time() - cpu_start)
-            write_cameras_json(folder.root / "cameras.json", folder.cameras)
-            write_entry(folder.root, {"train": report_of(trained, settings, cost)})
-            write_ply(folder.root / "point_cloud.ply", trained.gaussians)
+            write_cameras_json(root / "cameras.json", folder.cameras)
+            write_entry(root, {"train": report_of(trained, settings, cost)})
+            write_ply(root / "point_cloud.ply", trained.gaussians)
             shutil.rmtree(workspace, ignore_errors=True)
     return trained.gaussians
 

@@ -35,6 +35,7 @@ class Encoded:
     shown: tuple[float, float]  # share of the logits' height and width that shows the picture
     # points (n, 2) and which of them are on the thing (n,) -> logits (3, h, w), predicted IoU (3,)
     prompt: Callable[[FloatArray, BoolArray], tuple[Tensor, Tensor]]
+    boxes: Callable[[FloatArray], Tensor]  # (n, 4) x0 y0 x1 y1 pixels -> logits (n, h, w)
 
 
 Encoder = Callable[[UInt8Array], Encoded]

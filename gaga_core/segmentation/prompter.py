@@ -9,6 +9,7 @@ import torch
 from torch.nn import Module
 
 from gaga_core.arrays import BoolArray, FloatArray, UInt8Array, check_shape
+from gaga_core.segmentation.generator import Encoded
 from gaga_core.segmentation.sam import sam_encoder
 
 
@@ -42,10 +43,24 @@ class SamPrompter:
         check_shape("points", points, (len(is_on), 2), np.float32)
         if not is_on.any():
             raise ValueError("is_on: expected at least one point on the thing")
-        if self._model is None:
-            self._model = self._load().to(self._device)
-        encoded = sam_encoder(self._model)(image)
+        encoded = self._encoded(image)
         logits, scores = encoded.prompt(points, is_on)
         order = torch.argsort(scores, descending=True, stable=True)
         masks = encoded.upscale(logits[order].float()) > 0
         return Candidates(masks.cpu().numpy(), scores[order].float().cpu().numpy())
+
+    def in_boxes(self, image: UInt8Array, corners: FloatArray) -> BoolArray:
+        """Masks (n, H, W) of the things in boxes (n, 4) left, top, right, bottom, pixels of
+        ``image`` (H, W, 3): the single mask that the model gives a box."""
+        check_shape("image", image, ("H", "W", 3), np.uint8)
+        check_shape("corners", corners, ("n", 4), np.float32)
+        if len(corners) == 0:
+            return np.zeros((0, *image.shape[:2]), np.bool_)
+        encoded = self._encoded(image)
+        masks: BoolArray = (encoded.upscale(encoded.boxes(corners).float()) > 0).cpu().numpy()
+        return masks
+
+    def _encoded(self, image: UInt8Array) -> Encoded:
+        if self._model is None:
+            self._model = self._load().to(self._device)
+        return sam_encoder(self._model)(image)

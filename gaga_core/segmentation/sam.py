@@ -83,13 +83,20 @@ def sam_encoder(module: Module) -> Encoder:
             )
             return out.pred_masks[0, 0], out.iou_scores[0, 0]
 
+        @torch.inference_mode()
+        def boxes(corners: FloatArray) -> Tensor:
+            placed = (torch.from_numpy(corners) * scale.repeat(2))[None].to(pixels.dtype)
+            placed = placed.to(parameter.device, parameter.dtype)
+            out = model(input_boxes=placed, multimask_output=False, **embeddings)
+            return cast(Tensor, out.pred_masks[0, :, 0])
+
         def upscale(logits: Tensor) -> Tensor:
             values = logits[:, None]
             if is_padded:
                 values = _bilinear(values, side, side)[..., :inner_h, :inner_w]
             return _bilinear(values, height, width)[:, 0]
 
-        return Encoded(decode, upscale, (inner_h / side, inner_w / side), prompt)
+        return Encoded(decode, upscale, (inner_h / side, inner_w / side), prompt, boxes)
 
     return encode
 

@@ -12,8 +12,9 @@ from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, Pr
 from gaga_core.evaluate.metrics import Score
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.masks import RECORD
 
-VERSION = 1  # grows whenever the same settings give other figures
+VERSION = 2  # grows whenever the same settings give other figures
 
 
 def digest_of(path: Path | None) -> str:
@@ -30,6 +31,16 @@ def digest_of(path: Path | None) -> str:
     rows = [f"{stat.st_size} {stat.st_mtime_ns}" for _, stat in stats]
     text = "\n".join(f"{name} {row}" for name, row in zip(names, rows, strict=True))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def made_by(masks: Path) -> str:
+    """Name of a folder of label maps, and who made them as far as it says so."""
+    try:
+        record = read_loose_json(masks / RECORD)
+    except GagaError:
+        record = {}
+    model = record.get("model")
+    return f"{masks.name} ({model if isinstance(model, str) and model else 'made elsewhere'})"
 
 
 def write_runs(
@@ -70,7 +81,9 @@ def _run_of(values: dict[str, object]) -> BenchmarkRun:
     )
 
 
-def _scores_of(values: object) -> InstanceScores | PromptScores:
+def _scores_of(values: object) -> InstanceScores | PromptScores | None:
+    if values is None:
+        return None
     if not isinstance(values, dict):
         raise TypeError("scores")
     if "with_void" in values:

@@ -3,20 +3,32 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
+from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.protocol import PUBLISHED_RULE
+from gaga_core.grouping.votes import VOID_BELOW
+from gaga_core.identity.field import IdentityField
 from gaga_core.io.datasets.base import PromptTruth
 from gaga_core.io.masks import read_labels
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.pipeline.search import Pictures, find_in_view, index_scene, search
 from gaga_core.progress import Progress, Stage
+from gaga_core.query.box_voting import CONTAINED, contained
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from gaga_core.segmentation.prompter import SamPrompter
+
 STAGE = "Find prompts"
+TEXT_THRESHOLD = 0.45  # of a word in a box (Gaussian Grouping's script)
+PROBABLE = 0.2  # probability of a group above which a pixel is its (likewise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +40,7 @@ class Question:
     views: tuple[Camera, ...]  # the views to answer for; the published protocol uses the first
     maps: Mapping[str, Path]  # group maps of those views, by view name
     rasterizer: Rasterizer
+    field: IdentityField | None = None  # what the maps were decoded from; None: splatted groups
 
 
 Answers = Mapping[str, Sequence[int]]  # phrase -> group ids; without an entry: not answered
@@ -40,12 +53,64 @@ class FindConfig:
 
     detector: Path | None = None  # folder of a Grounding DINO or OWLv2 model
     embedder: Path | None = None  # folder of a CLIP or SigLIP model
+    segmenter: str | None = None  # name or folder of a Segment Anything model, for masks in boxes
+
+    def __post_init__(self) -> None:
+        if self.segmenter is not None and self.detector is None:
+            raise GagaError("Masks in boxes need a detector that finds the boxes. Name one, too.")
 
     def find(self) -> Find:
         """The way of answering."""
+        if self.detector is not None and self.segmenter is not None:
+            return by_published_rule(self.detector, self.segmenter)
         if self.detector is not None:
             return by_detector(self.detector)
         return by_words(self.embedder)
+
+    @property
+    def words(self) -> str:
+        """The way of answering, for tables."""
+        if self.detector is not None and self.segmenter is not None:
+            return f"{PUBLISHED_RULE}, share inside over {CONTAINED}, probability over {PROBABLE}"
+        if self.detector is not None:
+            return "boxes of a detector, groups by area"
+        return "words alone" if self.embedder is None else "an index of pictures"
+
+
+def by_published_rule(detector_folder: Path, segmenter: str) -> Find:
+    """Boxes in the rendered first view -> masks of Segment Anything in them, summed -> groups of
+    which more than 0.7 lies inside (Ye et al., ECCV 2024, with its thresholds)."""
+
+    def find(question: Question, phrases: Sequence[str]) -> Stage[Answers]:
+        from gaga_core.query.detector import DetectConfig, load_detector
+
+        detector, prompter = load_detector(detector_folder), _prompter(segmenter)
+        camera, answers = question.views[0], {}
+        picture = _picture(question, camera)
+        groups = read_labels(question.maps[camera.name])
+        config = DetectConfig(text_threshold=TEXT_THRESHOLD)
+        for i, phrase in enumerate(phrases):
+            yield Progress(STAGE, i, len(phrases), phrase)
+            boxes = detector.detect(picture, phrase, config)
+            masks = prompter.in_boxes(picture, boxes.corners)
+            inside: BoolArray = np.logical_or.reduce(masks, axis=0)
+            answers[phrase] = contained(groups, inside).tolist()
+        return answers
+
+    return find
+
+
+def _prompter(segmenter: str) -> "SamPrompter":
+    from gaga_core.segmentation.choose import prompter_named
+
+    path = Path(segmenter)
+    return prompter_named(path.stem, weights=path) if path.exists() else prompter_named(segmenter)
+
+
+def _picture(question: Question, camera: Camera) -> UInt8Array:
+    """The splats (H, W, 3) as a view shows them."""
+    image = question.rasterizer.render(question.scene.gaussians, camera).image
+    return np.ascontiguousarray((np.clip(image, 0, 1) * 255).astype(np.uint8))
 
 
 def by_detector(folder: Path) -> Find:
@@ -106,21 +171,42 @@ def _index(question: Question, folder: Path) -> Stage[Pictures]:
 def answer_prompts(question: Question, prompts: PromptTruth, out: Path, find: Find) -> Stage[Path]:
     """Masks ``out/prompts/<key>/<text prompt>.png`` (0 or 255) of every prompt in every view.
 
-    A prompt that ``find`` has no answer to gets no file, so that it is scored as missing.
+    Where there are identities, a pixel belongs to a prompt when one of its groups has a
+    probability over 0.2 (the published rule); else by its group. A prompt that ``find`` has no
+    answer to gets no file, so that it is scored as missing.
     """
     answers = yield from find(question, prompts.prompts)
+    cameras = {camera.name: camera for camera in question.views}
     with staging_folder(out) as staging:
         (staging / "prompts").mkdir()
         for i, (key, name) in enumerate(prompts.views.items()):
             yield Progress(STAGE, i, len(prompts.views), name)
             if name not in question.maps:
                 continue
-            groups = read_labels(question.maps[name])
+            inside = _inside(question, cameras[name])
             (staging / "prompts" / key).mkdir()
             for phrase in prompts.prompts:
                 ids = list(answers.get(phrase, ()))
                 if ids:
-                    mask = np.isin(groups, ids).astype(np.uint8) * np.uint8(255)
+                    mask = inside(ids).astype(np.uint8) * np.uint8(255)
                     Image.fromarray(mask).save(staging / "prompts" / key / f"{phrase}.png")
         publish_all(staging, ["prompts"], out)
     return out / "prompts"
+
+
+def _inside(question: Question, camera: Camera) -> Callable[[list[int]], BoolArray]:
+    """Which pixels (H, W) of a view belong to any of some groups."""
+    labels = read_labels(question.maps[camera.name])
+    field = question.field
+    if field is None:
+        return lambda ids: np.isin(labels, ids)
+    frame = question.rasterizer.render(question.scene.gaussians, camera, channels=field.encodings)
+    chances = field.probabilities(frame.image.reshape(-1, field.encodings.shape[1]))
+    drawn = frame.alpha >= VOID_BELOW
+
+    def inside(ids: list[int]) -> BoolArray:
+        likely = (chances[:, ids] > PROBABLE).any(axis=1).reshape(frame.alpha.shape)
+        result: BoolArray = likely & drawn
+        return result
+
+    return inside

@@ -1,43 +1,41 @@
 """The published protocols over whole data sets: every stage, every scene, one table.
 
 A scene is associated from the masks of its train views, lifted, rendered in its test views and
-scored as its data set is: Algorithm 1, or masks of text prompts. Results lie in one folder, a
-JSON a scene, written after every run: what is finished is not run again while its settings, masks
-and model are the same.
+scored as its data set is: Algorithm 1, masks of text prompts, or pictures for people. Splats that
+are missing are trained on the train views alone. Results lie in one folder, a JSON a scene, written
+after every run: what is finished is not run again while its settings, masks and model are the same.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal, get_args
 
 import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import CancelledError, GagaError
-from gaga_core.evaluate.benchmark.files import digest_of, read_runs, write_runs
+from gaga_core.evaluate.benchmark.files import digest_of, made_by, read_runs, write_runs
+from gaga_core.evaluate.benchmark.gallery import show_scene
 from gaga_core.evaluate.benchmark.prompts import Find, FindConfig, Question, answer_prompts
+from gaga_core.evaluate.benchmark.scoring import Scored, score_scene
+from gaga_core.evaluate.benchmark.splats import trained_splats
 from gaga_core.evaluate.benchmark_tables import (
     BenchmarkReport,
     BenchmarkRun,
-    InstanceScores,
-    PromptScores,
     SceneResult,
 )
-from gaga_core.evaluate.lerf_mask import lerf_mask_stage
-from gaga_core.evaluate.metrics import UNANSWERED, score_stage
+from gaga_core.evaluate.protocol import Conditions
 from gaga_core.evaluate.sparse import sparse_views
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.io.datasets.base import Dataset, DatasetScene
-from gaga_core.io.masks import label_files_of, read_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
-from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import lift_scene, render_identity
+from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
+from gaga_core.pipeline.reconstruct import ReconstructConfig
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose
@@ -47,6 +45,10 @@ from gaga_core.scene.scene import Scene
 TITLE = "Benchmark"
 Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups
 _TRACKED = "object_mask"  # associated by a tracker already: only on request
+
+
+def _standard() -> ReconstructConfig:
+    return ReconstructConfig(quality="standard")
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class BenchmarkConfig:
     find: FindConfig = field(default_factory=FindConfig)  # who answers text prompts
     pred: Path | None = None  # predictions <scene>/...: they are scored, nothing is run
     redo: bool = False  # run again what is finished
+    train: ReconstructConfig = field(default_factory=_standard)  # of splats that are missing
+    retrain_sparse: bool = False  # splats of few views are trained on those views alone
 
     def __post_init__(self) -> None:
         AssociateConfig.of(self.preset)
@@ -71,6 +75,10 @@ class BenchmarkConfig:
                 raise GagaError(f"{share:.4g} is no share of the views. Choose one in (0, 1).")
         if self.pred is not None and self.shares:
             raise GagaError("Given predictions have no train views. Leave the shares of them out.")
+        if self.retrain_sparse and not self.shares:
+            raise GagaError(
+                "--retrain-sparse needs --sparse: which shares of the views to train on."
+            )
 
     @property
     def lifted_by(self) -> Lift:
@@ -100,13 +108,6 @@ class _Task:
     masks: Path | None  # of label maps; None where predictions are given
     find: Find | None
     rasterizer: Rasterizer
-
-
-@dataclass(frozen=True)
-class _Scored:
-    scores: InstanceScores | PromptScores
-    missing: tuple[str, ...]  # predictions that were not there
-    notes: tuple[str, ...] = ()
 
 
 def run_benchmark(
@@ -145,7 +146,17 @@ def run_benchmark(
         failed=failed,
         out=str(out),
         protocol=dataset.protocol,
+        sparse_splats=_sparse_splats(config),
     )
+
+
+def _sparse_splats(config: BenchmarkConfig) -> str:
+    """Which splats runs over few views use, for tables."""
+    if not config.shares:
+        return ""
+    if config.retrain_sparse:
+        return "Few views: splats are trained again on those views alone, from the same points."
+    return "Few views: the splats of all training views are used; only the masks are fewer."
 
 
 def _run_scene(
@@ -158,8 +169,9 @@ def _run_scene(
 ) -> Stage[SceneResult]:
     """All runs over one scene that are not finished yet."""
     _check(scene, config)
-    masks = None
+    masks, splats = None, ""
     if config.pred is None:
+        scene, splats = yield from _with_splats(scene, config, out / scene.name, rasterizer)
         masks = yield from _masks_of(scene, config, out / scene.name, rasterizer)
     task = _Task(scene, config, out / scene.name, masks, find, rasterizer)
     settings = _settings(dataset, task)
@@ -172,11 +184,53 @@ def _run_scene(
             continue
         if config.pred is None and gaussians is None:
             gaussians = yield from read_model(scene.folder)
-        stage = _run(task, share, gaussians)
+        model = gaussians
+        if share < 1 and config.retrain_sparse:
+            model = yield from _few_splats(task, share)
+        stage = _run(task, share, model)
         known[share] = yield from part(stage, i, len(config.runs()), TITLE)
         write_runs(file, settings, known)
     runs = tuple(known[share] for share in config.runs())
-    return SceneResult(scene.name, _source(masks), runs, n_reused)
+    conditions = _conditions(task, splats)
+    return SceneResult(scene.name, _source(masks), runs, n_reused, conditions)
+
+
+def _with_splats(
+    scene: DatasetScene, config: BenchmarkConfig, out: Path, rasterizer: Rasterizer
+) -> Stage[tuple[DatasetScene, str]]:
+    """The scene with splats, trained here where it has none, and where they are from."""
+    if scene.folder.model_path is not None:
+        return scene, "as found next to the data; which views they were trained on is not known"
+    target = out / "splats"
+    yield from trained_splats(scene.folder, config.train, target, rasterizer)
+    folder = replace(scene.folder, model_path=target / "point_cloud.ply")
+    told = f"trained here on the training views alone, quality {config.train.quality}"
+    return replace(scene, folder=folder), told
+
+
+def _few_splats(task: _Task, share: float) -> Stage[Gaussians]:
+    """Splats of a share of the train views alone."""
+    config, folder = task.config, task.scene.folder
+    train = sparse_views(folder.train, share, config.seed)
+    target = task.out / f"splats_{100 * share:g}"
+    few = replace(folder, train=train)
+    return (yield from trained_splats(few, config.train, target, task.rasterizer))
+
+
+def _conditions(task: _Task, splats: str) -> Conditions:
+    """How the scene was scored, for tables."""
+    scene, config = task.scene, task.config
+    queries = "" if scene.prompts is None or config.pred is not None else config.find.words
+    truth = scene.truth if scene.prompts is None else set(scene.prompts.views.values())
+    return Conditions(
+        split=scene.folder.split,
+        n_train=len(scene.folder.train),
+        n_test=sum(name in truth for name in scene.folder.test),
+        truth=scene.truth_from,
+        masks="" if task.masks is None else made_by(task.masks),
+        splats=splats,
+        queries="given" if task.find is not None and queries else queries,
+    )
 
 
 def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
@@ -188,6 +242,8 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
         "scene": str(folder.root.resolve()),
         "test": list(folder.test),
         "missing": list(task.scene.missing),
+        "split": folder.split,
+        "truth": task.scene.truth_from,
     }
     if config.pred is not None:
         predictions = config.pred / task.scene.name
@@ -203,6 +259,7 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
         "mask_files": digest_of(task.masks),
         "model": "" if folder.model_path is None else str(folder.model_path.resolve()),
         "model_file": digest_of(folder.model_path),
+        "retrain": asdict(config.train) if config.retrain_sparse else None,
     }
 
 
@@ -213,8 +270,10 @@ def _words_of(find: FindConfig) -> dict[str, str]:
 def _check(scene: DatasetScene, config: BenchmarkConfig) -> None:
     """``GagaError`` when nothing can be scored; what is missing besides becomes a note."""
     folder = scene.folder
-    scored = any(name in scene.truth for name in folder.test)
-    hopeless = config.pred is None and (folder.model_path is None or not folder.train)
+    scored = any(name in scene.truth for name in folder.test) or not scene.truth_from
+    hopeless = config.pred is None and not folder.train
+    if config.pred is not None and not scene.truth_from:
+        raise GagaError(f"{scene.name} has no truth to score predictions with.")
     if hopeless or not folder.test or (scene.prompts is None and not scored):
         raise GagaError(" ".join(scene.missing))
 
@@ -258,7 +317,7 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     config, folder = task.config, task.scene.folder
     if gaussians is None or task.masks is None:
         given = (config.pred or task.out) / task.scene.name
-        return _result(task, share, (yield from _score(task, given)))
+        return _result(task, share, (yield from score_scene(task.scene, given)))
     train = folder.train if share == 1.0 else sparse_views(folder.train, share, config.seed)
     root = task.out / ("views_all" if share == 1.0 else f"views_{100 * share:g}")
     own, engine = replace(folder, root=root, train=train), task.rasterizer
@@ -276,18 +335,23 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     maps = yield from part(shown, 2, n_parts, TITLE)
     seconds = round(time.perf_counter() - start, 3)
     labels = read_groups(own, len(gaussians))[0]
+    n_groups = len(np.unique(labels[labels > 0]))
     predictions = root / "groups"
+    if not task.scene.truth_from:
+        notes = yield from show_scene(own, gaussians, labels, maps, engine, root)
+        return BenchmarkRun(share, None, len(train), n_groups, seconds, notes=notes)
     if task.scene.prompts is not None:
         question = _question(task, own, gaussians, labels, maps)
+        if config.lifted_by != "none":
+            question = replace(question, field=read_identity(own, len(gaussians)).field)
         find = task.find or config.find.find()
         predictions = yield from answer_prompts(question, task.scene.prompts, root, find)
-    scored = yield from part(_score(task, predictions), 3, n_parts, TITLE)
+    scored = yield from part(score_scene(task.scene, predictions), 3, n_parts, TITLE)
     result = _result(task, share, scored)
-    n_groups = len(np.unique(labels[labels > 0]))
     return replace(result, n_views=len(train), n_groups=n_groups, seconds=seconds)
 
 
-def _result(task: _Task, share: float, scored: _Scored) -> BenchmarkRun:
+def _result(task: _Task, share: float, scored: Scored) -> BenchmarkRun:
     notes = (*task.scene.missing, *scored.notes)
     return BenchmarkRun(share, scored.scores, 0, 0, 0.0, scored.missing, notes)
 
@@ -310,39 +374,3 @@ def _question(
         maps={camera.name: of_view[camera.name] for camera in views},
         rasterizer=task.rasterizer,
     )
-
-
-def _score(task: _Task, predictions: Path) -> Stage[_Scored]:
-    """The scores of the predictions in a folder; those that are missing count as 0."""
-    if task.scene.prompts is None:
-        return (yield from _score_maps(task, predictions))
-    prompts = task.scene.prompts
-    with TemporaryDirectory() as nothing:
-        folder = predictions if predictions.is_dir() else Path(nothing)
-        report = yield from lerf_mask_stage(folder, prompts.folder, views=prompts.views)
-    by_prompt = {p.prompt: (p.iou, p.boundary_iou) for p in report.prompts}
-    scores = PromptScores(report.miou, report.mean_boundary_iou, by_prompt)
-    n, notes = len(report.unused), []
-    if n:
-        notes.append(f"{n} predictions answer no prompt of the data set ({report.unused[0]}, ...).")
-    return _Scored(scores, report.missing, tuple(notes))
-
-
-def _score_maps(task: _Task, predictions: Path) -> Stage[_Scored]:
-    """Algorithm 1 over the group maps ``<stem>.png`` of the test views that have a true map."""
-    truth = task.scene.truth
-    names = [name for name in task.scene.folder.test if name in truth]
-    files: Mapping[str, Path] = {}
-    if predictions.is_dir():
-        files = label_files_of(predictions, names, [c.name for c in task.scene.folder.cameras])
-
-    def pair(name: str) -> tuple[IntArray, IntArray]:
-        true = truth.loaders[name]()
-        file = files.get(name)
-        if file is None:
-            return true, np.full_like(true, UNANSWERED)
-        return true, resize_labels(read_labels(file), true.shape[1], true.shape[0])
-
-    with_void, without_void = yield from score_stage((pair(name) for name in names), len(names))
-    missing = tuple(name for name in names if name not in files)
-    return _Scored(InstanceScores(with_void, without_void), missing)

@@ -16,7 +16,8 @@ from gaga_core.io.scene_folder import SceneFolder, find_mask_folders, find_model
 from gaga_core.io.splits import ViewSplit
 from gaga_core.masks import Loader, MaskSet
 
-Protocol = Literal["instance", "lerf-mask", "3d-ovs"]  # how a data set is scored
+# How a data set is scored; qualitative: pictures and a film, and scores where there is truth.
+Protocol = Literal["instance", "lerf-mask", "3d-ovs", "qualitative"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class DatasetScene:
     layout: str  # "Semantic-NeRF", ...
     truth: MaskSet = field(default_factory=MaskSet)  # true label maps by view name, 0 = void
     prompts: PromptTruth | None = None
+    truth_from: str = ""  # what the truth is, for tables: "ins_full", ...
     missing: tuple[str, ...] = ()  # one sentence a thing that the scene lacks
 
     @property
@@ -85,6 +87,7 @@ def scene_of(
     *,
     truth: Mapping[str, Loader] | None = None,
     prompts: PromptTruth | None = None,
+    truth_from: str = "",
 ) -> DatasetScene:
     """The description of a scene, with what it lacks; only views that have a camera count."""
     cameras = tuple(sorted(views.cameras, key=lambda camera: natural_order(camera.name)))
@@ -107,7 +110,7 @@ def scene_of(
         scored = {key: name for key, name in prompts.views.items() if name in set(test)}
         prompts = replace(prompts, views=scored)
     loaders = {name: load for name, load in (truth or {}).items() if name in posed}
-    scene = DatasetScene(folder, layout, MaskSet(loaders, str(root)), prompts)
+    scene = DatasetScene(folder, layout, MaskSet(loaders, str(root)), prompts, truth_from)
     wanted = {*views.split.train, *views.split.test, *views.split.unknown}
     return replace(scene, missing=tuple(_missing(scene, wanted)))
 
@@ -116,11 +119,6 @@ def _missing(scene: DatasetScene, wanted: set[str]) -> list[str]:
     """One sentence a thing that is not there."""
     folder, found = scene.folder, []
     unposed = sorted(wanted - {camera.name for camera in folder.cameras})
-    if folder.model_path is None:
-        found.append(
-            f"There are no trained Gaussians in {folder.root}: put a point_cloud.ply there, "
-            "or name the folder of the trained models."
-        )
     if unposed:
         found.append(
             f"{len(unposed)} of {len(wanted)} views of {scene.name} have no camera "
@@ -136,7 +134,7 @@ def _missing(scene: DatasetScene, wanted: set[str]) -> list[str]:
             f"{len(photos)} of {len(folder.cameras)} photos of {scene.name} are missing "
             f"(first: {photos[0]})."
         )
-    if scene.prompts is None:
+    if scene.prompts is None and scene.truth_from:
         unmapped = [name for name in folder.test if name not in scene.truth]
         if unmapped:
             found.append(

@@ -20,16 +20,21 @@ class KnownDataset:
     scenes: tuple[str, ...] = ()  # in the order of the published tables, where known
 
 
+# Semantic-NeRF's scenes, and those that DM-NeRF selects of ScanNet.
+REPLICA_SCENES = (*(f"office_{k}" for k in range(5)), *(f"room_{k}" for k in range(3)))
+SCANNET_SCENES = tuple(
+    f"scene{n}_00" for n in ("0010", "0012", "0024", "0033", "0038", "0088", "0113", "0192")
+)
 DATASETS: Mapping[str, KnownDataset] = {
-    "replica": KnownDataset("Replica", "instance", replica.LAYOUTS),
-    "scannet": KnownDataset("ScanNet", "instance", scannet.LAYOUTS),
+    "replica": KnownDataset("Replica", "instance", replica.LAYOUTS, REPLICA_SCENES),
+    "scannet": KnownDataset("ScanNet", "instance", scannet.LAYOUTS, SCANNET_SCENES),
     "lerf-mask": KnownDataset(
         "LERF-Mask", "lerf-mask", lerf_mask.LAYOUTS, ("figurines", "ramen", "teatime")
     ),
     "3d-ovs": KnownDataset(
         "3D-OVS", "3d-ovs", ovs3d.LAYOUTS, ("bed", "bench", "room", "sofa", "lawn")
     ),
-    "mipnerf360": KnownDataset("Mip-NeRF 360", "instance", mipnerf360.LAYOUTS),
+    "mipnerf360": KnownDataset("Mip-NeRF 360", "qualitative", mipnerf360.LAYOUTS),
 }
 
 

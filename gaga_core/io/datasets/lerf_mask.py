@@ -39,7 +39,7 @@ def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
     cameras = read_colmap(root / "sparse" / "0").cameras
     found_views = DatasetViews(cameras, photos, split_views(root, photos))
-    return scene_of(root, model, "LERF-Mask", found_views, prompts=prompts)
+    return scene_of(root, model, "LERF-Mask", found_views, prompts=prompts, truth_from="test_mask")
 
 
 def prompts_of(folder: Path, keys: Iterable[str]) -> tuple[str, ...]:

@@ -1,9 +1,10 @@
 """Mip-NeRF 360 (Barron et al., CVPR 2022) and any scene with a COLMAP model.
 
 ``<scene>/{images[_2|_4|_8], sparse/0}``; every 8th photo by name is a test view unless split.json
-says otherwise. Photos wider than 1600 pixels are used in a smaller folder, if there is one, as the
-3DGS trainer shrinks them. There are no true maps, except where ``gt/instance`` holds some (the
-layout of our own scenes).
+says otherwise. Photos at a quarter of the size (images_4) are used where they are there, as the
+paper does; else those wider than 1600 pixels are used in a smaller folder, as the 3DGS trainer
+shrinks them. There are no true maps, except where ``gt/instance`` holds some (the layout of our own
+scenes): the data set is shown, not scored.
 """
 
 from functools import partial
@@ -24,7 +25,8 @@ from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.io.splits import ViewSplit
 
 WIDEST = 1600  # pixels
-_FOLDERS = ("images", "images_2", "images_4", "images_8")
+_QUARTER = "images_4"  # the factor of the paper
+_FOLDERS = ("images", "images_2", "images_8")
 
 
 def read_mipnerf360(root: Path, model: Path | None = None) -> DatasetScene:
@@ -42,12 +44,16 @@ def read_mipnerf360(root: Path, model: Path | None = None) -> DatasetScene:
     truth = {stems[path.stem]: partial(read_labels, path) for path in maps if path.stem in stems}
     split = ViewSplit(folder.train, folder.test, folder.split)
     views = DatasetViews(cameras, found, split)
-    return scene_of(root, folder.model_path, "COLMAP", views, truth=truth)
+    truth_from = "gt/instance" if truth else ""
+    return scene_of(root, folder.model_path, "COLMAP", views, truth=truth, truth_from=truth_from)
 
 
 def _photos(root: Path) -> tuple[dict[str, Path], tuple[int, int]]:
-    """The widest photos that are not too wide, and their size; else the smallest there are."""
-    found: dict[str, Path] = {}
+    """The photos of a quarter of the size, else the widest that are not too wide, else the
+    smallest there are; and their size."""
+    found: dict[str, Path] = photos_of(root / _QUARTER)
+    if found:
+        return found, picture_size(next(iter(found.values())))
     size = (0, 0)
     for name in _FOLDERS:
         photos = photos_of(root / name)

@@ -52,7 +52,7 @@ def read_ovs3d(root: Path, model: Path | None = None) -> DatasetScene:
     )
     found = DatasetViews(cameras, photos, split_views(root, photos))
     prompts = PromptTruth(truth, views, prompts_of(truth, views))
-    return scene_of(root, model, "3D-OVS", found, prompts=prompts)
+    return scene_of(root, model, "3D-OVS", found, prompts=prompts, truth_from="segmentations")
 
 
 def _check_classes(truth: Path, views: Mapping[str, str]) -> None:

@@ -30,6 +30,7 @@ from gaga_core.io.datasets.base import (
 from gaga_core.io.masks import read_labels
 from gaga_core.io.splits import REPLICA_AFTER, REPLICA_EVERY, split_views
 
+TRUTH = "semantic_instance"
 _INSTANCES = "Replica_Instance_Segmentation"
 
 
@@ -67,7 +68,7 @@ def read_semantic_nerf(root: Path, model: Path | None = None) -> DatasetScene:
         {names[i]: path for i, path in chosen.items()},
         split_views(root, names.values()),
     )
-    return scene_of(root, model, "Semantic-NeRF", views, truth=truth)
+    return scene_of(root, model, "Semantic-NeRF", views, truth=truth, truth_from=TRUTH)
 
 
 def _instance_folder(root: Path, sequence: Path) -> Path:
@@ -93,7 +94,7 @@ def read_gaga_replica(root: Path, model: Path | None = None) -> DatasetScene:
             truth[name] = partial(read_labels, path)
     cameras = read_colmap(root / "sparse" / "0").cameras
     views = DatasetViews(cameras, photos, split_views(root, photos))
-    return scene_of(root, model, "Gaga", views, truth=truth)
+    return scene_of(root, model, "Gaga", views, truth=truth, truth_from=TRUTH)
 
 
 LAYOUTS = (

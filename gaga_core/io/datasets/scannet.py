@@ -2,7 +2,8 @@
 
 Raw: ``<scene>/{color/<n>.jpg, pose/<n>.txt, intrinsic/intrinsic_{color,depth}.txt,
 instance-filt/<n>.png}``. DM-NeRF (Wang et al., ICLR 2023): ``<scene>/{train,test}/{s}_images,
-{s}_pose, {s}_ins/<n>.npz`` with instance ids in ``ins_2d_label_id``, -1 = void. Gaga:
+{s}_pose, {s}_ins/<n>.npz`` with instance ids in ``ins_2d_label_id``, -1 = void, of the classes
+that DM-NeRF keeps; ``{s}_ins_full/<n>.png``, all instances, are the truth where they are. Gaga:
 ``<scene>/{s}/{s}_images, {s}_ins_full/<n>.png`` (ids of the raw maps) with a COLMAP model over
 ``images/``. Poses are world_from_cam (4 x 4, OpenCV axes); frames that tracking lost have -inf.
 """
@@ -35,6 +36,8 @@ from gaga_core.io.splits import PARTS, split_views
 from gaga_core.masks import Loader
 
 _KEY = "ins_2d_label_id"
+# What the truth is: all instances of DM-NeRF's frames as published, those of its classes, raw ones.
+FULL, SOME, RAW = "ins_full", "ins_2d_label_id (only DM-NeRF's classes)", "instance-filt (raw)"
 
 
 def read_raw_scannet(root: Path, model: Path | None = None) -> DatasetScene:
@@ -50,7 +53,7 @@ def read_raw_scannet(root: Path, model: Path | None = None) -> DatasetScene:
     cameras = _cameras(root, photos, numbered(root / "pose", (".txt",)))
     split = split_views(root, (camera.name for camera in cameras))
     views = DatasetViews(cameras, {p.name: p for p in photos.values()}, split)
-    return scene_of(root, model, "ScanNet", views, truth=truth)
+    return scene_of(root, model, "ScanNet", views, truth=truth, truth_from=RAW)
 
 
 def read_dm_nerf(root: Path, model: Path | None = None) -> DatasetScene:
@@ -58,18 +61,26 @@ def read_dm_nerf(root: Path, model: Path | None = None) -> DatasetScene:
     photos: dict[int, Path] = {}
     poses: dict[int, Path] = {}
     truth: dict[str, Loader] = {}
+    full: dict[str, Loader] = {}  # of all instances
     for part in PARTS:
         found = numbered(root / part / f"{part}_images")
         if not found:
             raise GagaError(f"{root} has no photos in {part}/{part}_images. Copy them there.")
         maps = numbered(root / part / f"{part}_ins", (".npz",))
         truth |= {p.name: partial(read_instances, maps[n]) for n, p in found.items() if n in maps}
+        full |= {
+            found[n].name: partial(read_labels, path)
+            for n, path in numbered(root / part / f"{part}_ins_full").items()
+            if n in found
+        }
         poses |= numbered(root / part / f"{part}_pose", (".txt",))
         photos |= found
     cameras = _cameras(root, photos, poses)
     of_photos = {path.name: path for path in photos.values()}
     views = DatasetViews(cameras, of_photos, split_views(root, of_photos))
-    return scene_of(root, model, "DM-NeRF", views, truth=truth)
+    return scene_of(
+        root, model, "DM-NeRF", views, truth=full or truth, truth_from=FULL if full else SOME
+    )
 
 
 def read_gaga_scannet(root: Path, model: Path | None = None) -> DatasetScene:
@@ -86,7 +97,7 @@ def read_gaga_scannet(root: Path, model: Path | None = None) -> DatasetScene:
                 truth[names[path.stem]] = partial(read_labels, path)
     cameras = read_colmap(root / "sparse" / "0").cameras
     views = DatasetViews(cameras, photos, split_views(root, photos))
-    return scene_of(root, model, "Gaga", views, truth=truth)
+    return scene_of(root, model, "Gaga", views, truth=truth, truth_from=FULL)
 
 
 def read_instances(path: Path) -> IntArray:

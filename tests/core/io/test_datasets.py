@@ -95,7 +95,6 @@ def test_models_may_lie_elsewhere(tmp_path: Path) -> None:
     shutil.move(tmp_path / "data" / "room_0" / "point_cloud", tmp_path / "models" / "room_0")
     lacking = only("replica", tmp_path / "data")
     assert lacking.folder.model_path is None
-    assert any("no trained Gaussians" in sentence for sentence in lacking.missing)
     models = tmp_path / "models2" / "room_0"
     models.mkdir(parents=True)
     shutil.move(tmp_path / "models" / "room_0", models / "point_cloud")
@@ -216,3 +215,25 @@ def test_damaged_instances_and_unknown_names_are_plain_sentences(tmp_path: Path)
         scene.truth.loaders[names[2]]()
     with pytest.raises(GagaError, match="no data set"):
         open_dataset("imagenet", tmp_path)
+
+
+def test_all_instances_are_the_truth_of_dm_nerf_where_they_are(tmp_path: Path) -> None:
+    from tests.datasets import dm_nerf, write_map
+
+    names = dm_nerf(tmp_path / "scene0010_00")
+    assert only("scannet", tmp_path).truth_from.startswith("ins_2d_label_id")
+    for part, k in (("test", 2), ("test", 6), ("train", 0)):
+        path = tmp_path / "scene0010_00" / part / f"{part}_ins_full" / f"{7 * k}.png"
+        write_map(path, tiny().labels[k] * 7)
+    scene = only("scannet", tmp_path)
+    assert scene.truth_from == "ins_full"
+    assert np.array_equal(scene.truth.loaders[names[2]](), tiny().labels[2] * 7)
+
+
+def test_a_quarter_of_the_size_is_used_where_it_is_there(tmp_path: Path) -> None:
+    names = mipnerf360(tmp_path / "garden")
+    for name in names.values():
+        write_photo(tmp_path / "garden" / "images_4" / name, np.zeros((15, 20, 3), np.uint8))
+    scene = only("mipnerf360", tmp_path)
+    assert {p.parent.name for p in scene.folder.image_paths.values()} == {"images_4"}
+    assert scene.folder.cameras[0].width == 20

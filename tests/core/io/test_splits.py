@@ -105,7 +105,7 @@ def test_nothing_of_a_test_photo_reaches_the_splats(tmp_path: Path) -> None:
         for name in (name for name in names.values() if name.startswith("test")):
             noise = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), np.uint8)
             write_photo(root / "images" / name, noise)
-        config = ReconstructConfig(quality="draft", iterations=3, max_side=80)
+        config = ReconstructConfig(quality="draft", iterations=3, max_side=64, max_splats=1000)
         found.append(run_stage(train_scene(open_scene_folder(root), config)))
     assert np.array_equal(found[0].means, found[1].means)
     assert np.array_equal(found[0].sh, found[1].sh)

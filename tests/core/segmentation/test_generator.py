@@ -58,7 +58,10 @@ class Tiles:
         def prompt(points: FloatArray, is_on: AnyArray) -> tuple[Tensor, Tensor]:
             raise AssertionError("the generator asks with single points")
 
-        return Encoded(decode, upscale, (1.0, 1.0), prompt)
+        def boxes(corners: FloatArray) -> Tensor:
+            raise AssertionError("the generator asks with single points")
+
+        return Encoded(decode, upscale, (1.0, 1.0), prompt, boxes)
 
 
 def _picture(rows: int = 3, columns: int = 4) -> UInt8Array:

@@ -30,6 +30,21 @@ def test_every_family_answers_points_of_both_signs(
     np.testing.assert_array_equal(again.masks, both.masks)
 
 
+@pytest.mark.parametrize("kind", SAM_KINDS)
+def test_every_family_answers_boxes_one_mask_each(
+    kind: str, model_folder: Folder, photo: UInt8Array
+) -> None:
+    """A box alone and a box among others give the same mask; another box another one."""
+    ask = prompter_named("tiny", weights=model_folder(kind), device="cpu")
+    corners = np.array([[10, 10, 60, 50], [40, 20, 110, 80]], np.float32)
+    both = ask.in_boxes(photo, corners)
+    assert both.shape == (2, *photo.shape[:2])
+    assert both.dtype == np.bool_
+    assert (both[0] != ask.in_boxes(photo, corners[:1])[0]).mean() < 0.001
+    assert not np.array_equal(both[0], both[1])
+    assert ask.in_boxes(photo, corners[:0]).shape == (0, *photo.shape[:2])
+
+
 def test_one_point_is_answered_as_the_generator_is(model_folder: Folder, photo: UInt8Array) -> None:
     from gaga_core.segmentation.loading import load_folder
     from gaga_core.segmentation.sam import sam_encoder
