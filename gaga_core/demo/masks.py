@@ -43,17 +43,18 @@ def segmenter_masks(
     n_objects = int(truth.max(initial=0))
     parts = room_parts(camera)
     things = np.where(truth > 0, truth, np.where(parts > 0, n_objects + parts, 0))
-    things = _merged(things, n_objects, f, rng)
+    things = merged(things, n_objects, f, rng)
     found: list[SimulatedMask] = []
-    for thing in _segments(things):
+    for thing in segments_of(things):
         if rng.random() < f.miss:
             continue
         big = thing.mask.sum() > f.smallest_split * truth.size
         found += _parts(thing, rng) if big and rng.random() < f.split else [thing]
-    return _painted(found, truth.shape, f, rng)
+    return painted(found, truth.shape, f, rng)
 
 
-def _segments(things: IntArray) -> list[SimulatedMask]:
+def segments_of(things: IntArray) -> list[SimulatedMask]:
+    """Each label of a map (H, W) as a mask, by id."""
     found = []
     for k, (rows, columns) in _windows(things):
         window = (
@@ -91,11 +92,11 @@ def room_parts(camera: Camera) -> IntArray:
     return parts
 
 
-def _merged(things: IntArray, n_objects: int, f: Faults, rng: np.random.Generator) -> IntArray:
+def merged(things: IntArray, n_objects: int, f: Faults, rng: np.random.Generator) -> IntArray:
     """The same map (H, W) where some objects took the id of the object they touch the most."""
     same = np.arange(things.max(initial=0) + 1, dtype=np.int32)
     taken: set[int] = set()
-    for thing in _segments(things):
+    for thing in segments_of(things):
         k = int(things[thing.window][thing.mask][0])
         if k > n_objects or k in taken or rng.random() >= f.merge:
             continue
@@ -126,7 +127,7 @@ def _parts(thing: SimulatedMask, rng: np.random.Generator) -> list[SimulatedMask
     return [SimulatedMask(thing.window, p) for p in pieces if p.sum() > 0.12 * len(rows)]
 
 
-def _painted(
+def painted(
     segments: list[SimulatedMask], shape: tuple[int, ...], f: Faults, rng: np.random.Generator
 ) -> IntArray:
     """Segments with ragged edges, painted over each other in random order, crumbs removed."""

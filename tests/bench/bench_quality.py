@@ -24,6 +24,7 @@ from gaga_core.grouping.votes import splat_groups
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from tests.bench import quality_parts
 from tests.bench.figures import Figure
 from tests.bench.rooms import Bench, Kind, bench_scene
 
@@ -57,8 +58,9 @@ class Mean:
 
 
 def figures() -> list[Figure]:
-    """Means over the reporting seeds of both kinds, gains, and what sparse views cost."""
-    return [*_gains(means(REPORTING)), *_sparse()]
+    """Means over the reporting seeds of both kinds, gains, what sparse views cost, and the set of
+    many small objects of parts."""
+    return [*_gains(means(REPORTING)), *_sparse(), *quality_parts.figures()]
 
 
 def means(seeds: Iterable[int], kinds: Sequence[Kind] = KINDS) -> dict[str, Mean]:

@@ -62,11 +62,13 @@ def bench_scene(
     stream = 0 if kind == "room" else 1
     rng = np.random.default_rng((seed, stream, 0))
     things = _room_items(rng) if kind == "room" else _table_items(rng)
-    fine = _surface(things, 2.5 * n_splats, np.random.default_rng((seed, stream, 1)))
-    coarse = _surface(things, n_splats, np.random.default_rng((seed, stream, 2)))
-    gaussians, labels = _under_test(coarse, len(things), np.random.default_rng((seed, stream, 3)))
-    cameras = _cameras(kind, n_train + n_test, size, rng)
-    true_model = _gaussians(fine, rng)
+    fine = surface_of(things, 2.5 * n_splats, np.random.default_rng((seed, stream, 1)))
+    coarse = surface_of(things, n_splats, np.random.default_rng((seed, stream, 2)))
+    gaussians, labels = splats_under_test(
+        coarse, len(things), np.random.default_rng((seed, stream, 3))
+    )
+    cameras = cameras_of(kind, n_train + n_test, size, rng)
+    true_model = grey_splats(fine, rng)
     truth, segments = {}, {}
     for k, camera in enumerate(cameras):
         shown = choose("cpu").label_splat(true_model, camera, fine.labels).labels
@@ -83,7 +85,7 @@ def bench_scene(
     return Bench(gaussians, labels, train, held_out, masks, truth)
 
 
-def _surface(things: Sequence[Item], n_splats: float, rng: np.random.Generator) -> Surface:
+def surface_of(things: Sequence[Item], n_splats: float, rng: np.random.Generator) -> Surface:
     """Discs of room and objects, about ``n_splats`` of them."""
     probe = sum(len(cover(item, 1, 3.0, rng)) for item in things) + len(room.shell(3.0, rng))
     coarseness = 3.0 * (probe / n_splats) ** (1 / 1.9)
@@ -92,17 +94,17 @@ def _surface(things: Sequence[Item], n_splats: float, rng: np.random.Generator) 
     return joined(found)
 
 
-def _gaussians(surface: Surface, rng: np.random.Generator) -> Gaussians:
+def grey_splats(surface: Surface, rng: np.random.Generator) -> Gaussians:
     """Grey splats: color plays no part in association."""
     return gaussians_of(surface, np.zeros((len(surface), 1, 3), np.float32), rng)
 
 
-def _under_test(
+def splats_under_test(
     surface: Surface, n_things: int, rng: np.random.Generator
 ) -> tuple[Gaussians, IntArray]:
     """Splats as training leaves them: off the surface by a part of their size, opacities of all
     kinds, floaters; and their true labels, where the room's parts have labels of their own."""
-    exact = _gaussians(surface, rng)
+    exact = grey_splats(surface, rng)
     n, n_floaters = len(surface), round(_FLOATERS * len(surface))
     jitter = rng.normal(0, 0.35, (n, 3)) * np.exp(exact.log_scales[:, :2]).mean(axis=1)[:, None]
     logits = np.clip(rng.normal(2.5, 1.5, n), -1.5, 5).astype(np.float32)
@@ -123,7 +125,7 @@ def _wall_of(points: DoubleArray) -> IntArray:
     return nearest
 
 
-def _cameras(
+def cameras_of(
     kind: Kind, n: int, size: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Camera, ...]:
     """Named in no order along their way: photos of a collection, not of a film."""
@@ -161,7 +163,7 @@ def _room_items(rng: np.random.Generator) -> list[Item]:
     for x, y in ((-0.75, 0.45), (0.75, 0.35)):
         height, half = rng.uniform(0.35, 0.6), rng.uniform(0.38, 0.5)
         at = (x + rng.uniform(-0.1, 0.1), y + rng.uniform(-0.1, 0.1), height / 2)
-        found.append(_solid("box", (2 * half, 2 * half, height), at, rng.uniform(-10, 10)))
+        found.append(solid("box", (2 * half, 2 * half, height), at, rng.uniform(-10, 10)))
         tops.append((at[0], at[1], 0.75 * half, height))
     tops += [(0.0, -0.6, 0.9, 0.0)] * 2
     standing: list[tuple[float, float, float, float]] = []  # x, y, radius, height of the foot
@@ -175,13 +177,13 @@ def _room_items(rng: np.random.Generator) -> list[Item]:
                 break
         standing.append((x, y, radius, z))
         shape = str(rng.choice(["box", "ball", "cylinder"]))
-        found.append(_solid(shape, size, (x, y, z + size[2] / 2), rng.uniform(0, 90)))
+        found.append(solid(shape, size, (x, y, z + size[2] / 2), rng.uniform(0, 90)))
         if shape == "box" and rng.random() < 0.3:
             tops.append((x, y, 0.2 * min(size[0], size[1]), z + size[2]))
     return found
 
 
-def _solid(
+def solid(
     shape: str, size: Sequence[float] | DoubleArray, centre: tuple[float, float, float], yaw: float
 ) -> Item:
     a, b, c = (0.5 * float(s) for s in size)
