@@ -1,7 +1,6 @@
 """``gaga doctor``: what this machine can do, and what to install where something is missing."""
 
 import importlib.metadata
-import json
 import platform
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from importlib.metadata import entry_points
 
 from gaga_core.errors import GagaError
 from gaga_core.io.ffmpeg import ffmpeg_program
+from gaga_core.io.json_file import decode_json
 from gaga_core.kernels import n_threads
 from gaga_core.raster import backend_report
 
@@ -120,7 +120,9 @@ def _probe(*arguments: str) -> dict[str, str | bool] | None:
             timeout=_PROBE_SECONDS,
             check=False,  # one that crashed has said before what that means
         )
-        answer: dict[str, str | bool] = json.loads(done.stdout.splitlines()[-1])
-    except (subprocess.SubprocessError, OSError, ValueError, IndexError):
+        answer: dict[str, str | bool] = decode_json(
+            done.stdout.splitlines()[-1].encode(), dict[str, str | bool], "The probe", ""
+        )
+    except (subprocess.SubprocessError, OSError, GagaError, IndexError):
         return None
     return answer

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
@@ -147,10 +147,7 @@ def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]
 
 def _n_groups(scene: Path) -> int | None:
     """Objects that the last association found; None without one."""
-    from gaga_core.io.scene_folder import read_report
+    from gaga_core.io.scene_folder import AssociateEntry, read_report_entry
 
-    try:
-        associate: Any = read_report(scene / "gaga" / "report.json")["associate"]
-        return int(associate["groups_with_gaussians"])
-    except (ValueError, KeyError, TypeError, OverflowError):
-        return None
+    entry = read_report_entry(scene / "gaga" / "report.json", "associate", AssociateEntry)
+    return None if entry is None else entry.groups_with_gaussians

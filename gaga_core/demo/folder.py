@@ -8,9 +8,11 @@ import shutil
 from dataclasses import asdict
 from pathlib import Path
 
+import msgspec
+
 from gaga_core.demo.config import DemoConfig
 from gaga_core.errors import GagaError
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_json
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Stage
 
@@ -54,10 +56,12 @@ def ensure_demo(folder: Path, *, config: DemoConfig | None = None) -> Stage[Path
 def is_complete(folder: Path, config: DemoConfig) -> bool:
     """Whether ``folder`` holds this version of the demo with all its files."""
     try:
-        stamp = read_loose_json(folder / STAMP)
-    except GagaError:
+        stamp = read_json(folder / STAMP, dict[str, object], "")
+        version = stamp.pop("version", None)
+        made_of = msgspec.convert(stamp, DemoConfig)
+    except (GagaError, ValueError):  # the second of a stamp of another version
         return False
-    if stamp != {"version": VERSION, **asdict(config)}:
+    if version != VERSION or made_of != config:
         return False
     names = [f"view_{k:03d}" for k in range(config.n_views)]
     files = ["point_cloud.ply", "split.json", "objects.json"]

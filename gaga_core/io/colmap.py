@@ -15,6 +15,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
 from gaga_core.camera import MOST_PIXELS, Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write, explain_os_error
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -78,8 +79,7 @@ class ColmapReading:
                     f"The COLMAP model in {self._folder} cannot be read ({why}). "
                     "Copy or reconstruct it again."
                 )
-            with np.load(self._file, allow_pickle=False) as arrays:
-                return _model_of(self._folder, dict(arrays))
+            return _model_of(self._folder, read_arrays(self._file, "Copy it again."))
         except subprocess.TimeoutExpired as error:
             raise GagaError(
                 f"The COLMAP model in {self._folder} takes too long to read."

@@ -51,29 +51,21 @@ def decode_json(raw: bytes, kind: type[T], where: str, cure: str) -> T:
         raise GagaError(f"{where} is damaged ({explain_json_error(error)}). {cure}") from error
 
 
-def read_foreign_json(path: Path, *, most_bytes: int = MOST_BYTES) -> object:
-    """Read a JSON file of another program, whatever is in it, figures NaN included.
+def read_foreign_json(path: Path, kind: type[T], *, most_bytes: int = MOST_BYTES) -> T:
+    """Read a JSON file that other programs write too as ``kind``, figures NaN included.
 
-    Raises ``GagaError`` with one sentence when it cannot be read.
+    Raises ``GagaError`` with one sentence when it cannot be read or has another form.
     """
     raw = read_bytes(path, "", most_bytes)
     try:
-        content: object = json.loads(raw)
+        return msgspec.convert(json.loads(raw), kind)
+    except msgspec.ValidationError as error:
+        raise GagaError(
+            f"{path} is damaged ({explain_json_error(error)}). Copy it again."
+        ) from error
     except (ValueError, RecursionError, MemoryError) as error:
         why = explain_json_error(error)
         raise GagaError(f"{path} is damaged: it is not JSON ({why}). Copy it again.") from error
-    return content
-
-
-def read_loose_json(path: Path, *, most_bytes: int = MOST_BYTES) -> dict[str, object]:
-    """Read the object in a JSON file that other programs may write too, figures NaN included.
-
-    Raises ``GagaError`` with one sentence when it cannot be read or is no object.
-    """
-    content = read_foreign_json(path, most_bytes=most_bytes)
-    if not isinstance(content, dict):
-        raise GagaError(f"{path} is damaged (it is no object).")
-    return content
 
 
 def explain_json_error(error: Exception) -> str:

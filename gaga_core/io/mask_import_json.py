@@ -25,7 +25,7 @@ _MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
 
 def recognise_json(path: Path) -> MaskSource:
     """What one JSON file holds: the masks of one picture or of many."""
-    content = read_foreign_json(path, most_bytes=_MOST_BYTES)
+    content = read_foreign_json(path, object, most_bytes=_MOST_BYTES)
     if isinstance(content, dict) and "images" in content and "annotations" in content:
         views = _coco_views(path, content)
         said = f"A COCO file with the masks of {len(views)} pictures: {path.name}."
@@ -83,7 +83,7 @@ def _stem(path: Path, content: object) -> str:
 
 
 def _read_list(path: Path) -> MaskList:
-    content = read_foreign_json(path, most_bytes=_MOST_BYTES)
+    content = read_foreign_json(path, object, most_bytes=_MOST_BYTES)
     size = _size_of(content["image"]) if isinstance(content, dict) and _single(content) else None
     return _mask_list(path.name, _entries(path, content), size)
 

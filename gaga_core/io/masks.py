@@ -6,6 +6,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
@@ -14,7 +15,7 @@ from gaga_core.arrays import AnyArray, IntArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.masks import MaskSet
 
 RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
@@ -157,6 +158,14 @@ def label_files_of(
     return found
 
 
+class MaskRecord(msgspec.Struct, frozen=True):
+    """What is read again of provider.json, next to label maps."""
+
+    provider: str = ""
+    model: str = ""
+    views: dict[str, str] = {}  # path of a photo without suffix -> hash of all its map depends on
+
+
 def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = ()) -> MaskSet:
     """The label maps of ``folder`` for these views, as `label_files_of` finds them.
 
@@ -172,10 +181,10 @@ def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = 
 def _are_regions(folder: Path) -> bool:
     """Whether the record of the folder says that no model made its label maps."""
     try:
-        record = read_loose_json(folder / RECORD)
+        record = read_foreign_json(folder / RECORD, MaskRecord)
     except GagaError:
         return False  # nobody says so
-    return record.get("provider") == _WITHOUT_MODEL
+    return record.provider == _WITHOUT_MODEL
 
 
 def _as_ids(path: Path, values: AnyArray) -> IntArray:

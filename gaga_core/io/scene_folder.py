@@ -13,6 +13,9 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
 
 from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
@@ -20,12 +23,14 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras_json import read_cameras_json
 from gaga_core.io.colmap import ColmapReading, has_colmap
 from gaga_core.io.images import IMAGE_SUFFIXES
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.masks import view_key, view_keys
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.io.splits import split_views
 from gaga_core.io.staging import finish_publishing
 from gaga_core.progress import Stage
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,17 +217,32 @@ def read_model(folder: SceneFolder) -> Stage[Gaussians]:
     return (yield from read_splats_stage(folder.model_path))
 
 
-def read_report(path: Path) -> dict[str, object]:
-    """The entries of report.json; none when it is not there or cannot be read."""
+class AssociateEntry(msgspec.Struct, frozen=True):
+    """What is read again of the entry "associate" of report.json."""
+
+    mask_folder: str = ""  # label maps that were read
+    groups_with_gaussians: Annotated[int, msgspec.Meta(ge=0)] | None = None
+
+
+def read_report_entry(path: Path, key: str, kind: type[T]) -> T | None:
+    """The entry of a stage in report.json; None when it is not there or cannot be read."""
     try:
-        return read_loose_json(path)
+        return msgspec.convert(_report(path).get(key), kind)
+    except msgspec.ValidationError:
+        return None
+
+
+def _report(path: Path) -> dict[str, object]:
+    """All entries of report.json; none when it cannot be read."""
+    try:
+        return read_foreign_json(path, dict[str, object])
     except GagaError:
         return {}
 
 
 def with_entry(path: Path, key: str, value: dict[str, object]) -> str:
     """The text of report.json with one entry replaced; an unreadable report starts again."""
-    return json.dumps({**read_report(path), key: value}, indent=2) + "\n"
+    return json.dumps({**_report(path), key: value}, indent=2) + "\n"
 
 
 def _trained_cameras(root: Path) -> tuple[Camera, ...]:

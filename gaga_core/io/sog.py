@@ -21,7 +21,7 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import explain_os_error
-from gaga_core.io.json_file import decode_json, read_loose_json
+from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.packing import CHUNK, logits_of_bytes, quats_of_three, room_for
 from gaga_core.io.ply import without_broken_rows
 from gaga_core.progress import Progress, Stage
@@ -74,7 +74,9 @@ def is_sog_meta(path: Path) -> bool:
     """Whether ``path`` is the meta.json of a SOG folder."""
     try:
         found = path.name == META and path.is_file()
-        content = read_loose_json(path, most_bytes=_MOST_META) if found else {}
+        if not found:
+            return False
+        content = read_foreign_json(path, dict[str, object], most_bytes=_MOST_META)
     except (GagaError, OSError):  # the second from a name that is too long
         return False
     return {"means", "quats", "scales", "sh0"} <= set(content)

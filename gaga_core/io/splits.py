@@ -37,7 +37,7 @@ class ViewSplit:
     unknown: tuple[str, ...] = ()  # names that the rule lists and no view has
 
 
-class _Listed(msgspec.Struct, frozen=True):
+class SplitFile(msgspec.Struct, frozen=True):
     """Content of split.json: names of views, with or without a suffix."""
 
     train: list[str | int | float]
@@ -120,7 +120,7 @@ def _of_json(root: Path, names: Sequence[str]) -> _Lists | None:
     if not path.is_file():
         return None
     cure = 'It must be {"train": [names], "test": [names]}. Fix or remove it.'
-    split = read_json(path, _Listed, cure)
+    split = read_json(path, SplitFile, cure)
     return [str(word) for word in split.train], [str(word) for word in split.test]
 
 

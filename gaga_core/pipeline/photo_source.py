@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.scene_folder import find_model, find_sparse, is_scene_folder
 from gaga_core.kernels import n_threads
 from gaga_core.pipeline.reconstruct import (
@@ -148,7 +147,7 @@ def _left_training(scene: Path) -> tuple[ReconstructConfig | None, int]:
     if iteration is None:
         return None, 0
     try:
-        values: Any = read_loose_json(scene / WORKSPACE / SETTINGS)
-        return ReconstructConfig(**values), iteration
-    except (ValueError, TypeError, GagaError):
+        config = read_foreign_json(scene / WORKSPACE / SETTINGS, ReconstructConfig)
+    except GagaError:
         return None, 0
+    return config, iteration

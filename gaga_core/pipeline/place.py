@@ -15,7 +15,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.scene_folder import read_report, with_entry
+from gaga_core.io.scene_folder import read_report_entry, with_entry
 from gaga_core.io.splits import carry_split
 from gaga_core.pipeline.photo_set import photo_set_stage
 from gaga_core.pipeline.placement_report import notes_of, sfm_entry
@@ -95,8 +95,8 @@ def place_photos(
 
 def read_entry(scene: Path) -> dict[str, object]:
     """The entry "reconstruct" of the scene's report.json; empty when there is none."""
-    entry = read_report(scene / "gaga" / "report.json").get("reconstruct", {})
-    return entry if isinstance(entry, dict) else {}
+    path = scene / "gaga" / "report.json"
+    return read_report_entry(path, "reconstruct", dict[str, object]) or {}
 
 
 def write_entry(scene: Path, values: dict[str, object]) -> None:

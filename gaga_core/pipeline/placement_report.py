@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from gaga_core.reconstruct.controls import option
@@ -13,6 +15,30 @@ from gaga_core.reconstruct.sfm_metrics import SfmFacts
 
 _LINKED = 15  # verified matches that link two photos
 _MOST_LINKS = 3000  # in the report, the strongest
+
+
+_Index = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Placement(msgspec.Struct, frozen=True):
+    """What is read again of the entry "sfm" of a report."""
+
+    names: list[str]
+    why_out: dict[str, str]
+    links: list[tuple[_Index, _Index, _Index]]  # photo, photo, verified matches
+
+
+class _Check(msgspec.Struct, frozen=True):
+    """A verdict of the checks."""
+
+    text: str
+
+
+class _Remarks(msgspec.Struct, frozen=True):
+    """What a person should know, in the same entry."""
+
+    notes: list[str] = []
+    checks: list[_Check] = []
 
 
 @dataclass(frozen=True)
@@ -31,14 +57,14 @@ class PlacementReport:
 
 def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     """The placement in the entry "reconstruct" of a report; None where there is none in it."""
-    sfm = entry.get("sfm")
-    if not isinstance(sfm, dict) or "links" not in sfm:
+    try:
+        sfm = msgspec.convert(entry.get("sfm"), _Placement)
+    except msgspec.ValidationError:  # none, of an older version, or damaged
         return None
-    names = tuple(str(name) for name in sfm["names"])
-    known = set(names)
-    out = {str(k): str(why) for k, why in sfm["why_out"].items() if k in known}
-    links = tuple((int(i), int(j), int(n)) for i, j, n in sfm["links"])
-    return PlacementReport(names, out, links)
+    known = set(sfm.names)
+    out = {name: why for name, why in sfm.why_out.items() if name in known}
+    inside = [link for link in sfm.links if max(link[:2]) < len(sfm.names)]
+    return PlacementReport(tuple(sfm.names), out, tuple(inside))
 
 
 def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]:
@@ -71,10 +97,11 @@ def _links(facts: SfmFacts) -> list[list[int]]:
 
 def notes_of(entry: Mapping[str, object]) -> tuple[str, ...]:
     """What a person should know of the entry "sfm" of a report: left out photos, warnings."""
-    notes, checks = entry.get("notes", []), entry.get("checks", [])
-    said = [str(note) for note in notes] if isinstance(notes, list) else []
-    found = [str(check["text"]) for check in checks] if isinstance(checks, list) else []
-    return (*said, *found)
+    try:
+        remarks = msgspec.convert(entry, _Remarks)
+    except msgspec.ValidationError:  # damaged: nothing is known
+        return ()
+    return (*remarks.notes, *(check.text for check in remarks.checks))
 
 
 def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:

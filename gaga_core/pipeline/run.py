@@ -7,7 +7,6 @@ was made from, or when a stage that it needs is about to run. To add one, add it
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -19,11 +18,12 @@ from gaga_core.identity.lift import LiftConfig, Mode, mode_of_preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.masks import RECORD, view_key
 from gaga_core.io.scene_folder import (
+    AssociateEntry,
     SceneFolder,
     is_scene_folder,
     open_scene_folder,
     read_model,
-    read_report,
+    read_report_entry,
 )
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene
@@ -196,11 +196,8 @@ def _mode(work: Work) -> Mode:
 
 def _associated_masks(folder: SceneFolder) -> str:
     """Name of the mask folder that the groups were made of; "" when it is not known."""
-    try:
-        associate: Any = read_report(folder.work / "report.json")["associate"]
-        return Path(associate["mask_folder"]).name
-    except (KeyError, TypeError):
-        return ""
+    entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
+    return "" if entry is None else Path(entry.mask_folder).name
 
 
 def _associate(work: Work) -> Stage[object]:

@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
-import msgspec
 import numpy as np
 from PIL import Image
 
@@ -27,7 +26,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.io.masks import RECORD, read_labels, view_key, write_labels
+from gaga_core.io.masks import RECORD, MaskRecord, read_labels, view_key, write_labels
 from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.photo_order import coverage_order
@@ -313,15 +312,11 @@ def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
     return True
 
 
-class _Record(msgspec.Struct):
-    views: dict[str, str]
-
-
 def _read_record(target: Path) -> dict[str, str]:
     """Key of each view's map, by `view_key`; ``GagaError`` for maps that were not made here."""
     path = target / RECORD
     try:
-        return dict(read_json(path, _Record, "").views)
+        return dict(read_json(path, MaskRecord, "").views)
     except GagaError:
         if path.is_file():
             return {}  # damaged: every view is made, or comes from the cache

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
+import msgspec
 import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.models.weights import Weights, weights_id
-from gaga_core.query.model_files import load_model, read_json
+from gaga_core.query.model_files import load_model, read_or_default
 
 if TYPE_CHECKING:
     import torch
@@ -102,6 +103,13 @@ class TextImageModel:
             return _unit(self.model.get_text_features(**given))
 
 
+class _Shown(msgspec.Struct, frozen=True):
+    """What is read of a model's preprocessor_config.json; None = as published."""
+
+    image_mean: tuple[float, float, float] | None = None
+    image_std: tuple[float, float, float] | None = None
+
+
 def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
     """The CLIP or SigLIP model in ``folder`` (as transformers saves them).
 
@@ -110,10 +118,12 @@ def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
     found = load_model(
         folder, "text_image", _KINDS, "AutoTokenizer", title="CLIP or SigLIP", device=device
     )
-    shown = read_json(folder / "preprocessor_config.json")
+    shown = read_or_default(folder / "preprocessor_config.json", _Shown())
     mean, std = (
-        _triple(shown.get(key)) or usual
-        for key, usual in zip(("image_mean", "image_std"), _NORMAL[found.kind], strict=True)
+        given or usual
+        for given, usual in zip(
+            (shown.image_mean, shown.image_std), _NORMAL[found.kind], strict=True
+        )
     )
     towers = cast(_TwoTowers, found.network)
     return TextImageModel(
@@ -125,11 +135,6 @@ def load_embedder(folder: Path, device: "Device" = "auto") -> TextImageModel:
         mean=mean,
         std=std,
     )
-
-
-def _triple(value: object) -> tuple[float, ...]:
-    """Three numbers of a JSON list; empty when it is none."""
-    return tuple(map(float, value)) if isinstance(value, list) and len(value) == 3 else ()
 
 
 def _unit(found: object) -> FloatArray:

@@ -6,10 +6,12 @@ Read from disk, never downloaded; torch and transformers are imported when one i
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 
 if TYPE_CHECKING:
     from torch.nn import Module
@@ -17,7 +19,14 @@ if TYPE_CHECKING:
     from gaga_core.segmentation.loading import ModelKind
     from gaga_core.segmentation.settings import Device
 
+S = TypeVar("S", bound=msgspec.Struct)
 Companion = Literal["AutoTokenizer", "AutoProcessor"]  # class of transformers
+
+
+class ModelConfig(msgspec.Struct, frozen=True):
+    """What is read of a model's config.json."""
+
+    model_type: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +53,7 @@ def load_model(
     """
     if not (folder / "config.json").is_file():
         raise GagaError(f"{folder} holds no model: it has no config.json. Choose a model's folder.")
-    kind = str(read_json(folder / "config.json").get("model_type", ""))
+    kind = read_or_default(folder / "config.json", ModelConfig()).model_type
     if kind not in kinds:
         raise GagaError(
             f"{folder} holds no {title} model (it says {kind or 'nothing'!r}). "
@@ -57,12 +66,12 @@ def load_model(
     return LoadedModel(kind, network.to(where), _load_companion(companion, folder))
 
 
-def read_json(path: Path) -> dict[str, object]:
-    """The object in a JSON file; empty when there is none that can be read."""
+def read_or_default(path: Path, default: S) -> S:
+    """The content of a model's JSON file; ``default`` when there is none that can be read."""
     try:
-        return read_loose_json(path)
+        return read_foreign_json(path, type(default))
     except GagaError:
-        return {}
+        return default
 
 
 def _load_companion(name: Companion, folder: Path) -> object:

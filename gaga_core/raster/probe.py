@@ -195,9 +195,11 @@ def _ask_child(may_compile: bool, seconds: float) -> SelfTest:
         out.seek(0)
         err.seek(0)
         said, complaint = _lines(out.read()), _lines(err.read())
+    from gaga_core.io.json_file import decode_json
+
     try:
-        found = SelfTest(**json.loads(said[-1]))
-    except (ValueError, TypeError, IndexError):
+        found = decode_json(said[-1].encode(), SelfTest, "The self-test", "")
+    except (GagaError, IndexError):
         _log.warning("CUDA self-test, exit status %s: %s", status, "\n".join(complaint))
         why = complaint[-1][:200] if complaint else f"exit status {status}"
         return SelfTest(False, f"the self-test failed: {why}")

@@ -10,7 +10,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import msgspec
+
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import decode_json
 from gaga_core.kernels import n_threads
 from gaga_core.progress import Progress, Stage
 from gaga_core.reconstruct.controls import option
@@ -132,6 +135,15 @@ def pictures_of(workspace: Path) -> Path:
     return own if own.is_dir() else workspace.parent / "photos"
 
 
+class WorkerLine(msgspec.Struct, frozen=True):
+    """A line of the worker: how far it is, or why it failed."""
+
+    done: int = 0
+    total: int = 0
+    message: str = ""
+    failed: str = ""
+
+
 class _Listener:
     """Makes progress of what the worker and COLMAP's log say.
 
@@ -161,13 +173,13 @@ class _Listener:
 
     def _hear_worker(self, line: str) -> None:
         try:
-            values = json.loads(line)
-        except ValueError:  # mixed with a line of the log
+            said = decode_json(line.encode(), WorkerLine, "The worker's line", "")
+        except GagaError:  # mixed with a line of the log
             return
-        if "failed" in values:
-            self.failed = str(values["failed"])
+        if said.failed:
+            self.failed = said.failed
         else:
-            self._set(int(values["done"]), int(values["total"]), str(values["message"]))
+            self._set(said.done, said.total, said.message)
 
     def _set(self, done: int, total: int, what: str) -> None:
         self.progress = Progress(self.progress.stage, min(done, total), total, what)

@@ -17,6 +17,7 @@ import numpy as np
 import pycolmap
 
 from gaga_core.io.child_process import end_with_parent
+from gaga_core.io.json_file import read_json
 from gaga_core.reconstruct.foreground import MASKS
 from gaga_core.reconstruct.sfm_export import write_facts, write_match_facts, write_pair_matches
 from gaga_core.reconstruct.sfm_join import join_parts
@@ -63,7 +64,7 @@ class WorkerSettings(TypedDict):
 def main() -> int:
     """Run the step that the settings name."""
     end_with_parent()
-    settings: WorkerSettings = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    settings: WorkerSettings = read_json(Path(sys.argv[1]), WorkerSettings, "")
     workspace = Path(settings["workspace"])
     pycolmap.set_random_seed(settings["seed"])
     try:

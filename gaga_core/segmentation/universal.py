@@ -8,8 +8,9 @@ import math
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
+import msgspec
 import numpy as np
 import torch
 from PIL import Image
@@ -19,7 +20,7 @@ from torch.nn.functional import interpolate
 
 from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ScoredMasks, scored_masks
 from gaga_core.segmentation.flatten import FlattenConfig
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from transformers import PreTrainedModel
 
 _STAGE = "Segment"
+_Side = Annotated[int, msgspec.Meta(ge=1, le=65_536)]  # pixels
 _MANY = 24  # masks scaled up between two steps
 
 
@@ -88,33 +90,53 @@ def read_preparation(folder: Path, kind: str, image_size: int = 0) -> Preparatio
     """
     path = folder / "preprocessor_config.json"
     try:
-        content = read_loose_json(path) if path.is_file() else {}
-        preparation = _parse(content)
-    except (GagaError, ValueError, TypeError, KeyError, AttributeError) as error:
+        content = read_foreign_json(path, _Preprocessor) if path.is_file() else _Preprocessor()
+    except GagaError as error:
         raise GagaError(f"{path} is damaged. Copy the model's folder again.") from error
+    preparation = _preparation(content)
     if kind.startswith("eomt"):
         side = image_size or 640
         return Preparation(side, side, None, 1, side, preparation.mean, preparation.std)
     return preparation
 
 
-def _parse(content: dict[str, object]) -> Preparation:
-    default = Preparation()
-    size = content.get("size", {})
+class _Size(msgspec.Struct, frozen=True):
+    height: _Side | None = None
+    width: _Side | None = None
+    shortest_edge: _Side | None = None
+    longest_edge: _Side | None = None
+
+
+class _Preprocessor(msgspec.Struct, frozen=True):
+    """What is read of preprocessor_config.json; None = as published."""
+
+    size: _Side | _Size | None = None
+    max_size: _Side | None = None
+    size_divisor: int | None = None
+    size_divisibility: int | None = None
+    image_mean: list[float] | float | None = None
+    image_std: list[float] | float | None = None
+
+
+def _preparation(content: _Preprocessor) -> Preparation:
+    default, size = Preparation(), content.size
     if isinstance(size, int):
-        size = {"shortest_edge": size, "longest_edge": content.get("max_size", default.longest)}
-    if not isinstance(size, dict):
-        raise TypeError("size")
-    divisor = content.get("size_divisor", content.get("size_divisibility"))
-    mean, std = (content.get(key) for key in ("image_mean", "image_std"))
-    fixed = (int(size["height"]), int(size["width"])) if "height" in size else None
+        size = _Size(shortest_edge=size, longest_edge=content.max_size)
+    size = size or _Size()
+    fixed = None
+    if size.height is not None and size.width is not None:
+        fixed = size.height, size.width
+    divisor = content.size_divisor
+    if divisor is None:
+        divisor = content.size_divisibility
+    mean, std = content.image_mean, content.image_std
     return Preparation(
-        shortest=int(size.get("shortest_edge", default.shortest)),
-        longest=int(size.get("longest_edge") or default.longest),
+        shortest=size.shortest_edge or default.shortest,
+        longest=size.longest_edge or default.longest,
         fixed=fixed,
-        divisor=int(divisor) if isinstance(divisor, int) and divisor > 0 else default.divisor,
-        mean=tuple(float(v) for v in mean) if isinstance(mean, list) else default.mean,
-        std=tuple(float(v) for v in std) if isinstance(std, list) else default.std,
+        divisor=divisor if divisor is not None and divisor > 0 else default.divisor,
+        mean=tuple(mean) if isinstance(mean, list) else default.mean,
+        std=tuple(std) if isinstance(std, list) else default.std,
     )
 
 

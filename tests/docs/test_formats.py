@@ -40,6 +40,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, save_settings, settings_file
 from tests.app.folders import write_scene
 from tests.docs.pages import DOCS, fields, tables
+from tests.docs.schemas import FOLDER, TYPES, schema
 from tests.scenes import random_gaussians
 
 _PAGE = DOCS / "formats.md"
@@ -245,3 +246,50 @@ def test_what_a_lock_of_a_model_holds(tmp_path: Path) -> None:
     _check("model.lock.json", lock)
     (written,) = lock["files"]
     _check("File of a model", written)
+
+
+@pytest.mark.parametrize("name", list(TYPES))
+def test_a_schema_is_that_of_the_reader(name: str) -> None:
+    assert (FOLDER / f"{name}.json").read_text(encoding="utf-8") == schema(name), (
+        "python -m tests.docs.schemas writes it again"
+    )
+
+
+def test_every_schema_is_listed() -> None:
+    listed = re.findall(r"\(schemas/(\w+)\.json\)", _PAGE.read_text(encoding="utf-8"))
+    assert sorted(listed) == list(TYPES) == sorted(path.stem for path in FOLDER.iterdir())
+
+
+@pytest.mark.parametrize("name", list(TYPES))
+def test_no_type_crashes_its_reader(name: str) -> None:
+    """msgspec 0.22 crashes on a bounded value in a union with a tuple of fixed length."""
+    nodes: list[object] = [msgspec.inspect.type_info(TYPES[name])]
+    seen: set[int] = set()
+    while nodes:
+        node = nodes.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, msgspec.inspect.UnionType):
+            bounded = [t for t in node.types if _is_bounded(t)]
+            fixed = [t for t in node.types if isinstance(t, msgspec.inspect.TupleType)]
+            assert not (bounded and fixed), f"{bounded} | {fixed}"
+        nodes += _inside(node)
+
+
+def _is_bounded(node: object) -> bool:
+    if isinstance(node, msgspec.inspect.Metadata):
+        return _is_bounded(node.type)
+    names = ("gt", "ge", "lt", "le", "multiple_of", "min_length", "max_length", "pattern")
+    return any(getattr(node, name, None) is not None for name in names)
+
+
+def _inside(node: object) -> list[object]:
+    """The types within a type."""
+    found: list[object] = []
+    for name in ("type", "item_type", "key_type", "value_type", "cls"):
+        part = getattr(node, name, None)
+        found += [part] if isinstance(part, msgspec.inspect.Type) else []
+    for name in ("types", "item_types"):
+        found += list(getattr(node, name, ()))
+    return [*found, *(field.type for field in getattr(node, "fields", ()))]

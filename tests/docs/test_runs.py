@@ -10,14 +10,13 @@ from contextlib import redirect_stdout
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.script.operations import OBJECT_KINDS
-from gaga_core.scene.script.regions import REGION_KINDS
-from gaga_core.scene.script.run import OPERATIONS, run_script
+from gaga_core.scene.script.run import OPERATION_TYPES, run_script
 from tests.docs.pages import DOCS, ROOT, code_blocks, tables
 
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")])
@@ -74,10 +73,10 @@ def test_every_operation_of_edit_scripts_is_listed_with_its_fields() -> None:
     for heading in ("Operations on objects", "Operations on regions and whole scenes"):
         for cells in tables(DOCS / "scripting.md")[heading]:
             listed[cells[0].strip("`")] = tuple(set(re.findall(r"`(\w+)`", c)) for c in cells[1:3])
-    kinds = {**OBJECT_KINDS, **REGION_KINDS}
-    assert set(listed) == set(OPERATIONS) - {"edit"}
-    for name, kind in kinds.items():
-        assert listed[name] == (set(kind.required), set(kind.optional)), name
+    assert set(listed) == set(OPERATION_TYPES)
+    for name, kind in OPERATION_TYPES.items():
+        required = {field.encode_name for field in msgspec.structs.fields(kind) if field.required}
+        assert listed[name] == (required, set(kind.__struct_encode_fields__) - required), name
 
 
 @cache

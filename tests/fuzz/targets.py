@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.evaluate.benchmark.files import read_runs, write_runs
+from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
+from gaga_core.evaluate.metrics import Score
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
@@ -18,11 +21,13 @@ from gaga_core.io.json_file import read_json
 from gaga_core.io.mask_import import recognise
 from gaga_core.io.mask_import_base import MaskList
 from gaga_core.io.masks import read_further_labels, read_labels, write_labels
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.scene_folder import AssociateEntry, open_scene_folder, read_report_entry
 from gaga_core.io.splat_files import read_splats, write_splats
 from gaga_core.models.catalogue import known_model
 from gaga_core.models.hub import Listing
 from gaga_core.models.lock_file import LockedFile, read_lock, write_lock
+from gaga_core.pipeline.place import read_entry
+from gaga_core.pipeline.placement_report import notes_of, placement_of
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import open_path_stage, save_project
@@ -159,6 +164,29 @@ def _write_map(path: Path) -> None:
     write_labels(path, labels, [labels[::2], labels % 3])
 
 
+def _report(folder: Path) -> None:
+    sfm = {"names": ["a", "b"], "why_out": {"b": "dark"}, "links": [[0, 1, 40]], "notes": ["x"]}
+    entries: dict[str, object] = {"reconstruct": {"sfm": {**sfm, "checks": [{"text": "good"}]}}}
+    entries |= {"associate": {"mask_folder": "masks/sim", "groups_with_gaussians": 3}}
+    (folder / "gaga").mkdir()
+    (folder / "gaga" / "report.json").write_text(json.dumps(entries))
+
+
+def _read_report(folder: Path) -> None:
+    entry = read_entry(folder)
+    placement_of(entry)
+    sfm = entry.get("sfm")
+    notes_of(sfm if isinstance(sfm, dict) else {})
+    read_report_entry(folder / "gaga" / "report.json", "associate", AssociateEntry)
+
+
+def _runs(folder: Path) -> None:
+    score = InstanceScores(Score(0.5, 0.6, 0.7, 0.5, 3, 4), Score(0.5, 0.6, 0.7, 0.5, 3, 4))
+    prompts = PromptScores(0.5, 0.4, {"cup": (0.5, 0.4)})
+    runs = [BenchmarkRun(1.0, score, 8, 4, 2.0), BenchmarkRun(0.5, prompts, 4, 4, 2.0, ("a",))]
+    write_runs(folder / "runs.json", {"preset": "paper"}, {run.share: run for run in runs})
+
+
 TARGETS: Mapping[str, Target] = {
     **{f"splats{s}": _splats(s) for s in (".ply", ".compressed.ply", ".splat", ".spz")},
     "splats.sog": Target(
@@ -187,6 +215,8 @@ TARGETS: Mapping[str, Target] = {
     ),
     "photo": Target(lambda f: _write_map(f / "a.png"), lambda f: read_rgb(f / "a.png")),
     "script": Target(_script, _run_script),
+    "report": Target(_report, _read_report),
+    "benchmark runs": Target(_runs, lambda f: read_runs(f / "runs.json", {"preset": "paper"})),
     "settings": Target(_make_settings, _read_settings),
     "model lock": Target(_model_lock, read_lock),
 }  # fmt: skip

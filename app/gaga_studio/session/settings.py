@@ -3,10 +3,12 @@
 import json
 import logging
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from typing import Annotated, cast, get_type_hints
+
+import msgspec
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
@@ -24,13 +26,11 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "autosave_minutes": (0.25, 30.0),
     "undo_megabytes": (64.0, 65536.0),
 }
-_PATTERNS: Mapping[str, str] = {
-    "preset": "|".join(PRESETS),
-    "theme": "dark|light",
-    "keys": "supersplat|blender",
-    "background": "#[0-9a-fA-F]{6}",
-    "hub_mirror": r"|https?://\S{1,300}",
-}
+_Theme = Annotated[str, msgspec.Meta(pattern="^(dark|light)$")]
+_Keys = Annotated[str, msgspec.Meta(pattern="^(supersplat|blender)$")]
+_Preset = Annotated[str, msgspec.Meta(pattern="^(robust|paper)$")]
+_HexColor = Annotated[str, msgspec.Meta(pattern="^#[0-9a-fA-F]{6}$")]
+_Address = Annotated[str, msgspec.Meta(pattern=r"^(|https?://\S{1,300})$")]
 
 
 @dataclass(frozen=True)
@@ -38,19 +38,21 @@ class Settings:
     """Preferences, one line each; saved as JSON under the same names."""
 
     recent: tuple[str, ...] = ()  # paths, newest first
-    preset: str = "robust"  # of the association
+    preset: _Preset = "robust"  # of the association
     fly_speed: float = 1.0  # 1 crosses the scene in about four seconds
     ui_scale: float = 1.0  # times what the screen asks for
     font_size: float = field(default=15.0)  # pixels at 96 dpi
     invert_zoom: bool = False
-    theme: str = "dark"  # or "light"
-    keys: str = "supersplat"  # or "blender": the profile of shortcuts
-    background: str = "#1c1c1f"  # behind the picture, as in HTML
+    theme: _Theme = "dark"  # or "light"
+    keys: _Keys = "supersplat"  # or "blender": the profile of shortcuts
+    background: _HexColor = "#1c1c1f"  # behind the picture, as in HTML
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
     undo_megabytes: float = 1024.0  # what undo may hold
     first_steps_done: bool = False  # the card of five steps is hidden
-    hub_mirror: str = ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
+    hub_mirror: _Address = (
+        ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
+    )
     works_offline: bool = False  # no hub is ever asked
     folds_background: bool = True  # in the object list
     click_model: str = ""  # that clicks of the tool Object ask; "" = the first here, "none" = none
@@ -74,6 +76,9 @@ class Settings:
         name = str(path.resolve())
         others = [p for p in self.recent if p != name]
         return replace(self, recent=(name, *others)[:_MOST_RECENT])
+
+
+_TYPES = get_type_hints(Settings, include_extras=True)
 
 
 def hex_color(rgb: Sequence[float]) -> str:
@@ -116,14 +121,13 @@ def _checked(content: dict[str, object]) -> Settings:
     values: dict[str, object] = {}
     for item in fields(Settings):
         value = content.get(item.name)
-        default = getattr(defaults, item.name)
-        if isinstance(default, tuple) and isinstance(value, list):
-            values[item.name] = tuple(v for v in value if isinstance(v, str))[:_MOST_RECENT]
-        elif isinstance(default, float):
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                values[item.name] = _in_range(item.name, float(value), default)
-        elif type(value) is type(default) and is_known(item.name, value):
-            values[item.name] = value
+        if item.name == "recent" and isinstance(value, list):
+            value = [path for path in value if isinstance(path, str)][:_MOST_RECENT]
+        if item.name in content and is_known(item.name, value):
+            values[item.name] = msgspec.convert(value, _TYPES[item.name])
+        if item.name in RANGES and item.name in values:
+            default = getattr(defaults, item.name)
+            values[item.name] = _in_range(item.name, cast(float, values[item.name]), default)
     return replace(defaults, **values)  # type: ignore[arg-type]  # kinds are checked above
 
 
@@ -134,6 +138,9 @@ def _in_range(name: str, value: float, default: float) -> float:
 
 
 def is_known(name: str, value: object) -> bool:
-    """Whether a text is one that the setting ``name`` can have."""
-    pattern = _PATTERNS.get(name)
-    return pattern is None or re.fullmatch(pattern, str(value)) is not None
+    """Whether ``value`` is one that the setting ``name`` can have; numbers of any size can."""
+    try:
+        msgspec.convert(value, _TYPES[name])
+    except msgspec.ValidationError:
+        return False
+    return True

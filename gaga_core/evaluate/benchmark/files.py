@@ -5,14 +5,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
-from gaga_core.evaluate.metrics import Score
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.json_file import read_loose_json
-from gaga_core.io.masks import RECORD
+from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.masks import RECORD, MaskRecord
 
 VERSION = 2  # grows whenever the same settings give other figures
 
@@ -36,11 +36,10 @@ def digest_of(path: Path | None) -> str:
 def made_by(masks: Path) -> str:
     """Name of a folder of label maps, and who made them as far as it says so."""
     try:
-        record = read_loose_json(masks / RECORD)
+        record = read_foreign_json(masks / RECORD, MaskRecord)
     except GagaError:
-        record = {}
-    model = record.get("model")
-    return f"{masks.name} ({model if isinstance(model, str) and model else 'made elsewhere'})"
+        record = MaskRecord()
+    return f"{masks.name} ({record.model or 'made elsewhere'})"
 
 
 def write_runs(
@@ -56,43 +55,51 @@ def write_runs(
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
+class _RunEntry(msgspec.Struct, frozen=True):
+    """A run as it is written: a `BenchmarkRun` whose scores are of one of two kinds."""
+
+    share: float
+    scores: dict[str, object] | None
+    n_views: int
+    n_groups: int
+    seconds: float
+    missing: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def run(self) -> BenchmarkRun:
+        """The run; ``ValueError`` when its scores are of neither kind."""
+        scores: InstanceScores | PromptScores | None = None
+        if self.scores is not None and "with_void" in self.scores:
+            scores = msgspec.convert(self.scores, InstanceScores)
+        elif self.scores is not None:
+            scores = msgspec.convert(self.scores, PromptScores)
+        return BenchmarkRun(
+            self.share,
+            scores,
+            self.n_views,
+            self.n_groups,
+            self.seconds,
+            self.missing,
+            self.notes,
+        )
+
+
+class _RunsFile(msgspec.Struct, frozen=True):
+    """Content of the file."""
+
+    version: int
+    settings: dict[str, object]
+    runs: list[_RunEntry]
+
+
 def read_runs(file: Path, settings: Mapping[str, object]) -> dict[float, BenchmarkRun]:
     """Runs by share that were made with these settings; none where the file is gone, damaged, or
     of other settings."""
     try:
-        content: Any = read_loose_json(file)
-        if content["version"] != VERSION or content["settings"] != dict(settings):
+        content = read_foreign_json(file, _RunsFile)
+        if content.version != VERSION or content.settings != dict(settings):
             return {}
-        runs = [_run_of(values) for values in content["runs"]]
-    except (GagaError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        runs = [entry.run() for entry in content.runs]
+    except (GagaError, ValueError):  # the second of scores of neither kind
         return {}
     return {run.share: run for run in runs}
-
-
-def _run_of(values: dict[str, object]) -> BenchmarkRun:
-    return BenchmarkRun(
-        share=float(str(values["share"])),
-        scores=_scores_of(values["scores"]),
-        n_views=int(str(values["n_views"])),
-        n_groups=int(str(values["n_groups"])),
-        seconds=float(str(values["seconds"])),
-        missing=_words(values["missing"]),
-        notes=_words(values["notes"]),
-    )
-
-
-def _scores_of(values: object) -> InstanceScores | PromptScores | None:
-    if values is None:
-        return None
-    if not isinstance(values, dict):
-        raise TypeError("scores")
-    if "with_void" in values:
-        return InstanceScores(Score(**values["with_void"]), Score(**values["without_void"]))
-    by_prompt = {str(name): (float(a), float(b)) for name, (a, b) in values["by_prompt"].items()}
-    return PromptScores(float(values["miou"]), float(values["mean_boundary_iou"]), by_prompt)
-
-
-def _words(values: object) -> tuple[str, ...]:
-    if not isinstance(values, list):
-        raise TypeError("a list of words")
-    return tuple(str(value) for value in values)

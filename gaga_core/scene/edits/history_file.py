@@ -10,6 +10,7 @@ from typing import Annotated, cast
 
 import msgspec
 import numpy as np
+from msgspec import Struct
 
 from gaga_core.arrays import AnyArray, UInt8Array
 from gaga_core.errors import GagaError
@@ -17,14 +18,8 @@ from gaga_core.grouping.bank_file import bank_arrays, bank_of
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.json_file import decode_json
 from gaga_core.scene.edits.history import HistoryRecord
-from gaga_core.scene.edits.json import (
-    MOST_ROWS,
-    EditJson,
-    decode_edit,
-    decode_set,
-    encode_edit,
-    encode_set,
-)
+from gaga_core.scene.edits.json import decode_edit, encode_edit
+from gaga_core.scene.edits.packed_entries import MOST_ROWS, SetEntry
 from gaga_core.scene.edits.values import (
     Edit,
     Edits,
@@ -34,20 +29,71 @@ from gaga_core.scene.edits.values import (
     SetNamedSelection,
 )
 from gaga_core.scene.identity_arrays import identities_of, identity_arrays
-from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.scene import Identities
 
 _LOG = logging.getLogger(__name__)
+EditJson = Mapping[str, object]
+_Number = Annotated[int, msgspec.Meta(ge=0, le=MOST_ROWS)]  # of a bank or column in the file
 _ONLY_HERE = ("bank", "confidence", "identities", "selection")  # kinds that a script does not know
 _EDITS = "edits"  # the array that holds the JSON
 
 
-class _HistoryFile(msgspec.Struct, frozen=True):
+class _HistoryFile(Struct, frozen=True):
     """Content of the array ``edits``."""
 
     cursor: Annotated[int, msgspec.Meta(ge=0, le=MOST_ROWS)]
     edits: list[dict[str, object]]
     forgotten: list[dict[str, object]]
+
+
+class _Together(Struct, frozen=True, tag_field="kind", tag="together"):
+    """Several edits that are one."""
+
+    title: str
+    edits: list[dict[str, object]]
+
+
+class _BankEntry(Struct, frozen=True, tag_field="kind", tag="bank"):
+    """Another memory bank; null = none."""
+
+    title: str
+    before: _Number | None
+    after: _Number | None
+
+
+class _ConfidenceEntry(Struct, frozen=True, tag_field="kind", tag="confidence"):
+    """Other confidences; null = none."""
+
+    title: str
+    before: _Number | None
+    after: _Number | None
+
+
+class _IdentitiesEntry(Struct, frozen=True, tag_field="kind", tag="identities"):
+    """Another source of labels."""
+
+    title: str
+    before: _Number
+    after: _Number
+
+
+class _SelectionEntry(Struct, frozen=True, tag_field="kind", tag="selection"):
+    """Another named selection; null = none."""
+
+    title: str
+    name: str
+    before: SetEntry | None
+    after: SetEntry | None
+
+
+_Entry = _Together | _BankEntry | _ConfidenceEntry | _IdentitiesEntry | _SelectionEntry
+_KINDS: Mapping[str, type[_Entry]] = {
+    "together": _Together,
+    "bank": _BankEntry,
+    "confidence": _ConfidenceEntry,
+    "identities": _IdentitiesEntry,
+    "selection": _SelectionEntry,
+}
 
 
 def history_arrays(record: HistoryRecord) -> dict[str, AnyArray]:
@@ -89,25 +135,26 @@ def history_of(arrays: Mapping[str, AnyArray]) -> tuple[HistoryRecord, int]:
 
 
 def _encoded(edit: Edit, arrays: dict[str, AnyArray], values: dict[int, int]) -> dict[str, object]:
+    entry: Struct
     if isinstance(edit, Edits):
-        parts = [_encoded(part, arrays, values) for part in edit.edits]
-        return {"kind": "together", "title": edit.title, "edits": parts}
-    if isinstance(edit, SetBank):
-        pair = [_numbered(bank, arrays, values) for bank in (edit.before, edit.after)]
-        return {"kind": "bank", "title": edit.title, "before": pair[0], "after": pair[1]}
-    if isinstance(edit, SetConfidence):
-        pair = [_numbered(column, arrays, values) for column in (edit.before, edit.after)]
-        return {"kind": "confidence", "title": edit.title, "before": pair[0], "after": pair[1]}
-    if isinstance(edit, SetIdentities):
-        pair = [_numbered(value, arrays, values) for value in (edit.before, edit.after)]
-        return {"kind": "identities", "title": edit.title, "before": pair[0], "after": pair[1]}
-    if isinstance(edit, SetNamedSelection):
-        sets = [None if kept is None else encode_set(kept) for kept in (edit.before, edit.after)]
-        head = {"kind": "selection", "title": edit.title, "name": edit.name}
-        return {**head, "before": sets[0], "after": sets[1]}
-    encoded = encode_edit(edit)
-    assert encoded is not None  # every other kind changes splats
-    return encoded
+        entry = _Together(edit.title, [_encoded(part, arrays, values) for part in edit.edits])
+    elif isinstance(edit, SetBank):
+        banks = (_numbered(bank, arrays, values) for bank in (edit.before, edit.after))
+        entry = _BankEntry(edit.title, *banks)
+    elif isinstance(edit, SetConfidence):
+        columns = (_numbered(column, arrays, values) for column in (edit.before, edit.after))
+        entry = _ConfidenceEntry(edit.title, *columns)
+    elif isinstance(edit, SetIdentities):
+        both = (_numbered(value, arrays, values) or 0 for value in (edit.before, edit.after))
+        entry = _IdentitiesEntry(edit.title, *both)
+    elif isinstance(edit, SetNamedSelection):
+        sets = (None if kept is None else SetEntry.of(kept) for kept in (edit.before, edit.after))
+        entry = _SelectionEntry(edit.title, edit.name, *sets)
+    else:
+        encoded = encode_edit(edit)
+        assert encoded is not None  # every other kind changes splats
+        return encoded
+    return cast(dict[str, object], msgspec.to_builtins(entry))
 
 
 def _numbered(
@@ -134,30 +181,37 @@ def _numbered(
 def _decoded(
     content: EditJson, arrays: Mapping[str, AnyArray], banks: dict[int, MemoryBank]
 ) -> Edit:
+    kind = _KINDS.get(str(content.get("kind")))
+    if kind is None:
+        return decode_edit(content)
     try:
-        kind, title = content["kind"], str(content["title"])
-        if kind == "together":
-            parts = cast(Sequence[EditJson], content["edits"])
-            return Edits(title, tuple(_decoded(part, arrays, banks) for part in parts))
-        if kind not in _ONLY_HERE:
-            return decode_edit(content)
-        before, after = content["before"], content["after"]
-        if kind == "bank":
-            return SetBank(title, _bank(before, arrays, banks), _bank(after, arrays, banks))
-        if kind == "confidence":
-            return SetConfidence(title, _confidence(before, arrays), _confidence(after, arrays))
-        if kind == "identities":
-            return SetIdentities(title, _identities(before, arrays), _identities(after, arrays))
-        return SetNamedSelection(title, str(content["name"]), _selection(before), _selection(after))
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        entry = msgspec.convert(content, kind)
+        if isinstance(entry, _Together):
+            parts = (_decoded(part, arrays, banks) for part in entry.edits)
+            return Edits(entry.title, tuple(parts))
+        if isinstance(entry, _BankEntry):
+            both = (_bank(number, arrays, banks) for number in (entry.before, entry.after))
+            return SetBank(entry.title, *both)
+        if isinstance(entry, _ConfidenceEntry):
+            columns = (_confidence(number, arrays) for number in (entry.before, entry.after))
+            return SetConfidence(entry.title, *columns)
+        if isinstance(entry, _IdentitiesEntry):
+            values = (_identities(number, arrays) for number in (entry.before, entry.after))
+            return SetIdentities(entry.title, *values)
+        sets = (
+            None if kept is None else kept.index_set(MOST_ROWS)
+            for kept in (entry.before, entry.after)
+        )
+        return SetNamedSelection(entry.title, entry.name, *sets)
+    except (KeyError, ValueError, RecursionError) as error:  # msgspec's are ValueErrors
         raise GagaError(f"An edit of the history is damaged ({error}).") from error
 
 
 def _bank(
-    number: object, arrays: Mapping[str, AnyArray], banks: dict[int, MemoryBank]
+    number: int | None, arrays: Mapping[str, AnyArray], banks: dict[int, MemoryBank]
 ) -> MemoryBank | None:
     """The bank of a number: one value for all edits that name it."""
-    if not isinstance(number, int):
+    if number is None:
         return None
     if number not in banks:
         head = f"bank_{number}_"
@@ -166,24 +220,20 @@ def _bank(
     return banks[number]
 
 
-def _identities(number: object, arrays: Mapping[str, AnyArray]) -> Identities:
+def _identities(number: int, arrays: Mapping[str, AnyArray]) -> Identities:
     head = f"identities_{number}_"
     found = {name.removeprefix(head): a for name, a in arrays.items() if name.startswith(head)}
     rows = next((len(a) for name, a in found.items() if name != "labels_from"), 0)
     return identities_of(found, rows)
 
 
-def _confidence(number: object, arrays: Mapping[str, AnyArray]) -> UInt8Array | None:
+def _confidence(number: int | None, arrays: Mapping[str, AnyArray]) -> UInt8Array | None:
     if number is None:
         return None
     column = arrays[f"confidence_{number}"]
     if column.dtype != np.uint8 or column.ndim != 1:
         raise ValueError(f"confidence_{number}: {column.dtype} {column.shape}")
     return column
-
-
-def _selection(content: object) -> IndexSet | None:
-    return None if content is None else decode_set(content, MOST_ROWS)
 
 
 def _script_form(content: EditJson) -> dict[str, object] | None:

@@ -1,223 +1,342 @@
 """The operations of edit scripts that act on objects: each makes an edit of a scene."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
+from msgspec import UNSET, UnsetType, field
 
-from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.script.base import (
+    OnSplats,
+    Operation,
+    centred,
+    given,
+    groups_of,
+    one_object_of,
+)
 from gaga_core.scene.script.fields import (
-    Check,
-    Value,
-    color,
-    count,
-    factors,
-    flag,
-    group_list,
-    how,
-    label_source,
-    matrix,
-    name,
-    number,
-    share,
-    vector,
+    Color,
+    Count,
+    Factors,
+    Flag,
+    Groups,
+    How,
+    LabelSource,
+    Matrix,
+    Name,
+    Number,
+    Share,
+    Vector,
 )
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.tint import mean_color, tint_affine
 
-Fields = Mapping[str, Value]
+# --- selecting, hiding, locking, deleting -------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Op:
-    """One checked operation of a script."""
+class Select(Operation, frozen=True):
+    """Select objects."""
 
-    at: int  # place in the script, from 1
-    kind: str
-    fields: Fields
-    edit: Edit | None = None  # of "edit": as recorded
+    groups: Groups
+    how: How = "set"
 
-
-@dataclass(frozen=True)
-class OperationKind:
-    """What an operation takes and how it becomes an edit."""
-
-    build: Callable[[Scene, Op], Edit | None]
-    required: Mapping[str, Check]
-    optional: Mapping[str, Check]
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.select(scene, group_indices(scene, groups_of(scene, self.groups)), self.how)
 
 
-# --- what operations act on ---------------------------------------------------------------------
+class SelectAll(Operation, frozen=True):
+    """Select everything that is visible and not locked."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.select(scene, algebra.everything(scene))
 
 
-def groups_of(scene: Scene, op: Op) -> list[int]:
-    """Group ids of an operation, names looked up; those of the selection when it has none."""
-    wanted = op.fields.get("groups")
-    if wanted is None:
-        return [int(g) for g in selected_groups(scene)]
-    assert isinstance(wanted, tuple)
-    present = {int(g) for g in np.unique(scene.labels)}
-    by_name = {f"group {g}": g for g in present}  # a description may change: scripts do not use it
-    by_name |= {scene.names[g]: g for g in sorted(present, reverse=True) if g in scene.names}
-    found: list[int] = []
-    for item in wanted:
-        group = by_name.get(item) if isinstance(item, str) else item
-        if not isinstance(group, int) or group not in present:
-            raise GagaError(f'Operation {op.at} ("{op.kind}"): there is no group {item!r} here.')
-        found.append(group)
-    return found
+class SelectNone(Operation, frozen=True):
+    """Select nothing."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.select(scene, algebra.nothing())
 
 
-def splats_of(scene: Scene, op: Op) -> IntArray:
-    """Splats (K,) of the groups that an operation names, else the selected ones."""
-    if "groups" in op.fields:
-        return group_indices(scene, groups_of(scene, op))
-    chosen = selected_indices(scene)
-    if len(chosen) == 0:
-        raise GagaError(
-            f'Operation {op.at} ("{op.kind}"): nothing is selected. Give "groups", or select first.'
-        )
-    return chosen
+class Invert(Operation, frozen=True):
+    """Select what is not selected."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.select(scene, algebra.inverted(scene))
 
 
-def vector_of(op: Op, field: str) -> DoubleArray:
-    """The numbers of a field: (), (3,), (3, 3) or (3, 4)."""
-    return np.array(op.fields[field], np.float64)
+class Hide(OnSplats, frozen=True):
+    """Hide."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.hide(scene, self.splats(scene))
 
 
-def about(scene: Scene, op: Op, linear: DoubleArray) -> DoubleArray:
-    """Map (3, 4) that turns or scales about a point: ``about``, else the middle of the splats."""
-    if "about" in op.fields:
-        centre = vector_of(op, "about")
-    else:
-        centre = algebra.world_means(scene, splats_of(scene, op)).mean(axis=0, dtype=np.float64)
-    return np.column_stack([linear, centre - linear @ centre])
+class Show(Operation, frozen=True):
+    """Show again."""
+
+    groups: Groups
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.show(scene, group_indices(scene, groups_of(scene, self.groups)))
 
 
-def _shift(by: DoubleArray) -> DoubleArray:
-    return np.column_stack([np.eye(3), by])
+class ShowAll(Operation, frozen=True):
+    """Show everything."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.show_all(scene)
 
 
-# --- operations ---------------------------------------------------------------------------------
+class Isolate(OnSplats, frozen=True):
+    """Hide everything else."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.isolate(scene, self.splats(scene))
 
 
-def _select(scene: Scene, op: Op) -> Edit | None:
-    mode = op.fields.get("how", "set")
-    return edits.select(scene, group_indices(scene, groups_of(scene, op)), mode)  # type: ignore[arg-type]
+class Lock(OnSplats, frozen=True):
+    """Keep from being selected."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.lock(scene, self.splats(scene))
 
 
-def _move(scene: Scene, op: Op) -> Edit | None:
-    return edits.transform(scene, splats_of(scene, op), _shift(vector_of(op, "by")), "Move")
+class Unlock(Operation, frozen=True):
+    """Allow to be selected again."""
+
+    groups: Groups
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.unlock(scene, group_indices(scene, groups_of(scene, self.groups)))
 
 
-def _rotate(scene: Scene, op: Op) -> Edit | None:
-    axis, degrees = vector_of(op, "axis"), float(vector_of(op, "degrees"))
-    length = np.linalg.norm(axis)
-    if length == 0:
-        raise GagaError(f'Operation {op.at} ("rotate"): field "axis" must not be zero.')
-    half = np.radians(degrees) / 2
-    quat = np.concatenate([[np.cos(half)], np.sin(half) * axis / length])
-    turn = about(scene, op, quats_to_matrices(quat[None])[0])
-    return edits.transform(scene, splats_of(scene, op), turn, "Rotate")
+class Delete(OnSplats, frozen=True):
+    """Delete."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.delete(scene, self.splats(scene))
 
 
-def _scale(scene: Scene, op: Op) -> Edit | None:
-    linear = np.diag(np.broadcast_to(vector_of(op, "factor"), (3,)))
-    return edits.transform(scene, splats_of(scene, op), about(scene, op, linear), "Scale")
+class Restore(Operation, frozen=True):
+    """Bring back everything that was deleted."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.restore(scene)
 
 
-def _transform(scene: Scene, op: Op) -> Edit | None:
-    world = vector_of(op, "matrix")
-    if not np.linalg.det(world[:, :3]):
-        raise GagaError(f'Operation {op.at} ("transform"): field "matrix" flattens space.')
-    return edits.transform(scene, splats_of(scene, op), world, "Transform")
+# --- placing and coloring -----------------------------------------------------------------------
 
 
-def _recolor(scene: Scene, op: Op) -> Edit | None:
-    if "color" not in op.fields and "opacity" not in op.fields:
-        raise GagaError(f'Operation {op.at} ("recolor"): give "color", "opacity" or both.')
-    splats = splats_of(scene, op)
-    opacity = float(vector_of(op, "opacity")) if "opacity" in op.fields else 1.0
-    affine = np.eye(3, 4)
-    if "color" in op.fields:
-        strength = float(vector_of(op, "strength")) if "strength" in op.fields else 1.0
-        affine = tint_affine(mean_color(scene, splats), vector_of(op, "color"), strength)
-    return edits.recolor(scene, splats, affine, opacity)
+class Move(OnSplats, frozen=True):
+    """Shift by a vector, scene units."""
+
+    by: Vector
+
+    def edit(self, scene: Scene) -> Edit | None:
+        shift = np.column_stack([np.eye(3), np.array(self.by, np.float64)])
+        return edits.transform(scene, self.splats(scene), shift, "Move")
 
 
-def _duplicate(scene: Scene, op: Op) -> Edit | None:
-    by = _shift(vector_of(op, "by")) if "by" in op.fields else None
-    new_group = bool(op.fields.get("new_group", True))
-    return edits.duplicate(scene, splats_of(scene, op), by, new_group)
+class Rotate(OnSplats, frozen=True):
+    """Turn about a point, else about the middle of the splats."""
+
+    axis: Vector
+    degrees: Number
+    about: Vector | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        axis = np.array(self.axis, np.float64)
+        length = np.linalg.norm(axis)
+        if length == 0:
+            raise GagaError('field "axis" must not be zero.')
+        half = np.radians(self.degrees) / 2
+        quat = np.concatenate([[np.cos(half)], np.sin(half) * axis / length])
+        splats = self.splats(scene)
+        turn = centred(scene, splats, self.about, quats_to_matrices(quat[None])[0])
+        return edits.transform(scene, splats, turn, "Rotate")
 
 
-def _rename(scene: Scene, op: Op) -> Edit | None:
-    return edits.rename(scene, _one_object(scene, op), str(op.fields["name"]))
+class Scale(OnSplats, frozen=True):
+    """Scale by one factor or three about a point, else about the middle of the splats."""
+
+    factor: Factors
+    about: Vector | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        splats = self.splats(scene)
+        linear = np.diag(np.broadcast_to(np.array(self.factor, np.float64), (3,)))
+        return edits.transform(scene, splats, centred(scene, splats, self.about, linear), "Scale")
 
 
-def _labels(scene: Scene, op: Op) -> Edit | None:
-    return edits.use_labels(scene, op.fields["from"])  # type: ignore[arg-type]
+class Transform(OnSplats, frozen=True):
+    """Apply any affine map of positions, 3 rows of 4 numbers."""
+
+    matrix: Matrix
+
+    def edit(self, scene: Scene) -> Edit | None:
+        world = np.array(self.matrix, np.float64)
+        if not np.linalg.det(world[:, :3]):
+            raise GagaError('field "matrix" flattens space.')
+        return edits.transform(scene, self.splats(scene), world, "Transform")
 
 
-def _clean(scene: Scene, op: Op) -> Edit | None:
-    groups = groups_of(scene, op)
-    if not groups:
-        raise GagaError(f'Operation {op.at} ("clean"): no object is selected. Give "groups".')
-    return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
+class Recolor(OnSplats, frozen=True):
+    """Give a new mean color, a factor of opacity, or both."""
+
+    color: Color | UnsetType = UNSET
+    strength: Share = 1.0
+    opacity: Share | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        if self.color is UNSET and self.opacity is UNSET:
+            raise GagaError('give "color", "opacity" or both.')
+        splats, affine = self.splats(scene), np.eye(3, 4)
+        if not isinstance(self.color, UnsetType):
+            mean = mean_color(scene, splats)
+            affine = tint_affine(mean, np.array(self.color, np.float64), self.strength)
+        return edits.recolor(scene, splats, affine, given(self.opacity, 1.0))
 
 
-def _split_here(scene: Scene, op: Op) -> Edit | None:
-    return edits.split_here(scene, _one_object(scene, op))
+# --- objects ------------------------------------------------------------------------------------
 
 
-def _join_here(scene: Scene, op: Op) -> Edit | None:
-    return edits.join_here(scene, _one_object(scene, op))
+class Duplicate(OnSplats, frozen=True):
+    """Copy, as a new object unless ``new_group`` is false."""
+
+    by: Vector | UnsetType = UNSET
+    new_group: Flag = True
+
+    def edit(self, scene: Scene) -> Edit | None:
+        by = None
+        if not isinstance(self.by, UnsetType):
+            by = np.column_stack([np.eye(3), np.array(self.by, np.float64)])
+        return edits.duplicate(scene, self.splats(scene), by, self.new_group)
 
 
-def _one_object(scene: Scene, op: Op) -> int:
-    groups = groups_of(scene, op)
-    if len(groups) != 1 or groups[0] == 0:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): give one object in "groups".')
-    return groups[0]
+class OnGroups(Operation, frozen=True, kw_only=True):
+    """An operation on its groups, or on those of the selection."""
+
+    groups: Groups | UnsetType = UNSET
 
 
-GROUPS: Mapping[str, Check] = {"groups": group_list}
-ABOUT: Mapping[str, Check] = {"groups": group_list, "about": vector}
-OBJECT_KINDS: Mapping[str, OperationKind] = {
-    "select": OperationKind(_select, GROUPS, {"how": how}),
-    "select_all": OperationKind(lambda s, _: edits.select(s, algebra.everything(s)), {}, {}),
-    "select_none": OperationKind(lambda s, _: edits.select(s, algebra.nothing()), {}, {}),
-    "invert": OperationKind(lambda s, _: edits.select(s, algebra.inverted(s)), {}, {}),
-    "hide": OperationKind(lambda s, op: edits.hide(s, splats_of(s, op)), {}, GROUPS),
-    "show": OperationKind(lambda s, op: edits.show(s, splats_of(s, op)), GROUPS, {}),
-    "show_all": OperationKind(lambda s, _: edits.show_all(s), {}, {}),
-    "isolate": OperationKind(lambda s, op: edits.isolate(s, splats_of(s, op)), {}, GROUPS),
-    "lock": OperationKind(lambda s, op: edits.lock(s, splats_of(s, op)), {}, GROUPS),
-    "unlock": OperationKind(lambda s, op: edits.unlock(s, splats_of(s, op)), GROUPS, {}),
-    "delete": OperationKind(lambda s, op: edits.delete(s, splats_of(s, op)), {}, GROUPS),
-    "restore": OperationKind(lambda s, _: edits.restore(s), {}, {}),
-    "move": OperationKind(_move, {"by": vector}, GROUPS),
-    "rotate": OperationKind(_rotate, {"axis": vector, "degrees": number}, ABOUT),
-    "scale": OperationKind(_scale, {"factor": factors}, ABOUT),
-    "transform": OperationKind(_transform, {"matrix": matrix}, GROUPS),
-    "recolor": OperationKind(
-        _recolor, {}, {**GROUPS, "color": color, "strength": share, "opacity": share}
-    ),
-    "duplicate": OperationKind(_duplicate, {}, {**GROUPS, "by": vector, "new_group": flag}),
-    "rename": OperationKind(_rename, {"name": name}, GROUPS),
-    "merge": OperationKind(lambda s, op: edits.merge_groups(s, groups_of(s, op)), {}, GROUPS),
-    "split_here": OperationKind(_split_here, {}, GROUPS),
-    "join_here": OperationKind(_join_here, {}, GROUPS),
-    "labels": OperationKind(_labels, {"from": label_source}, {}),
-    "clean": OperationKind(_clean, {}, GROUPS),
-    "undo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
-    "redo": OperationKind(lambda _s, _o: None, {}, {"times": count}),
-}
+class Rename(OnGroups, frozen=True):
+    """Name one object."""
+
+    name: Name
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.rename(scene, one_object_of(scene, self.groups), self.name)
+
+
+class Merge(OnGroups, frozen=True):
+    """Make one object of several."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.merge_groups(scene, groups_of(scene, self.groups))
+
+
+class SplitHere(OnGroups, frozen=True):
+    """Make objects of the parts that one object has a level of detail finer."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.split_here(scene, one_object_of(scene, self.groups))
+
+
+class JoinHere(OnGroups, frozen=True):
+    """Join one object with those that are one thing with it a level coarser."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.join_here(scene, one_object_of(scene, self.groups))
+
+
+class Labels(Operation, frozen=True):
+    """Take the groups from the votes of the masks, or from identities."""
+
+    source: LabelSource = field(name="from")
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.use_labels(scene, self.source)
+
+
+class Clean(OnGroups, frozen=True):
+    """Clean up, as in the window."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        groups = groups_of(scene, self.groups)
+        if not groups:
+            raise GagaError('no object is selected. Give "groups".')
+        return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
+
+
+# --- history ------------------------------------------------------------------------------------
+
+
+class Undo(Operation, frozen=True):
+    """Take back so many edits."""
+
+    times: Count = 1
+
+    def run(self, history: History, scene: Scene) -> str:
+        titles = _until_none(history.undo, self.times)
+        return f"Undo {titles}" if titles else ""
+
+
+class Redo(Operation, frozen=True):
+    """Do so many edits again."""
+
+    times: Count = 1
+
+    def run(self, history: History, scene: Scene) -> str:
+        titles = _until_none(history.redo, self.times)
+        return f"Redo {titles}" if titles else ""
+
+
+def _until_none(step: Callable[[], str | None], times: int) -> str:
+    """Titles of so many steps, or of as many as there are."""
+    done = []
+    for _ in range(times):
+        title = step()
+        if title is None:
+            break
+        done.append(title)
+    return ", ".join(done)
+
+
+ObjectOperation: TypeAlias = (
+    Select
+    | SelectAll
+    | SelectNone
+    | Invert
+    | Hide
+    | Show
+    | ShowAll
+    | Isolate
+    | Lock
+    | Unlock
+    | Delete
+    | Restore
+    | Move
+    | Rotate
+    | Scale
+    | Transform
+    | Recolor
+    | Duplicate
+    | Rename
+    | Merge
+    | SplitHere
+    | JoinHere
+    | Labels
+    | Clean
+    | Undo
+    | Redo
+)

@@ -1,10 +1,11 @@
 """The operations of edit scripts that select by region or number, and set scenes straight."""
 
-from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.arrange import ground_map, mirror_map
@@ -12,189 +13,288 @@ from gaga_core.scene.edits import Edit
 from gaga_core.scene.grade import Grade, grade_affine
 from gaga_core.scene.objects import selected_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.fields import (
-    Check,
-    color,
-    group_list,
-    how,
-    matrix,
-    name,
-    number,
-    points,
-    share,
-    signed_share,
-    vector,
-)
-from gaga_core.scene.script.operations import (
-    Op,
-    OperationKind,
-    about,
+from gaga_core.scene.script.base import (
+    OnSplats,
+    Operation,
+    centred,
+    given,
     groups_of,
-    splats_of,
-    vector_of,
+    one_object_of,
+)
+from gaga_core.scene.script.fields import (
+    Axis,
+    Color,
+    Groups,
+    How,
+    Matrix,
+    Name,
+    Number,
+    Points,
+    Positive,
+    Share,
+    SignedShare,
+    Vector,
 )
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
 from gaga_core.scene.selection.components import floaters
 
-
-def _take(scene: Scene, op: Op, chosen: IntArray) -> Edit | None:
-    mode = op.fields.get("how", "set")
-    return edits.select(scene, chosen, mode)  # type: ignore[arg-type]
+# --- selecting ----------------------------------------------------------------------------------
 
 
-def _select_sphere(scene: Scene, op: Op) -> Edit | None:
-    radius = float(vector_of(op, "radius"))
-    return _take(scene, op, by_volume.in_sphere(scene, vector_of(op, "centre"), radius))
+class Selecting(Operation, frozen=True, kw_only=True):
+    """An operation that changes the selection by what it finds."""
+
+    how: How = "set"
+
+    def found(self, scene: Scene) -> IntArray:
+        """Splats (K,) in order."""
+        raise NotImplementedError
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.select(scene, self.found(scene), self.how)
 
 
-def _box(op: Op) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """World from unit cube (4, 4) of ``lo`` and ``hi``, or of a ``matrix``."""
+class SelectSphere(Selecting, frozen=True):
+    """Splats whose centre lies in a ball."""
+
+    centre: Vector
+    radius: Number
+
+    def found(self, scene: Scene) -> IntArray:
+        return by_volume.in_sphere(scene, np.array(self.centre, np.float64), self.radius)
+
+
+class SelectBox(Selecting, frozen=True):
+    """Splats in a box of two corners, or in a map of the unit cube."""
+
+    lo: Vector | UnsetType = UNSET
+    hi: Vector | UnsetType = UNSET
+    matrix: Matrix | UnsetType = UNSET
+
+    def found(self, scene: Scene) -> IntArray:
+        return by_volume.in_box(scene, _box(self.lo, self.hi, self.matrix))
+
+
+class SelectRange(Selecting, frozen=True):
+    """Splats by a number of theirs."""
+
+    column: Name
+    low: Number | UnsetType = UNSET
+    high: Number | UnsetType = UNSET
+
+    def found(self, scene: Scene) -> IntArray:
+        low, high = given(self.low, -np.inf), given(self.high, np.inf)
+        return by_value.in_range(scene, self.column, low, high)
+
+
+class SelectColor(Selecting, frozen=True):
+    """Splats by their color."""
+
+    color: Color
+    tolerance: Share = 0.1
+
+    def found(self, scene: Scene) -> IntArray:
+        return by_value.like_color(scene, self.color, self.tolerance)
+
+
+class SelectSet(Selecting, frozen=True):
+    """A named selection."""
+
+    name: Name
+
+    def found(self, scene: Scene) -> IntArray:
+        return edits.named_selection(scene, self.name)
+
+
+class KeepSet(OnSplats, frozen=True):
+    """Keep the selection under a name."""
+
+    name: Name
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.keep_selection(scene, self.name, self.splats(scene))
+
+
+class Grow(OnSplats, frozen=True):
+    """Add what lies within a distance of the selection."""
+
+    reach: Number | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        splats = self.splats(scene)
+        reach = _reach(scene, splats, self.reach)
+        return edits.select(scene, neighbourhood.grown(scene, splats, reach), "set", "Grow")
+
+
+class Shrink(OnSplats, frozen=True):
+    """Remove what lies near the border of the selection."""
+
+    reach: Number | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        splats = self.splats(scene)
+        reach = _reach(scene, splats, self.reach)
+        return edits.select(scene, neighbourhood.shrunk(scene, splats, reach), "set", "Shrink")
+
+
+# --- deleting -----------------------------------------------------------------------------------
+
+
+class Crop(Operation, frozen=True):
+    """Delete everything outside a box of two corners, or of a map of the unit cube."""
+
+    lo: Vector | UnsetType = UNSET
+    hi: Vector | UnsetType = UNSET
+    matrix: Matrix | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        inside = by_volume.in_box(scene, _box(self.lo, self.hi, self.matrix))
+        outside = np.setdiff1d(algebra.everything(scene), inside)
+        return edits.delete(scene, outside, "Crop")
+
+
+class DeleteFloaters(OnSplats, frozen=True):
+    """Delete splats that stand alone: of the groups, else of everything."""
+
+    strength: Positive = 1.0
+
+    def edit(self, scene: Scene) -> Edit | None:
+        everything = self.groups is UNSET
+        among = algebra.everything(scene) if everything else self.splats(scene)
+        return edits.delete(scene, floaters(scene, among, self.strength), "Delete floaters")
+
+
+# --- setting straight ---------------------------------------------------------------------------
+
+
+class GradeColors(OnSplats, frozen=True, tag="grade"):
+    """Grade colors."""
+
+    tint: Vector = (1.0, 1.0, 1.0)
+    temperature: SignedShare = 0.0
+    green: SignedShare = 0.0
+    saturation: Number = 1.0
+    brightness: SignedShare = 0.0
+    black: SignedShare = 0.0
+    white: Number = 1.0
+    opacity: Share = 1.0
+
+    def edit(self, scene: Scene) -> Edit | None:
+        grade = Grade(
+            tint=self.tint,
+            temperature=self.temperature,
+            green=self.green,
+            saturation=self.saturation,
+            brightness=self.brightness,
+            black=self.black,
+            white=self.white,
+            opacity=self.opacity,
+        )
+        splats = self.splats(scene)
+        return edits.recolor(scene, splats, grade_affine(grade), grade.opacity, "Grade colors")
+
+
+class Mirror(OnSplats, frozen=True):
+    """Mirror across x, y or z about a point, else about the middle of the splats."""
+
+    axis: Axis
+    about: Vector | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        splats = self.splats(scene)
+        middle = centred(scene, splats, self.about, np.zeros((3, 3)))[:, 3]
+        mirrored = mirror_map("xyz".index(self.axis), middle)
+        return edits.transform(scene, splats, mirrored, "Mirror")
+
+
+class AlignToGround(Operation, frozen=True):
+    """Make the plane of three points level."""
+
+    points: Points
+    seen_from: Vector
+    up: Vector = (0.0, 0.0, 1.0)
+
+    def edit(self, scene: Scene) -> Edit | None:
+        up = np.array(self.up, np.float64)
+        if not up.any():
+            raise GagaError('field "up" must not be zero.')
+        points, eye = np.array(self.points, np.float64), np.array(self.seen_from, np.float64)
+        moved = ground_map(points, up, eye)
+        return edits.transform(scene, algebra.whole(scene), moved, "Align to ground")
+
+
+# --- objects of regions -------------------------------------------------------------------------
+
+
+class Separate(Operation, frozen=True):
+    """Make the selection an object."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        chosen = selected_indices(scene)
+        if len(chosen) == 0:
+            raise GagaError("nothing is selected. Select first.")
+        return edits.separate(scene, chosen)
+
+
+class Split(Operation, frozen=True):
+    """Split one object into parts that do not touch."""
+
+    groups: Groups | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.split(scene, one_object_of(scene, self.groups))
+
+
+class Assign(Operation, frozen=True):
+    """Make the selection part of an object."""
+
+    groups: Groups
+
+    def edit(self, scene: Scene) -> Edit | None:
+        groups, chosen = groups_of(scene, self.groups), selected_indices(scene)
+        if len(groups) != 1 or len(chosen) == 0:
+            raise GagaError('give one object in "groups", and select splats first.')
+        return edits.set_labels(scene, chosen, groups[0])
+
+
+def _box(lo: Vector | UnsetType, hi: Vector | UnsetType, matrix: Matrix | UnsetType) -> DoubleArray:
+    """World from unit cube (4, 4) of two corners, or of a matrix."""
     full = np.eye(4)
-    if "matrix" in op.fields:
-        full[:3] = vector_of(op, "matrix")
-    elif "lo" in op.fields and "hi" in op.fields:
-        lo, hi = vector_of(op, "lo"), vector_of(op, "hi")
-        full[:3, :3] = np.diag(hi - lo)
-        full[:3, 3] = (lo + hi) / 2
+    if not isinstance(matrix, UnsetType):
+        full[:3] = np.array(matrix, np.float64)
+    elif not isinstance(lo, UnsetType) and not isinstance(hi, UnsetType):
+        low, high = np.array(lo, np.float64), np.array(hi, np.float64)
+        full[:3, :3] = np.diag(high - low)
+        full[:3, 3] = (low + high) / 2
     else:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): give "lo" and "hi", or "matrix".')
+        raise GagaError('give "lo" and "hi", or "matrix".')
     if not np.linalg.det(full):
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): a side of the box has no length.')
+        raise GagaError("a side of the box has no length.")
     return full
 
 
-def _crop(scene: Scene, op: Op) -> Edit | None:
-    outside = np.setdiff1d(algebra.everything(scene), by_volume.in_box(scene, _box(op)))
-    return edits.delete(scene, outside, "Crop")
+def _reach(scene: Scene, splats: IntArray, reach: Number | UnsetType) -> float:
+    """The distance that is given, else that between neighbours among the splats."""
+    if isinstance(reach, UnsetType):
+        return neighbourhood.spacing(scene, splats)
+    return reach
 
 
-def _select_range(scene: Scene, op: Op) -> Edit | None:
-    named = str(op.fields["column"])
-    low = float(vector_of(op, "low")) if "low" in op.fields else -np.inf
-    high = float(vector_of(op, "high")) if "high" in op.fields else np.inf
-    try:
-        return _take(scene, op, by_value.in_range(scene, named, low, high))
-    except ValueError as error:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): {error}.') from error
-
-
-def _select_color(scene: Scene, op: Op) -> Edit | None:
-    tolerance = float(vector_of(op, "tolerance")) if "tolerance" in op.fields else 0.1
-    return _take(scene, op, by_value.like_color(scene, vector_of(op, "color").tolist(), tolerance))
-
-
-def _select_set(scene: Scene, op: Op) -> Edit | None:
-    return _take(scene, op, edits.named_selection(scene, str(op.fields["name"])))
-
-
-def _keep(scene: Scene, op: Op) -> Edit | None:
-    return edits.keep_selection(scene, str(op.fields["name"]), splats_of(scene, op))
-
-
-def _grown(scene: Scene, op: Op) -> Edit | None:
-    splats = splats_of(scene, op)
-    change = neighbourhood.grown if op.kind == "grow" else neighbourhood.shrunk
-    if "reach" in op.fields:
-        reach = float(vector_of(op, "reach"))
-    else:
-        reach = neighbourhood.spacing(scene, splats)
-    return edits.select(scene, change(scene, splats, reach), "set", op.kind.capitalize())
-
-
-def _floaters(scene: Scene, op: Op) -> Edit | None:
-    strength = float(vector_of(op, "strength")) if "strength" in op.fields else 1.0
-    if not strength > 0:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): "strength" must be above 0.')
-    among = splats_of(scene, op) if "groups" in op.fields else algebra.everything(scene)
-    return edits.delete(scene, floaters(scene, among, strength), "Delete floaters")
-
-
-def _grade(scene: Scene, op: Op) -> Edit | None:
-    values = {key: value for key, value in op.fields.items() if key != "groups"}
-    try:
-        grade = Grade(**values)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): {error}.') from error
-    splats = splats_of(scene, op)
-    return edits.recolor(scene, splats, grade_affine(grade), grade.opacity, "Grade colors")
-
-
-def _mirror(scene: Scene, op: Op) -> Edit | None:
-    axis = str(op.fields["axis"])
-    if axis not in ("x", "y", "z"):
-        raise GagaError(f'Operation {op.at} ("mirror"): field "axis" must be x, y or z.')
-    middle = about(scene, op, np.zeros((3, 3)))[:, 3]
-    return edits.transform(
-        scene, splats_of(scene, op), mirror_map("xyz".index(axis), middle), "Mirror"
-    )
-
-
-def _ground(scene: Scene, op: Op) -> Edit | None:
-    up = vector_of(op, "up") if "up" in op.fields else np.array([0.0, 0.0, 1.0])
-    if not up.any():
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): field "up" must not be zero.')
-    moved = ground_map(vector_of(op, "points"), up, vector_of(op, "seen_from"))
-    return edits.transform(scene, algebra.whole(scene), moved, "Align to ground")
-
-
-def _separate(scene: Scene, op: Op) -> Edit | None:
-    chosen = selected_indices(scene)
-    if len(chosen) == 0:
-        raise GagaError(f'Operation {op.at} ("{op.kind}"): nothing is selected. Select first.')
-    return edits.separate(scene, chosen)
-
-
-def _split(scene: Scene, op: Op) -> Edit | None:
-    groups = groups_of(scene, op)
-    if len(groups) != 1 or groups[0] == 0:
-        raise GagaError(f'Operation {op.at} ("split"): give one object in "groups".')
-    return edits.split(scene, groups[0])
-
-
-def _assign(scene: Scene, op: Op) -> Edit | None:
-    groups = groups_of(scene, op)
-    chosen = selected_indices(scene)
-    if len(groups) != 1 or len(chosen) == 0:
-        raise GagaError(
-            f'Operation {op.at} ("assign"): give one object in "groups", and select splats first.'
-        )
-    return edits.set_labels(scene, chosen, groups[0])
-
-
-_HOW: Mapping[str, Check] = {"how": how}
-_GROUPS: Mapping[str, Check] = {"groups": group_list}
-_BOX: Mapping[str, Check] = {"lo": vector, "hi": vector, "matrix": matrix}
-_GRADE: Mapping[str, Check] = {
-    "tint": vector,
-    "temperature": signed_share,
-    "green": signed_share,
-    "saturation": number,
-    "brightness": signed_share,
-    "black": signed_share,
-    "white": number,
-    "opacity": share,
-}
-REGION_KINDS: Mapping[str, OperationKind] = {
-    "select_sphere": OperationKind(_select_sphere, {"centre": vector, "radius": number}, _HOW),
-    "select_box": OperationKind(
-        lambda s, op: _take(s, op, by_volume.in_box(s, _box(op))), {}, {**_BOX, **_HOW}
-    ),
-    "select_range": OperationKind(
-        _select_range, {"column": name}, {"low": number, "high": number, **_HOW}
-    ),
-    "select_color": OperationKind(_select_color, {"color": color}, {"tolerance": share, **_HOW}),
-    "select_set": OperationKind(_select_set, {"name": name}, _HOW),
-    "keep_set": OperationKind(_keep, {"name": name}, _GROUPS),
-    "grow": OperationKind(_grown, {}, {"reach": number, **_GROUPS}),
-    "shrink": OperationKind(_grown, {}, {"reach": number, **_GROUPS}),
-    "crop": OperationKind(_crop, {}, _BOX),
-    "delete_floaters": OperationKind(_floaters, {}, {"strength": number, **_GROUPS}),
-    "grade": OperationKind(_grade, {}, {**_GRADE, **_GROUPS}),
-    "mirror": OperationKind(_mirror, {"axis": name}, {"about": vector, **_GROUPS}),
-    "align_to_ground": OperationKind(
-        _ground, {"points": points, "seen_from": vector}, {"up": vector}
-    ),
-    "separate": OperationKind(_separate, {}, {}),
-    "split": OperationKind(_split, {}, _GROUPS),
-    "assign": OperationKind(_assign, _GROUPS, {}),
-}
+RegionOperation: TypeAlias = (
+    SelectSphere
+    | SelectBox
+    | SelectRange
+    | SelectColor
+    | SelectSet
+    | KeepSet
+    | Grow
+    | Shrink
+    | Crop
+    | DeleteFloaters
+    | GradeColors
+    | Mirror
+    | AlignToGround
+    | Separate
+    | Split
+    | Assign
+)

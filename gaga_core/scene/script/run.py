@@ -10,29 +10,54 @@ A script is a list of operations, each an object with ``op`` and its fields::
 window records (`History.recorded`) are operations "edit": exact, for the same file only.
 """
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import get_args, get_type_hints
 
+import msgspec
 import numpy as np
 
 from gaga_core.errors import GagaError
+from gaga_core.io.json_file import explain_json_error
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.append_values import AppendSplats
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.json import MOST_ROWS, decode_edit
+from gaga_core.scene.edits.json import decode_edit
+from gaga_core.scene.edits.packed_entries import MOST_ROWS
 from gaga_core.scene.edits.placement_values import AppendCopies
 from gaga_core.scene.edits.values import Edits
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.fields import Value
-from gaga_core.scene.script.operations import OBJECT_KINDS, Op, OperationKind
-from gaga_core.scene.script.regions import REGION_KINDS
+from gaga_core.scene.script.base import Operation
+from gaga_core.scene.script.operations import Duplicate, ObjectOperation
+from gaga_core.scene.script.regions import RegionOperation
 
 # What numpy raises on numbers that no scene can have.
 _IMPOSSIBLE = (ValueError, IndexError, OverflowError, MemoryError, np.linalg.LinAlgError)
-_KINDS: Mapping[str, OperationKind] = {**OBJECT_KINDS, **REGION_KINDS}
-OPERATIONS: Sequence[str] = tuple(sorted([*_KINDS, "edit"]))
+_UNKNOWN = re.compile(r"^Object contains unknown field `(.*)`$", re.DOTALL)
+_AT = re.compile(r"at `\$\.(\w+)")
+_MISSING = re.compile(r"^Object missing required field `(.*)`$", re.DOTALL)
+OPERATION_TYPES: Mapping[str, type[Operation]] = {
+    str(kind.__struct_config__.tag): kind
+    for kind in (*get_args(ObjectOperation), *get_args(RegionOperation))
+}
+OPERATIONS: Sequence[str] = tuple(sorted([*OPERATION_TYPES, "edit"]))
 
 
-def parse_script(content: object, n_rows: int | None = None) -> tuple[Op, ...]:
+@dataclass(frozen=True)
+class Step:
+    """One checked operation of a script."""
+
+    at: int  # place in the script, from 1
+    kind: str
+    operation: Operation | None  # None: of the kind "edit"
+    recorded: Edit | None = None  # of the kind "edit": as recorded, where it was decoded
+
+    def __str__(self) -> str:
+        return f'Operation {self.at} ("{self.kind}")'
+
+
+def parse_script(content: object, n_rows: int | None = None) -> tuple[Step, ...]:
     """Check a script (the content of a JSON file) and return its operations.
 
     ``n_rows``: splats of the scene; recorded edits of more splats than it can have by then are
@@ -41,14 +66,14 @@ def parse_script(content: object, n_rows: int | None = None) -> tuple[Op, ...]:
     """
     if not isinstance(content, list):
         raise GagaError("The edit script must be a JSON list of operations.")
-    ops: list[Op] = []
+    steps: list[Step] = []
     for i, item in enumerate(content):
-        op = _parsed(i + 1, item, n_rows)
-        ops.append(op)
+        step = _parsed(i + 1, item, n_rows)
+        steps.append(step)
         if n_rows is not None:
-            added = n_rows if op.kind == "duplicate" else _rows_added(op.edit)
-            n_rows = min(n_rows + added, MOST_ROWS)
-    return tuple(ops)
+            doubles = isinstance(step.operation, Duplicate)
+            n_rows = min(n_rows + (n_rows if doubles else _rows_added(step.recorded)), MOST_ROWS)
+    return tuple(steps)
 
 
 def _rows_added(edit: Edit | None) -> int:
@@ -65,62 +90,71 @@ def run_script(scene: Scene, content: object, history: History | None = None) ->
     An operation that fails stops the script; those before it stay applied.
     Raises ``GagaError`` as `parse_script` does, and for a group that does not exist.
     """
-    ops = parse_script(content, len(scene))
+    steps = parse_script(content, len(scene))
     history = History(scene) if history is None else history
-    titles = []
-    for op in ops:
-        do = _undo_redo if op.kind in ("undo", "redo") else _do
-        titles.append(do(history, op, scene))
+    titles = [_run(step, history, scene) for step in steps]
     return tuple(title for title in titles if title)
 
 
-def _do(history: History, op: Op, scene: Scene) -> str:
+def _run(step: Step, history: History, scene: Scene) -> str:
     """Apply an operation; its title, "" when it changed nothing."""
+    if step.operation is None:
+        return _replay(step, history)
     try:
-        edit = op.edit or _KINDS[op.kind].build(scene, op)
+        return step.operation.run(history, scene)
+    except GagaError as error:
+        raise GagaError(f"{step}: {error}") from error
+    except _IMPOSSIBLE as error:
+        raise GagaError(f"{step} cannot be done: {error}.") from error
+
+
+def _replay(step: Step, history: History) -> str:
+    edit = step.recorded
+    try:
         return edit.title if edit is not None and history.do(edit) else ""
     except _IMPOSSIBLE as error:
-        if op.edit is None:
-            raise GagaError(f'Operation {op.at} ("{op.kind}") cannot be done: {error}.') from error
         raise GagaError(
-            f"Operation {op.at} was recorded on another scene ({error}). "
+            f"Operation {step.at} was recorded on another scene ({error}). "
             "Replay it on the file that it was recorded on."
         ) from error
 
 
-def _parsed(at: int, item: object, n_rows: int | None) -> Op:
+def _parsed(at: int, item: object, n_rows: int | None) -> Step:
     if not isinstance(item, dict) or not isinstance(item.get("op"), str):
         raise GagaError(f'Operation {at} of the edit script must be an object with a field "op".')
     kind = item["op"]
     if kind == "edit":
-        return Op(at, kind, {}, None if n_rows is None else decode_edit(item, n_rows))
-    if kind not in _KINDS:
-        known = ", ".join(sorted(_KINDS))
+        return Step(at, kind, None, None if n_rows is None else decode_edit(item, n_rows))
+    if kind not in OPERATION_TYPES:
+        known = ", ".join(sorted(OPERATION_TYPES))
         raise GagaError(f'Operation {at}: "{kind}" is unknown; known are {known}.')
-    checks = {**_KINDS[kind].required, **_KINDS[kind].optional}
-    where = f'Operation {at} ("{kind}")'
-    for field in item:
-        if field != "op" and field not in checks:
-            takes = ", ".join(sorted(checks)) or "no fields"
-            raise GagaError(f'{where}: field "{field}" is unknown; it takes {takes}.')
-    for field in _KINDS[kind].required:
-        if field not in item:
-            raise GagaError(f'{where}: field "{field}" is missing.')
-    fields: dict[str, Value] = {}
-    for field, value in item.items():
-        if field != "op":
-            fields[field] = checks[field](f'{where}: field "{field}"', value)
-    return Op(at, kind, fields)
+    try:
+        return Step(at, kind, msgspec.convert(item, OPERATION_TYPES[kind]))
+    except (msgspec.ValidationError, ValueError, RecursionError) as error:
+        why = _why(error, OPERATION_TYPES[kind], item)
+        raise GagaError(f'Operation {at} ("{kind}"): {why}.') from error
 
 
-def _undo_redo(history: History, op: Op, _: Scene) -> str:
-    times = op.fields.get("times", 1)
-    assert isinstance(times, int)
-    step = history.undo if op.kind == "undo" else history.redo
-    done = []
-    for _i in range(times):
-        title = step()
-        if title is None:
-            break
-        done.append(title)
-    return f"{op.kind.capitalize()} {', '.join(done)}" if done else ""
+def _why(error: Exception, kind: type[Operation], item: Mapping[str, object]) -> str:
+    """What is wrong with an operation, by its field."""
+    text = str(error)
+    if missing := _MISSING.match(text):
+        return f'field "{missing[1]}" is missing'
+    if unknown := _UNKNOWN.match(text):
+        takes = ", ".join(sorted(kind.__struct_encode_fields__)) or "no fields"
+        return f'field "{unknown[1]}" is unknown; it takes {takes}'
+    at = _AT.search(text)
+    wanted = _description(get_type_hints(kind, include_extras=True).get(at[1])) if at else ""
+    if at is None or not wanted:
+        return explain_json_error(error)
+    value = repr(item[at[1]])
+    return (
+        f'field "{at[1]}" must be {wanted}, not {value if len(value) <= 40 else value[:37] + "..."}'
+    )
+
+
+def _description(hint: object) -> str:
+    """What the type of a field says of itself; "" when it says nothing."""
+    for meta in getattr(hint, "__metadata__", ()):
+        return str(meta.description or "")
+    return next((found for part in get_args(hint) if (found := _description(part))), "")
