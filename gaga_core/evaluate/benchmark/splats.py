@@ -9,7 +9,7 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark.files import digest_of
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
-from gaga_core.io.json_file import read_loose_json
+from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
@@ -36,7 +36,7 @@ def trained_splats(
         )
     wanted = _record_of(folder, config)
     model = out / "point_cloud.ply"
-    if model.is_file() and (out / RECORD).is_file() and read_loose_json(out / RECORD) == wanted:
+    if model.is_file() and _recorded(out / RECORD) == wanted:
         return (yield from read_splats_stage(model))
     kept = {camera.name: camera for camera in folder.cameras}
     alone = replace(folder, cameras=tuple(kept[name] for name in folder.train), test=())
@@ -44,6 +44,14 @@ def trained_splats(
     with atomic_write(out / RECORD) as temporary:
         temporary.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
     return gaussians
+
+
+def _recorded(path: Path) -> dict[str, object]:
+    """What splats were made of; nothing where it is not known."""
+    try:
+        return read_foreign_json(path, dict[str, object])
+    except GagaError:
+        return {}
 
 
 def _record_of(folder: SceneFolder, config: ReconstructConfig) -> dict[str, object]:
