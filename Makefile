@@ -5,13 +5,15 @@
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
 # make faults KILLS=100  kills each kind of program so often at random moments
+# make peers  installs the programs of others that tests compare with, where there is npm
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
+PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: studio test fuzz soak faults captures check docs setup bench screenshots clean
+.PHONY: studio test peers fuzz soak faults captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -20,8 +22,16 @@ studio:
 	@$(BIN)/gaga-studio --demo
 
 # A file stays in one process: what opens a window comes before what draws without a display.
-test: check
+test: check peers
 	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
+
+peers: .peers/.ready
+
+.peers/.ready: Makefile
+	@mkdir -p .peers
+	@command -v npm >/dev/null || { echo "no npm: tests against other programs are skipped"; exit 0; }; \
+	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .peers $(PEERS) \
+	&& touch $@ || echo "npm failed: tests against other programs are skipped"
 
 captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures
@@ -64,4 +74,4 @@ screenshots: setup
 	@$(BIN)/python -m tests.screenshots
 
 clean:
-	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist docs/_build docs/api
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist docs/_build docs/api .peers

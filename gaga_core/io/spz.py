@@ -1,15 +1,16 @@
 """SPZ, Niantic's compact format: fixed-point positions and a byte for most other numbers.
 
-Versions 1 to 3 are one gzip stream: a header of 16 bytes, then each attribute of all splats.
-Version 4 has a header of 32 bytes, a table of sizes, and each attribute as a Zstandard stream. Axes
-in the file are right, up, back; ours are right, down, forward, so y and z turn their sign, and with
-them the x-axis half-turn of quaternions and SH. Layout: github.com/nianticlabs/spz.
+Versions 1 to 3 are one gzip stream, or are not compressed: a header of 16 bytes, each attribute of
+all splats, extensions. Version 4 has a header of 32 bytes, extensions, a table of sizes, and each
+attribute as a Zstandard stream. We write our own axes and say so; see `spz_axes`.
+Layout: github.com/nianticlabs/spz.
 """
 
 import gzip
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -32,6 +33,7 @@ from gaga_core.io.packing import (
     unit_quats,
 )
 from gaga_core.io.ply import without_broken_rows
+from gaga_core.io.spz_axes import axes_in, extension, turned
 from gaga_core.progress import Progress, Stage
 
 GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
@@ -41,17 +43,11 @@ SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Nia
 _HEAD = struct.Struct("<4sIIBBBB")
 _HEAD_4 = struct.Struct("<4sIIBBBBI12x")
 _SIZES = struct.Struct("<QQ")
-_AA = 1
+_AA, _HAS_EXTENSIONS = 1, 2
 _ANTIALIASED = "antialiased 1"
 _MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
 _GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
-_FLIP_XYZ = np.array([1, -1, -1], np.float32)
-_FLIP_QUAT = np.array([1, 1, -1, -1], np.float32)  # wxyz, turned half around x
-# Signs of the basis functions of degrees 1 to 4 when y and z turn theirs.
-_FLIP_SH = np.array(
-    [-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1, -1, 1, -1, 1, 1, -1, 1, -1, 1],
-    np.float32,
-)
+_MOST_EXTENSIONS = 1 << 20  # bytes
 
 
 class _Stream(Protocol):
@@ -64,7 +60,15 @@ class _Head:
     n: int
     degree: int
     fraction_bits: int
-    is_antialiased: bool
+    flags: int
+
+    @property
+    def is_antialiased(self) -> bool:
+        return bool(self.flags & _AA)
+
+    @property
+    def has_extensions(self) -> bool:
+        return bool(self.flags & _HAS_EXTENSIONS)
 
     @property
     def n_rest(self) -> int:
@@ -90,9 +94,10 @@ class _Head:
 def read_spz_stage(path: Path) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
-    Antialiasing becomes the comment ``antialiased 1``, as in a .ply. Memory grows with what
-    the streams really hold, not with what the header says. ``GagaError`` with one sentence when the
-    file is damaged or newer.
+    Antialiasing becomes the comment ``antialiased 1``, as in a .ply; the axes that an extension
+    names become ours, and without one (`states_axes`) they are taken for ours. Memory grows with
+    what the streams really hold, not with what the header says. ``GagaError`` with one sentence
+    when the file is damaged or newer.
     """
     path = Path(path)
     try:
@@ -101,8 +106,9 @@ def read_spz_stage(path: Path) -> Stage[Gaussians]:
             file.seek(0)
             if start[:2] != GZIP_MAGIC and start != MAGIC:
                 raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
-            reading = _read_4 if start == MAGIC else _read_gzip
-            head, out = yield from reading(path, file)
+            reading = _read_4 if _is_version_4(file) else _read_stream
+            head, out, records = yield from reading(path, file)
+            axes = axes_in(records, path.name)
     except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     except OSError as error:
@@ -110,34 +116,75 @@ def read_spz_stage(path: Path) -> Stage[Gaussians]:
     yield Progress("Read splats", head.n, head.n, path.name)
     if head.is_antialiased:
         out = replace(out, comments=(_ANTIALIASED,))
-    return without_broken_rows(path, out)
+    return without_broken_rows(path, turned(out, axes))
 
 
-def _read_gzip(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
-    size = path.stat().st_size
+def states_axes(path: Path) -> bool:
+    """Whether an .spz file says which way its axes point.
+
+    Raises ``GagaError`` when it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            is_packed = file.read(2) == GZIP_MAGIC
+            file.seek(0)
+            with _unzipped(file, is_packed=is_packed) as stream:
+                magic, *_, flags, _ = _HEAD.unpack(_exactly(stream, _HEAD.size))
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    return bool(magic == MAGIC and flags & _HAS_EXTENSIONS)
+
+
+def _is_version_4(file: BinaryIO) -> bool:
+    """Whether the file is a container of version 4, not a plain stream of an older one."""
+    start = _exactly(file, 8)
+    file.seek(0)
+    version = int.from_bytes(start[4:], "little")
+    return start[:4] == MAGIC and not 1 <= version <= 3
+
+
+@contextmanager
+def _unzipped(file: BinaryIO, *, is_packed: bool) -> Iterator[_Stream]:
+    if not is_packed:
+        yield file
+        return
     with gzip.GzipFile(fileobj=file) as stream:
+        yield stream
+
+
+def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, bytes]]:
+    size = path.stat().st_size
+    is_packed = file.read(2) == GZIP_MAGIC
+    file.seek(0)
+    with _unzipped(file, is_packed=is_packed) as stream:
         magic, version, n, degree, bits, flags, _ = _HEAD.unpack(_exactly(stream, _HEAD.size))
-        head = _checked(path, magic, _Head(version, n, degree, bits, bool(flags & _AA)))
-        if version > 3 or n * sum(head.widths.values()) > _MOST_RATIO * size:
+        head = _checked(path, magic, _Head(version, n, degree, bits, flags))
+        ratio = _MOST_RATIO if is_packed else 1
+        if version > 3 or n * sum(head.widths.values()) > ratio * size:
             raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
         out = room_for(n, 1 + head.n_rest, path.name)
         done = 0
         for name in head.widths:
             yield from _read_section(path, stream, head, name, (out, done))
             done += head.widths[name]
-    return head, out
+        records = stream.read(_MOST_EXTENSIONS) if head.has_extensions else b""
+    return head, out, records
 
 
-def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
+def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, bytes]]:
     size = path.stat().st_size
     magic, version, n, degree, bits, flags, n_streams, toc = _HEAD_4.unpack(
         _exactly(file, _HEAD_4.size)
     )
-    head = _checked(path, magic, _Head(version, n, degree, bits, bool(flags & _AA)))
+    head = _checked(path, magic, _Head(version, n, degree, bits, flags))
     widths = head.widths
     at = toc + n_streams * _SIZES.size
     if version < 4 or n_streams != len(widths) or toc < _HEAD_4.size or at > size:
         raise GagaError(f"{path.name} is damaged: its table does not fit. Export it again.")
+    n_records = min(toc - _HEAD_4.size, _MOST_EXTENSIONS) if head.has_extensions else 0
+    records = _exactly(file, n_records) if n_records else b""
     file.seek(toc)
     table = [_SIZES.unpack(_exactly(file, _SIZES.size)) for _ in widths]
     wanted = [n * width for width in widths.values()]
@@ -150,7 +197,7 @@ def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians]]:
         with zstandard.ZstdDecompressor().stream_reader(file, closefd=False) as stream:
             yield from _read_section(path, stream, head, name, (out, done))
         at, done = at + packed, done + widths[name]
-    return head, out
+    return head, out, records
 
 
 def _checked(path: Path, magic: bytes, head: _Head) -> _Head:
@@ -182,7 +229,7 @@ def _read_section(
 def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[_Head, Gaussians]) -> None:
     head, out = into
     if name == "means":
-        out.means[part] = _positions(raw, head) * _FLIP_XYZ
+        out.means[part] = _positions(raw, head)
     elif name == "opacities":
         out.logit_opacities[part] = logits_of_bytes(raw[:, 0])
     elif name == "colors":
@@ -190,10 +237,10 @@ def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[_Head, Gaussian
     elif name == "scales":
         out.log_scales[part] = raw / np.float32(16) - 10
     elif name == "quats":
-        out.quats[part] = (_quats(raw) if head.version >= 3 else _quats_xyz(raw)) * _FLIP_QUAT
+        out.quats[part] = _quats(raw) if head.version >= 3 else _quats_xyz(raw)
     else:
         sh = (raw.reshape(len(raw), -1, 3).astype(np.float32) - 128) / 128
-        out.sh[part, 1:] = sh * _FLIP_SH[: head.n_rest, None]
+        out.sh[part, 1:] = sh
 
 
 def _positions(raw: UInt8Array, head: _Head) -> FloatArray:
@@ -241,12 +288,14 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
     """Write an .spz file of version 3 (which most programs read) or 4, with progress.
 
     Positions get as many bits after the point as the scene's extent leaves, 16 at most; SH keep 5
-    bits in degree 1 and 4 above, as Niantic's writer does. Nothing is left when it fails.
+    bits in degree 1 and 4 above, as Niantic's writer does. The axes are ours, as other programs
+    write them, and an extension says so. Nothing is left when it fails.
     """
     if version not in (3, 4):
         raise ValueError(f"version: expected 3 or 4, got {version}")
     bits = fraction_bits(gaussians.means)
-    head = _Head(version, len(gaussians), gaussians.sh_degree, bits, gaussians.is_antialiased)
+    flags = _HAS_EXTENSIONS | (_AA if gaussians.is_antialiased else 0)
+    head = _Head(version, len(gaussians), gaussians.sh_degree, bits, flags)
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         if version == 3:
             with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, 0) as stream:
@@ -257,6 +306,7 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
                         yield _step(path, head, done, piece * CHUNK * width)
                         stream.write(raw)
                     done += width
+                stream.write(extension())
         else:
             yield from _write_4(path, file, gaussians, head)
     yield Progress("Write splats", head.n, head.n, path.name)
@@ -264,7 +314,9 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
 
 def _write_4(path: Path, file: BinaryIO, gaussians: Gaussians, head: _Head) -> Stage[None]:
     widths = head.widths
-    file.write(_HEAD_4.pack(MAGIC, 4, *_numbers(head), len(widths), _HEAD_4.size))
+    records = extension()
+    toc = _HEAD_4.size + len(records)
+    file.write(_HEAD_4.pack(MAGIC, 4, *_numbers(head), len(widths), toc) + records)
     file.write(bytes(_SIZES.size * len(widths)))  # the table, known at the end
     table, done = [], 0
     for name, width in widths.items():
@@ -277,12 +329,12 @@ def _write_4(path: Path, file: BinaryIO, gaussians: Gaussians, head: _Head) -> S
         stream.flush(zstandard.FLUSH_FRAME)  # not when cancelled: the frame would be too short
         table.append((file.tell() - start, head.n * width))
         done += width
-    file.seek(_HEAD_4.size)
+    file.seek(toc)
     file.write(b"".join(_SIZES.pack(*sizes) for sizes in table))
 
 
 def _numbers(head: _Head) -> tuple[int, int, int, int]:
-    return head.n, head.degree, head.fraction_bits, _AA if head.is_antialiased else 0
+    return head.n, head.degree, head.fraction_bits, head.flags
 
 
 def _step(path: Path, head: _Head, before: int, done: int) -> Progress:
@@ -306,7 +358,7 @@ def _packed(gaussians: Gaussians, head: _Head, name: str) -> Iterator[memoryview
 
 def _pack(gaussians: Gaussians, head: _Head, name: str, part: slice) -> AnyArray:
     if name == "means":
-        scaled = gaussians.means[part].astype(np.float64) * _FLIP_XYZ * (1 << head.fraction_bits)
+        scaled = gaussians.means[part].astype(np.float64) * (1 << head.fraction_bits)
         fixed = np.clip(np.rint(scaled), -(1 << 23), (1 << 23) - 1).astype("<i4")
         low: UInt8Array = fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3]  # of little-endian words
         return low
@@ -320,7 +372,7 @@ def _pack(gaussians: Gaussians, head: _Head, name: str, part: slice) -> AnyArray
         return _words(gaussians.quats[part])
     buckets = np.full((head.n_rest, 1), SH_BUCKETS[1])
     buckets[:3] = SH_BUCKETS[0]
-    sh = np.rint(gaussians.sh[part, 1:] * _FLIP_SH[: head.n_rest, None] * 128) + 128
+    sh = np.rint(gaussians.sh[part, 1:] * 128) + 128
     rounded = np.clip((sh + buckets // 2) // buckets * buckets, 0, 255)
     coded: UInt8Array = rounded.astype(np.uint8)
     return coded
@@ -328,7 +380,7 @@ def _pack(gaussians: Gaussians, head: _Head, name: str, part: slice) -> AnyArray
 
 def _words(quats: FloatArray) -> AnyArray:
     """Smallest-three words (N,) of quaternions wxyz."""
-    largest, three = three_of_quats(np.roll(unit_quats(quats) * _FLIP_QUAT, -1, axis=1))
+    largest, three = three_of_quats(np.roll(unit_quats(quats), -1, axis=1))
     size = np.clip(np.rint(np.abs(three) * (511 * np.sqrt(2))), 0, 511).astype(np.uint32)
     fields = size | ((three < 0).astype(np.uint32) << np.uint32(9))
     words = largest.astype(np.uint32) << np.uint32(30)

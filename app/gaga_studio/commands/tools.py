@@ -6,6 +6,7 @@ from gaga_studio.actions import align_ground, click_model, click_object
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import idle, no_corner, no_scene, nothing_pointed
 from gaga_studio.commands.base import Command, switch
+from gaga_studio.session import upright
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 
@@ -53,6 +54,7 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         enabled=no_scene,
         is_on=lambda session: session.tool is ToolName.GROUND,
     ),
+    Command(upright.COMMAND, "Turn upright", upright.turn, enabled=no_scene),
     switch("tool.snap", "Handles snap to steps", "snaps"),
     switch("tool.local_axes", "Handles along the object's own axes", "local_axes", "Shift+C"),
     Command(

@@ -24,6 +24,7 @@ class Notice:
 
     level: Level
     text: str
+    command: str = ""  # id of one that the notice offers
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
 
 
@@ -37,7 +38,7 @@ class NothingSelectedError(GagaError):
 class Notifier(Protocol):
     """Something that shows notices: the session."""
 
-    def notify(self, level: Level, text: str) -> None:
+    def notify(self, level: Level, text: str, command: str = "") -> None:
         """Tell the user one sentence."""
         ...
 

@@ -19,7 +19,7 @@ from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_core.scene.selection.picking import Pick, pick
-from gaga_studio.session import next_stage, saving, stages
+from gaga_studio.session import next_stage, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.hover import Hovering
@@ -73,9 +73,9 @@ class Session:
 
     # --- messages
 
-    def notify(self, level: Level, text: str) -> None:
-        """Tell the user one sentence."""
-        self.notices = (*self.notices, Notice(level, text))[-_MOST_NOTICES:]
+    def notify(self, level: Level, text: str, command: str = "") -> None:
+        """Tell the user one sentence, and offer the command with this id."""
+        self.notices = (*self.notices, Notice(level, text, command))[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
         """Answer the pending question."""
@@ -198,6 +198,7 @@ class Session:
         def opened(project: "Project | PhotoFind") -> None:
             if isinstance(project, Project):
                 self.take(project)
+                upright.opened(self)
             else:
                 self._forget()
                 self.photos = project

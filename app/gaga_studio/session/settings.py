@@ -17,6 +17,7 @@ from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
 _MOST_RECENT = 10
+_MOST_PATHS = {"recent": _MOST_RECENT, "upright": 100}  # in a setting
 PRESETS = ("robust", "paper")
 # What else than a number or a text of the right kind a setting must be.
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -38,6 +39,7 @@ class Settings:
     """Preferences, one line each; saved as JSON under the same names."""
 
     recent: tuple[str, ...] = ()  # paths, newest first
+    upright: tuple[str, ...] = ()  # paths of files that are turned when they are opened
     preset: _Preset = "robust"  # of the association
     fly_speed: float = 1.0  # 1 crosses the scene in about four seconds
     ui_scale: float = 1.0  # times what the screen asks for
@@ -121,8 +123,9 @@ def _checked(content: dict[str, object]) -> Settings:
     values: dict[str, object] = {}
     for item in fields(Settings):
         value = content.get(item.name)
-        if item.name == "recent" and isinstance(value, list):
-            value = [path for path in value if isinstance(path, str)][:_MOST_RECENT]
+        if item.name in _MOST_PATHS and isinstance(value, list):
+            paths_of = [path for path in value if isinstance(path, str)]
+            value = paths_of[: _MOST_PATHS[item.name]]
         if item.name in content and is_known(item.name, value):
             values[item.name] = msgspec.convert(value, _TYPES[item.name])
         if item.name in RANGES and item.name in values:

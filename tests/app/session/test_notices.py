@@ -10,7 +10,7 @@ class _Told:
     def __init__(self) -> None:
         self.notices: list[tuple[Level, str]] = []
 
-    def notify(self, level: Level, text: str) -> None:
+    def notify(self, level: Level, text: str, command: str = "") -> None:
         self.notices.append((level, text))
 
 

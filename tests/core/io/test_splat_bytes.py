@@ -15,6 +15,7 @@ from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splat_files import read_splats
+from gaga_core.io.spz import states_axes
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from tests.core.io.damage import one_sentence_or_result
@@ -35,7 +36,7 @@ def test_a_splat_record_is_read_as_its_author_wrote_it(tmp_path: Path) -> None:
 
 
 def spz_sections() -> bytes:
-    """One splat: at (1, -2, 0.5) up and back, half opaque, grey, SH of degree 1."""
+    """One splat: at (1, -2, 0.5), half opaque, grey, SH of degree 1."""
     fixed = b"".join(int(v * 4096).to_bytes(3, "little", signed=True) for v in (1, -2, 0.5))
     word = (3 << 30) | (511 << 20)  # w largest, x = sqrt(1/2), so w = x
     sh = bytes([128 + 64, 128, 128, 128, 128 + 32, 128, 128, 128, 128 - 16])
@@ -49,14 +50,16 @@ def spz_sections() -> bytes:
     )
 
 
-def check_spz(g: Gaussians) -> None:
-    np.testing.assert_allclose(g.means, [[1, 2, -0.5]])
+def check_spz(g: Gaussians, *, has_other_axes: bool = False) -> None:
+    """The splat of `spz_sections`, in our axes or in right, up, back."""
+    flip = np.array([1, -1, -1]) if has_other_axes else np.ones(3)
+    np.testing.assert_allclose(g.means, [[1, -2, 0.5]] * flip)
     np.testing.assert_allclose(g.log_scales, [[0, -10, -3]])
     np.testing.assert_allclose(g.opacities, [128 / 255], atol=1e-6)
     np.testing.assert_allclose(g.sh[0, 0, 2], 0.5 / 0.15, rtol=1e-6)
     np.testing.assert_allclose(g.quats, [[0.5**0.5, 0.5**0.5, 0, 0]], atol=1e-6)
-    expected = [[-0.5, 0, 0], [0, -0.25, 0], [0, 0, -0.125]]  # y and z turn their sign, x stays
-    np.testing.assert_allclose(g.sh[0, 1:], expected)
+    bands = flip[[1, 2, 0]]  # the basis functions of degree 1 are -y, z, -x
+    np.testing.assert_allclose(g.sh[0, 1:], np.diag([0.5, 0.25, -0.125]) * bands[:, None])
     assert g.is_antialiased
 
 
@@ -65,17 +68,34 @@ def test_spz_of_version_3_and_4_from_its_bytes(tmp_path: Path) -> None:
     head = struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 1, 12, 1, 0)
     path.write_bytes(gzip.compress(head + spz_sections()))
     check_spz(read_splats(path))
+    path.write_bytes(head + spz_sections())  # nor does it have to be packed
+    check_spz(read_splats(path))
+    assert not states_axes(path)
+    for number, other in ((4, True), (6, False), (0, True)):
+        record = struct.pack("<IIIII", 0x12340001, 0, 0xADBE0003, 4, number)
+        head = struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 1, 12, 1 | 2, 0)
+        for pack in (gzip.compress, bytes):
+            path.write_bytes(pack(head + spz_sections() + record))
+            assert states_axes(path)
+            check_spz(read_splats(path), has_other_axes=other)
+    path.write_bytes(head + spz_sections() + struct.pack("<III", 0xADBE0003, 4, 17))
+    with pytest.raises(GagaError, match="axes of an unknown kind"):
+        read_splats(path)
+    path.write_bytes(head + spz_sections() + struct.pack("<II", 0xADBE0003, 4))
+    with pytest.raises(GagaError, match="extensions do not fit"):
+        read_splats(path)
     raw, parts = spz_sections(), []
     for size in (9, 1, 3, 3, 4, 9):
         parts.append(raw[:size])
         raw = raw[size:]
     packed = [zstandard.ZstdCompressor().compress(part) for part in parts]
-    extension = struct.pack("<II", 0xADBE0002, 4) + bytes(4)
-    toc = 32 + len(extension)
-    head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, 1, 1, 12, 1 | 2, 6, toc)
     table = b"".join(struct.pack("<QQ", len(p), len(q)) for p, q in zip(packed, parts, strict=True))
-    path.write_bytes(head + extension + table + b"".join(packed))
-    check_spz(read_splats(path))
+    for axes, other in ((b"", False), (struct.pack("<III", 0xADBE0003, 4, 4), True)):
+        extension = struct.pack("<II", 0xADBE0002, 4) + bytes(4) + axes
+        toc = 32 + len(extension)
+        head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, 1, 1, 12, 1 | 2, 6, toc)
+        path.write_bytes(head + extension + table + b"".join(packed))
+        check_spz(read_splats(path), has_other_axes=other)
 
 
 def test_spz_of_version_2_has_three_bytes_a_rotation(tmp_path: Path) -> None:

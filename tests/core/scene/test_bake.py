@@ -14,7 +14,7 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake, bake_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.sh_rotation import sh_rotation
+from gaga_core.sh_rotation import sh_rotation
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
 from tests.scenes import orbit_cameras, random_gaussians
 

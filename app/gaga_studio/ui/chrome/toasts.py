@@ -8,13 +8,16 @@ from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_studio import commands
 from gaga_studio.session.notices import Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
 
 _SECONDS = {Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
+_OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _MOST = 4  # on screen at once; older ones wait below
 _SIGNS = {
     Level.INFO: (icons.SUCCESS, theme.GOOD),
@@ -40,17 +43,30 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     fresh = [
         notice
         for notice in session.notices
-        if id(notice) not in state.closed and now - notice.time < _SECONDS[notice.level]
+        if id(notice) not in state.closed and now - notice.time < _seconds(notice)
     ]
     state.closed &= {id(notice) for notice in session.notices}
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, area.top + em(0.7))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
-        at.y = _card(state, area, notice, slot, at) + em(0.4)
+        at.y = _card(session, state, area, notice, slot, at) + em(0.4)
 
 
-def _card(state: ToastState, area: PictureArea, notice: Notice, slot: int, corner: ImVec2) -> float:
+def _seconds(notice: Notice) -> float:
+    """How long a notice stays."""
+    seconds = _SECONDS[notice.level]
+    return max(seconds, _OFFER_SECONDS) if notice.command else seconds
+
+
+def _card(
+    session: Session,
+    state: ToastState,
+    area: PictureArea,
+    notice: Notice,
+    slot: int,
+    corner: ImVec2,
+) -> float:
     """One card whose upper right corner is ``corner``; returns its lower edge."""
     width = max(min(em(24), corner.x - area.left - em(0.7)), em(12))
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
@@ -79,6 +95,11 @@ def _card(state: ToastState, area: PictureArea, notice: Notice, slot: int, corne
     imgui.same_line(width - em(2.2))
     if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
         state.closed.add(id(notice))
+    if notice.command and id(notice) not in state.closed:
+        title = commands.command(notice.command).title
+        if widgets.button(title, Face(), why_not=commands.command(notice.command).enabled(session)):
+            commands.run(notice.command, session)
+            state.closed.add(id(notice))
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     imgui.end()
     imgui.pop_style_var(2)

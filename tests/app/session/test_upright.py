@@ -1,0 +1,75 @@
+"""Files that do not say how they stand: asked about once, turned from then on."""
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_studio.actions import history
+from gaga_studio.commands import run
+from gaga_studio.session import upright
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import load_settings
+from tests.scenes import random_gaussians
+
+
+@pytest.fixture
+def silent(tmp_path: Path) -> Path:
+    """An .spz without the extension, as other programs write it."""
+    path = tmp_path / "toy.spz"
+    write_splats(path, random_gaussians(60, seed=4), SplatFormat.SPZ)
+    data = bytearray(gzip.decompress(path.read_bytes())[:-12])
+    data[14] &= ~2  # the flag of the header
+    path.write_bytes(gzip.compress(bytes(data)))
+    return path
+
+
+def _opened(session: Session, path: Path) -> np.ndarray:
+    """Where the splats stand."""
+    session.open(path)
+    assert session.jobs.wait()
+    scene = session.scene
+    assert scene is not None, session.notices
+    matrices = scene.placements.matrix[scene.placement]
+    means = np.einsum("nij,nj->ni", matrices[:, :, :3], scene.gaussians.means)
+    result: np.ndarray = means + matrices[:, :, 3]
+    return result
+
+
+def test_a_turned_file_is_turned_when_it_is_opened_again(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    session = new_session()
+    before = _opened(session, silent)
+    assert session.notices[-1].command == upright.COMMAND
+    assert run(upright.COMMAND, session)
+    assert session.unsaved
+    assert load_settings()[0].upright == (str(silent),)
+    other = new_session()
+    other.settings = load_settings()[0]
+    again = _opened(other, silent)
+    np.testing.assert_allclose(again, before * [1, -1, -1], atol=1e-6)
+    assert not other.unsaved
+    assert not any(notice.command for notice in other.notices)
+    assert run(upright.COMMAND, other)  # back, and forgotten
+    assert load_settings()[0].upright == ()
+    history.undo(other)
+    history.undo(other)
+    third = new_session()
+    np.testing.assert_allclose(_opened(third, silent), before, atol=1e-6)
+
+
+def test_a_file_that_says_how_it_stands_is_not_asked_about(
+    new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    for form in (SplatFormat.SPZ, SplatFormat.PLY):
+        path = tmp_path / f"a{form.suffix}"
+        write_splats(path, random_gaussians(60, seed=4), form)
+        session = new_session()
+        _opened(session, path)
+        assert not any(notice.command for notice in session.notices)
+        assert run(upright.COMMAND, session)  # a scene can be turned all the same
+        assert session.settings.upright == ()
