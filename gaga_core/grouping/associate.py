@@ -13,6 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks
 from gaga_core.grouping.gated_views import DepthKind, GatedViews
+from gaga_core.grouping.hierarchy.given import levels_around_stage
 from gaga_core.grouping.hierarchy.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.memory_bank import (
     MemoryBank,
@@ -30,7 +31,12 @@ from gaga_core.grouping.robust.consensus import (
 from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
-from gaga_core.grouping.views import load_further, load_labels, views_with_masks
+from gaga_core.grouping.views import (
+    has_further,
+    load_further,
+    load_labels,
+    views_with_masks,
+)
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
@@ -216,7 +222,9 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     The memory bank is filled as in the paper, so that every mask has its decision in the log and a
     live observer sees groups from the first view on; then the consensus replaces the decisions.
     """
+    hierarchy = task.config.hierarchy if has_further(task.masks, task.views) else None
     n_parts = 5 + (task.config.order == "coverage") + task.config.fill_unseen
+    n_parts += hierarchy is not None
     parts = iter(range(task.config.order == "coverage", n_parts))
     # 1. The paper's bank, the views with the widest coverage first.
     order = yield from _ordered_views(task, n_parts)
@@ -247,7 +255,11 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
         group=np.where(labels > 0, labels, np.int32(-1)),
         n_groups=max(decided.n_groups, int(labels.max(initial=0))),
     )
-    return _association(task, bank, labels, votes.confidence)
+    # 6. What these groups consist of and are parts of, where masks contain each other.
+    if hierarchy is not None:
+        around = levels_around_stage(task.gated, bank, depths, hierarchy)
+        bank = yield from part(around, n_parts - 1, n_parts, STAGE)
+    return _association(task, bank, np.maximum(bank.group, 0), votes.confidence)
 
 
 def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Stage[Association]:
@@ -279,13 +291,16 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
 def _association(
     task: _Task, bank: MemoryBank, labels: IntArray, confidence: FloatArray
 ) -> Association:
+    hierarchy = task.config.hierarchy
     return Association(
         bank=bank,
         labels=labels,
         confidence=confidence,
         mask_groups=groups_of_masks(bank, task.names),
         views_per_group=views_per_group(bank),
-        notes=_notes(task),
+        notes=task.gated.notes(
+            task.n_cameras, wants_levels=hierarchy is not None and hierarchy.detail is not None
+        ),
     )
 
 
@@ -381,20 +396,3 @@ def _with_hidden(task: _Task, bank: MemoryBank, labels: IntArray) -> Stage[IntAr
     return fill_unseen(
         task.gaussians, task.views, task.masks, task.gated.bounds, groups, bank.n_groups, labels
     )
-
-
-def _notes(task: _Task) -> tuple[str, ...]:
-    n_views, resized, notes = len(task.views), task.gated.resized, []
-    hierarchy = task.config.hierarchy
-    if hierarchy is not None and hierarchy.detail is not None and not task.masks.are_regions:
-        notes.append("The masks come from a model and have no levels: the detail has no effect.")
-    if n_views < task.n_cameras:
-        notes.append(
-            f"{task.n_cameras - n_views} of {task.n_cameras} views have no masks and took no part."
-        )
-    if resized:
-        notes.append(
-            f"The masks of {len(resized)} of {n_views} views had another size than the view; "
-            "they were resized."
-        )
-    return tuple(notes)

@@ -16,7 +16,7 @@ from gaga_core.grouping.gate import (
     open_bounds,
 )
 from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.views import load_labels
+from gaga_core.grouping.views import has_further, load_labels
 from gaga_core.masks import MaskSet
 from gaga_core.raster.base import Rasterizer
 
@@ -87,3 +87,20 @@ class GatedViews:
         some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth)
         some.bounds, some.resized = self.bounds, self.resized
         return some
+
+    def notes(self, n_cameras: int, *, wants_levels: bool) -> tuple[str, ...]:
+        """Sentences for the user about the views, of ``n_cameras`` that there are."""
+        n_views, notes = len(self.views), []
+        has_levels = self.masks.are_regions or has_further(self.masks, self.views)
+        if wants_levels and not has_levels:
+            notes.append("These masks have no levels: the detail has no effect.")
+        if n_views < n_cameras:
+            notes.append(
+                f"{n_cameras - n_views} of {n_cameras} views have no masks and took no part."
+            )
+        if self.resized:
+            notes.append(
+                f"The masks of {len(self.resized)} of {n_views} views had another size than the "
+                "view; they were resized."
+            )
+        return tuple(notes)

@@ -38,7 +38,9 @@ class MemoryBank:
     preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are shares of splats
     # ("paper") or of points on the surfaces ("robust"), and a repair decides in the same way
 
-    levels: Levels | None = field(default=None, kw_only=True)  # of objects made without a model
+    levels: Levels | None = field(
+        default=None, kw_only=True
+    )  # of detail, where the masks give some
 
     @staticmethod
     def empty(n_gaussians: int, preset: Preset = "paper") -> "MemoryBank":

@@ -35,6 +35,11 @@ def load_further(masks: MaskSet, camera: Camera) -> list[IntArray]:
     return [ViewMasks.of(labels).labels for labels in fitting if labels.size]
 
 
+def has_further(masks: MaskSet, cameras: Sequence[Camera]) -> bool:
+    """Whether a view has label maps at other levels of detail."""
+    return any(len(masks.further.get(camera.name, tuple)()) > 0 for camera in cameras)
+
+
 def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:
     """Label map of a view at the camera's size, and whether it had to be resized (nearest)."""
     labels = masks.loaders[camera.name]()

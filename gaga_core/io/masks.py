@@ -175,7 +175,7 @@ def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = 
     loaders = {name: partial(read_labels, path) for name, path in files.items()}
     are_regions = _are_regions(folder)
     further = {name: partial(read_further_labels, path) for name, path in files.items()}
-    return MaskSet(loaders, str(folder), are_regions, further if are_regions else {})
+    return MaskSet(loaders, str(folder), are_regions, further)
 
 
 def _are_regions(folder: Path) -> bool:

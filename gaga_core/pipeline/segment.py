@@ -34,6 +34,7 @@ from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.segmentation.base import Picture, Provider, fingerprint_of
+from gaga_core.segmentation.model_provider import ModelProvider
 from gaga_core.segmentation.regions_provider import RegionsProvider
 
 STAGE = "Make masks"
@@ -244,7 +245,7 @@ def _label_maps(
         image = _shrunk(image, provider.work_width)
     depth = yield from cues.depth(camera, image.shape[1], image.shape[0])
     further: Sequence[IntArray] = ()
-    if isinstance(provider, RegionsProvider):
+    if isinstance(provider, RegionsProvider | ModelProvider):
         labels, *further = yield from provider.label_maps(Picture(image, depth))
     else:
         labels = yield from provider.label_map(Picture(image, depth))

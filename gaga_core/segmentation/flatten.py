@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.base import ScoredMasks
 
@@ -32,9 +32,33 @@ def flatten(scored: ScoredMasks, config: FlattenConfig | None = None) -> IntArra
     Masks are painted from the least to the most confident, so that the most confident lies on top;
     of equal ones the smaller. Raises ``GagaError`` when more masks stay than 16 bits hold.
     """
-    config = config or FlattenConfig()
     areas = scored.areas
-    order = np.lexsort((np.arange(len(scored)), areas, -scored.scores))  # the best first
+    best_first = np.lexsort((np.arange(len(scored)), areas, -scored.scores))
+    return _painted(scored, areas, best_first, config or FlattenConfig())
+
+
+def flatten_levels(
+    scored: ScoredMasks, config: FlattenConfig | None = None
+) -> tuple[IntArray, IntArray] | None:
+    """Label maps (H, W) int32 of wholes and of parts; None where no mask lies in another.
+
+    The largest masks lie on top in the first map, the smallest ones in the second: of masks that
+    contain each other (Segment Anything's whole, part and subpart) each pixel shows the outermost
+    and the innermost. Other rules are those of `flatten`.
+    """
+    config, areas = config or FlattenConfig(), scored.areas
+    ids = np.arange(len(scored))
+    small_first = np.lexsort((ids, -scored.scores, areas))
+    large_first = np.lexsort((ids, -scored.scores, -areas))
+    wholes = _painted(scored, areas, large_first, config)
+    parts = _painted(scored, areas, small_first, config)
+    return None if _is_same_partition(wholes, parts) else (wholes, parts)
+
+
+def _painted(
+    scored: ScoredMasks, areas: LongArray, order: LongArray, config: FlattenConfig
+) -> IntArray:
+    """Dense labels (H, W) of the masks, those that come first in ``order`` (M,) on top."""
     order = order[(scored.scores[order] >= config.min_score) & (areas[order] > 0)]
     painted = np.zeros((scored.height, scored.width), np.int32)
     for rank in range(len(order), 0, -1):
@@ -52,3 +76,10 @@ def flatten(scored: ScoredMasks, config: FlattenConfig | None = None) -> IntArra
     lookup[1:][stays] = np.arange(1, n_labels + 1)
     labels: IntArray = lookup[painted]
     return labels
+
+
+def _is_same_partition(one: IntArray, other: IntArray) -> bool:
+    """Whether two label maps (H, W) with dense ids differ in their ids alone."""
+    key = one.astype(np.int64) * (int(other.max(initial=0)) + 1) + other
+    n_pairs = len(np.unique(key))
+    return n_pairs == len(np.unique(one)) == len(np.unique(other))

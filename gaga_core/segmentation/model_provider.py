@@ -7,7 +7,7 @@ from functools import cached_property
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ModelCard, Picture, ScoredMasks, fingerprint_of
-from gaga_core.segmentation.flatten import FlattenConfig, flatten
+from gaga_core.segmentation.flatten import FlattenConfig, flatten, flatten_levels
 
 MaskMaker = Callable[[UInt8Array], Stage[ScoredMasks]]  # of a picture (H, W, 3) RGB
 
@@ -30,7 +30,12 @@ class ModelProvider:
 
     def label_map(self, picture: Picture) -> Stage[IntArray]:
         """Label map of a picture."""
-        return flatten((yield from self.masks(picture)), self.flatten)
+        return (yield from self.label_maps(picture))[0]
+
+    def label_maps(self, picture: Picture) -> Stage[tuple[IntArray, ...]]:
+        """The label map, and those of wholes and of parts where masks contain each other."""
+        scored = yield from self.masks(picture)
+        return flatten(scored, self.flatten), *(flatten_levels(scored, self.flatten) or ())
 
     def masks(self, picture: Picture) -> Stage[ScoredMasks]:
         """The scored masks before they are flattened, the best first."""

@@ -135,7 +135,7 @@ def not_one_object_with_levels(session: Session) -> str:
     reason = not_one_object(session)
     if reason or detail.levels_of(session) is not None:
         return reason
-    return "These objects have no levels of detail: those of regions have (Find objects)."
+    return "These objects have no levels of detail: those of regions and of Segment Anything have."
 
 
 def no_bank(session: Session) -> str:

@@ -5,11 +5,11 @@ members, so that large surfaces hold together (as in GASP, Bailoni et al., CVPR 
 """
 
 import heapq
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,34 @@ class SignedGraph:
         total = np.bincount(cell, (self.length * self.evidence)[apart], len(keys))
         size = np.bincount(cluster, self.size, n).astype(np.float64)
         return SignedGraph(size, keys // max(n, 1), keys % max(n, 1), length, total / length)
+
+    def only(self, chosen: BoolArray) -> "SignedGraph":
+        """The same nodes with some of the borders (B,)."""
+        return replace(
+            self,
+            first=self.first[chosen],
+            second=self.second[chosen],
+            length=self.length[chosen],
+            evidence=self.evidence[chosen],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """Clusters of samples, and what is known of their borders."""
+
+    cluster: LongArray  # (S,) dense ids from 0
+    graph: SignedGraph
+
+    def joined(self, least_evidence: float, least_size: float = 0.0) -> "Clusters":
+        """After all joins of at least this evidence, as the function `joined` makes them."""
+        joins = joined(self.graph, least_evidence, least_size)
+        return Clusters(joins[self.cluster], self.graph.contracted(joins))
+
+    def set_apart(self, outside: BoolArray) -> "Clusters":
+        """The same with no borders between some clusters (n,) and the others."""
+        inside = ~(outside[self.graph.first] | outside[self.graph.second])
+        return Clusters(self.cluster, self.graph.only(inside))
 
 
 def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -> LongArray:

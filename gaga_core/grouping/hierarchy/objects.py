@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.hierarchy.background import is_background
 from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_graph
-from gaga_core.grouping.hierarchy.linkage import SignedGraph, joined
+from gaga_core.grouping.hierarchy.linkage import Clusters, joined
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
 from gaga_core.grouping.hierarchy.surfels import LoadFurther, Surfels, sample_surfels
@@ -24,7 +24,7 @@ from gaga_core.progress import Progress, Stage, part
 
 STAGE = "Find objects"
 _STEPS = 5
-_LEAST_SURFELS = 32  # fewer show no surface
+LEAST_SURFELS = 32  # fewer show no surface
 _NEAREST = 3  # samples that a Gaussian takes its groups from
 _BOTH_NEAR = 2.0  # times the distance of the nearest sample at which two others may outvote it
 
@@ -48,7 +48,7 @@ class HierarchyConfig:
         steps = (self.pieces, *self.finer, self.objects, *self.coarser)
         if list(steps[1:]) != sorted(steps[1:], reverse=True):
             raise ValueError("finer, objects, coarser: evidence must descend")
-        if self.surfels < _LEAST_SURFELS or min(self.least_part, self.least_object) < 0:
+        if self.surfels < LEAST_SURFELS or min(self.least_part, self.least_object) < 0:
             raise ValueError("surfels, least_part and least_object: too small")
         if self.detail is not None and not 0 <= self.detail <= 1:
             raise ValueError(f"detail: {self.detail} is not between 0 and 1")
@@ -81,7 +81,7 @@ def objects_stage(
     """
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
-    if len(surfels.points) < _LEAST_SURFELS:
+    if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show next to none of the splats. Check poses and model.")
     rows = np.flatnonzero(finite(gaussians))
     tree = cKDTree(surfels.points)
@@ -127,10 +127,10 @@ def _nested_clusters(
     yield Progress(STAGE, 2, 4, "parts")
     shown = surfels.n_views / len(views)
 
-    def judged(cluster: LongArray) -> _Clusters:
+    def judged(cluster: LongArray) -> Clusters:
         graph = coarse_graph(surfels, near, plane, piece, agreement, cluster)
         size = np.bincount(cluster, shown).astype(np.float64)
-        return _Clusters(cluster, replace(graph, size=size))
+        return Clusters(cluster, replace(graph, size=size))
 
     fine = fine_graph(surfels, near, piece, agreement)
     now = judged(joined(fine, config.pieces)[piece])
@@ -154,30 +154,6 @@ def _nested_clusters(
         fine_to_coarse.append(now.cluster)
     levels = np.stack(fine_to_coarse[::-1])
     return np.where(background, levels.max() + 1, levels), background
-
-
-@dataclass(frozen=True, eq=False)
-class _Clusters:
-    """Clusters of samples, and what is known of their borders."""
-
-    cluster: LongArray  # (S,) dense ids from 0
-    graph: SignedGraph
-
-    def joined(self, least_evidence: float, least_size: float = 0.0) -> "_Clusters":
-        joins = joined(self.graph, least_evidence, least_size)
-        return _Clusters(joins[self.cluster], self.graph.contracted(joins))
-
-    def set_apart(self, outside: BoolArray) -> "_Clusters":
-        """The same with no borders between some clusters (n,) and the others."""
-        inside = ~(outside[self.graph.first] | outside[self.graph.second])
-        graph = replace(
-            self.graph,
-            first=self.graph.first[inside],
-            second=self.graph.second[inside],
-            length=self.graph.length[inside],
-            evidence=self.graph.evidence[inside],
-        )
-        return _Clusters(self.cluster, graph)
 
 
 def _carriers(distance: DoubleArray, samples: LongArray, groups: IntArray) -> LongArray:

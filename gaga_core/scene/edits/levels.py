@@ -71,7 +71,8 @@ def join_here(scene: Scene, group: int, title: str = "Join here") -> Edit | None
 def _levels(scene: Scene) -> Levels:
     if scene.bank is None or scene.bank.levels is None:
         raise GagaError(
-            "These objects have no levels of detail. Use Find objects with masks of regions."
+            "These objects have no levels of detail. Use Find objects with masks of regions, or of "
+            "Segment Anything."
         )
     return scene.bank.levels
 

@@ -62,3 +62,25 @@ def test_levels_of_other_gaussians_are_refused() -> None:
     arrays = bank_arrays(MemoryBank(levels.labels[1], 4, preset="robust", levels=levels))
     with pytest.raises(ValueError, match="levels"):
         bank_of(arrays | {"levels": levels.labels[:, 1:]})
+
+
+def test_levels_around_groups_keep_their_ids() -> None:
+    """Also ids with gaps, and those of a level that was chosen: the largest names what joins."""
+    rng = np.random.default_rng(1)
+    fine = rng.integers(0, 24, 500)
+    nested = np.stack([fine // 12, fine // 6, fine // 2, fine]) + 5
+    labels = np.array([9, 2, 5, 4], np.int32)[fine // 6]
+    nested[:, :20], labels[:20] = -1, 0
+    levels = Levels.around(nested, labels, 1)
+    assert np.array_equal(levels.labels[1], labels)
+    for coarse, finer in pairwise(levels.labels):
+        for group in np.unique(finer):
+            assert len(np.unique(coarse[finer == group])) == 1
+        for group in np.unique(coarse):
+            parts, sizes = np.unique(finer[coarse == group], return_counts=True)
+            assert group in parts[sizes == sizes.max()]
+    assert [len(np.unique(level[level > 0])) for level in levels.labels] == [2, 4, 12, 24]
+    with pytest.raises(ValueError, match="does not refine"):
+        Levels.around(np.array([[0, 1, 0], [0, 0, 1]]), np.array([1, 1, 2], np.int32), 1)
+    with pytest.raises(ValueError, match="does not refine"):
+        Levels.around(np.array([[0, 0, 1], [0, 1, 1]]), np.array([1, 1, 2], np.int32), 0)

@@ -7,7 +7,7 @@ from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.segmentation import flatten as module
 from gaga_core.segmentation.base import ScoredMasks, scored_masks
-from gaga_core.segmentation.flatten import FlattenConfig, flatten
+from gaga_core.segmentation.flatten import FlattenConfig, flatten, flatten_levels
 
 
 def _random(seed: int, n: int = 24) -> tuple[BoolArray, FloatArray]:
@@ -70,6 +70,32 @@ def test_a_mask_hidden_but_for_a_tenth_is_dropped_and_leaves_none() -> None:
     assert (labels[0] == 0).all()
     assert (labels[1:] == 1).all()
     assert flatten(scored, FlattenConfig(min_visible=0.09)).max() == 2
+
+
+def test_levels_show_the_outermost_and_the_innermost_mask() -> None:
+    """Whole, part and subpart of one thing, and another thing next to it."""
+    masks = np.zeros((4, 12, 12), bool)
+    masks[0, :8] = True
+    masks[1, 2:8] = True
+    masks[2, 4:6, :6] = True
+    masks[3, 9:] = True
+    scored = scored_masks(masks, [0.6, 0.9, 0.7, 0.8], 12, 12)
+    found = flatten_levels(scored, FlattenConfig(min_visible=0))
+    assert found is not None
+    wholes, parts = found
+    assert len(np.unique(wholes[:8])) == 1
+    assert len(np.unique(parts[:8])) == 3
+    for region in (masks[2], masks[1] & ~masks[2], masks[0] & ~masks[1], masks[3]):
+        assert len(np.unique(parts[region])) == 1
+    assert not (wholes[8] | parts[8]).any()
+    assert wholes[9:].min() > 0
+
+
+def test_masks_side_by_side_have_no_levels() -> None:
+    masks = np.eye(16, dtype=bool).reshape(16, 4, 4)
+    assert (
+        flatten_levels(scored_masks(masks, np.linspace(0.5, 1, 16, dtype=np.float32), 4, 4)) is None
+    )
 
 
 def test_nothing_is_a_map_of_zeros() -> None:

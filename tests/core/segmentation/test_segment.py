@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.images import write_rgb
@@ -16,10 +17,12 @@ from gaga_core.io.masks import mask_folder, read_further_labels, read_labels, wr
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.pipeline.segment import SegmentConfig, segment_scene
-from gaga_core.progress import Progress, run_stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
+from gaga_core.segmentation.base import ModelCard, ScoredMasks, scored_masks
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
 from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.model_provider import ModelProvider
 from gaga_core.segmentation.regions import RegionsConfig
 from gaga_core.segmentation.regions_provider import RegionsProvider
 from gaga_core.segmentation.settings import GeneratorConfig
@@ -107,6 +110,24 @@ def test_regions_are_written_at_several_levels_of_detail(folder: SceneFolder) ->
     run_stage(segment_scene(folder, RegionsProvider(config)))  # back from the cache
     assert len(read_further_labels(path)) == 3
     assert mask_folder(report.folder, folder.train).further[folder.train[0]]()[2].max() > 1
+
+
+def test_masks_of_a_model_that_contain_each_other_are_written_as_wholes_and_parts(
+    folder: SceneFolder,
+) -> None:
+    def make(image: UInt8Array) -> Stage[ScoredMasks]:
+        yield Progress("Segment", 0, 1, "")
+        masks = np.zeros((2, *image.shape[:2]), bool)
+        masks[0], masks[1, 30:60, 40:80] = True, True
+        return scored_masks(masks, [0.9, 0.8], *image.shape[:2])
+
+    provider = ModelProvider("nested", ModelCard("nested"), "0", lambda: make, FlattenConfig())
+    report = run_stage(segment_scene(folder, provider))
+    masks = mask_folder(report.folder, folder.train)
+    flat = masks.loaders[folder.train[0]]()
+    wholes, parts = masks.further[folder.train[0]]()
+    assert not masks.are_regions
+    assert [len(np.unique(labels)) for labels in (flat, wholes, parts)] == [1, 1, 2]
 
 
 def test_a_changed_photo_is_made_anew(folder: SceneFolder) -> None:

@@ -165,6 +165,37 @@ def test_masks_of_a_model_are_not_touched(scene: Synthetic) -> None:
     assert with_hierarchy.bank.levels is None
 
 
+def test_masks_of_a_model_that_contain_each_other_give_levels_around_its_groups(
+    scene: Synthetic,
+) -> None:
+    """Balls, their halves by a plane, and pairs of balls: groups stay as they are without them."""
+    engine, means = choose("cpu"), scene.gaussians.means
+    ball = scene.labels > 0
+    middle = np.array([means[scene.labels == k, 0].mean() for k in range(_BALLS + 1)])
+    halves = np.where(ball, 2 * scene.labels + (means[:, 0] > middle[scene.labels]), 1)
+
+    def maps(labels: IntArray) -> dict[str, IntArray]:
+        labels = labels.astype(np.int32)
+        return {
+            camera.name: engine.label_splat(scene.gaussians, camera, labels).labels
+            for camera in scene.cameras
+        }
+
+    whole, parts = maps(scene.labels + 1), maps(halves)
+    further = {name: [parts[name]] * 6 for name in whole}
+    alone = _found(scene.gaussians, scene.cameras, whole, are_regions=False)
+    found = _found(scene.gaussians, scene.cameras, whole, are_regions=False, further=further)
+    levels = found.bank.levels
+    assert levels is not None
+    assert np.array_equal(found.labels, alone.labels)
+    assert np.array_equal(levels.labels[levels.chosen], alone.labels)
+    assert len(np.unique(levels.labels[-1])) > len(np.unique(alone.labels))
+    fine = HierarchyConfig(detail=1.0)
+    chosen = _found(scene.gaussians, scene.cameras, whole, fine, are_regions=False, further=further)
+    assert np.array_equal(chosen.labels, levels.labels[-1])
+    assert not chosen.notes
+
+
 def test_levels_are_nested_and_the_chosen_one_is_the_banks(found: Association) -> None:
     levels = found.bank.levels
     assert levels is not None
