@@ -5,7 +5,6 @@ the same. A description that is still true stays as it is when other groups come
 """
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,6 +21,8 @@ from gaga_core.scene.scene import Scene
 _LARGE, _SMALL = 2.2, 0.45  # sizes against the median of the objects
 _LEADS = 0.25  # share of the foremost color below which a thing of many hues is "colorful"
 _HUE, _MANY_HUES = 0.09, 4  # share of a hue that counts, and how many of them are many
+_WHITE = 0.27  # of the grey: so much white, and the grey is its shade
+_BESIDES_GREY = 0.4  # of the grey: so much of a hue tells more, as on a can with a label
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
 _STILL_SIDE = 0.5  # the same for words that were given before
 _FEWEST_PLACED = 4  # objects in the view from which on there are sides
@@ -36,7 +37,7 @@ class _Said:
 
     what: str  # "red box, large"
     place: str  # "behind"; "" = nowhere in particular
-    sides: frozenset[str]  # places that are not wrong
+    sides: Mapping[str, float]  # places that are not wrong, and how many are farther there, 0..1
 
     def at(self, place: str) -> str:
         """The words with a place."""
@@ -71,13 +72,25 @@ def describe_groups(
         if group in said and said[group].fits(text) and text not in used:
             found[group] = text
             used.add(text)
-    alike = Counter(one.what for one in said.values())
+    alike: dict[str, list[_Said]] = {}
+    for one in said.values():
+        alike.setdefault(one.what, []).append(one)
     for group, one in said.items():
         if group not in found:
-            text = one.at(one.place) if one.place and alike[one.what] > 1 else one.what
-            found[group] = _unique(text, used)
+            found[group] = _unique(_told_apart(one, alike[one.what], used), used)
             used.add(found[group])
     return dict(sorted(found.items()))
+
+
+def _told_apart(one: _Said, alike: Sequence[_Said], used: set[str]) -> str:
+    """Words with the place where no other of those that are ``alike`` (it among them) is farther
+    out; without such a place, with the one where it is."""
+    if len(alike) == 1 or not one.sides:
+        return one.what
+    first = [s for s in one.sides if all(one.sides[s] <= o.sides.get(s, 1.0) for o in alike)]
+    places = [one.place] * bool(one.place) + sorted(first, key=one.sides.__getitem__)
+    free = (text for text in map(one.at, places) if text not in used)
+    return next(free, one.at(one.place) if one.place else one.what)
 
 
 def _unique(text: str, used: set[str]) -> str:
@@ -98,14 +111,16 @@ def _said(scene: Scene, facts: GroupFacts, cameras: Sequence[Camera]) -> list[_S
         color = _color(facts, row)
         if not objects[row]:
             what = _support(facts, row) if facts.ids[row] > 0 else "rest"
-            said.append(_Said(f"{color} {what}", "", frozenset()))
+            said.append(_Said(f"{color} {what}", "", {}))
             continue
+        if color == "grey":
+            color = _besides_grey(facts, row)
         size = facts.size[row] / max(median, 1e-12)
         word = ", large" if size > _LARGE else ", small" if size < _SMALL else ""
         ends = places[row]
         side = min(ends, key=lambda name: ends[name], default="")
         place = side if side and ends[side] < _SIDE else ""
-        sides = frozenset(name for name, rank in ends.items() if rank < _STILL_SIDE)
+        sides = {name: rank for name, rank in ends.items() if rank < _STILL_SIDE}
         said.append(_Said(f"{color} {_NOUNS[shapes[row]]}{word}", place, sides))
     return said
 
@@ -118,6 +133,16 @@ def _color(facts: GroupFacts, row: int) -> str:
     if share[best] < _LEADS and sum(hue > _HUE for hue in hues) >= _MANY_HUES:
         return "colorful"
     return NAMES[best]
+
+
+def _besides_grey(facts: GroupFacts, row: int) -> str:
+    """What people call a thing that is grey for the most part: "white" in shade, or the hue that
+    tells more of it; else "grey"."""
+    share = dict(zip(NAMES, facts.colors[row].tolist(), strict=True))
+    if share["white"] > _WHITE * share["grey"]:
+        return "white"
+    hue = max(HUES, key=share.__getitem__)
+    return hue if share[hue] > _BESIDES_GREY * share["grey"] else "grey"
 
 
 def _support(facts: GroupFacts, row: int) -> str:

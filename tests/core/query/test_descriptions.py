@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from gaga_core.color import dc_from_rgb
 from gaga_core.query.descriptions import describe_groups
 from gaga_core.query.group_facts import group_facts
 from gaga_core.query.shapes import shapes_of
@@ -53,6 +54,31 @@ def test_a_place_tells_apart_what_would_be_called_the_same() -> None:
     words = described(shells(row))
     assert words[1] == "red box on the left"
     assert words[4] == "red box on the right"
+
+
+@pytest.mark.parametrize(
+    ("part", "share", "word"),
+    [("f4f4f4", 0.3, "white"), ("f4f4f4", 0.05, "grey"), ("c81414", 0.4, "red"),
+     ("c81414", 0.1, "grey")],
+)  # fmt: skip
+def test_white_in_shade_is_white_and_a_label_tells_more_than_its_can(
+    part: str, share: float, word: str
+) -> None:
+    """Of a grey thing a share has another color."""
+    scene = shells([((0, 0, 0), (0.2,) * 3, "a0a0a0"), *TABLE[2:]])
+    own = np.flatnonzero(scene.labels == 1)
+    rgb = np.array([int(part[i : i + 2], 16) / 255 for i in (0, 2, 4)])
+    scene.gaussians.sh[own[: round(share * len(own))], 0] = dc_from_rgb(rgb)
+    assert described(scene)[1].split()[0] == word
+
+
+def test_of_two_alike_each_has_the_place_where_it_is_farther_out() -> None:
+    """Both are on the left; one of them in front."""
+    centres = ((-1.2, 0.4, 0), (-1.0, -0.6, 0))
+    things: Boxes = [((x, y, z), (0.2,) * 3, "c81414") for x, y, z in centres]
+    others: Boxes = [((0.3 * k, 0.1 * k, 0), (0.2,) * 3, "1e50c8") for k in range(6)]
+    words = described(shells([*things, *others]))
+    assert {words[1], words[2]} == {"red box on the left", "red box in front"}
 
 
 def test_words_are_unique_and_never_those_of_a_name(table: Scene) -> None:
