@@ -44,7 +44,7 @@ def figures() -> list[Figure]:
 
 
 def _figures(title: str, subsets: list[Subset], bar: str) -> list[Figure]:
-    """The median over ``subsets``."""
+    """The mean over ``subsets``, and how far they are apart."""
     config = replace(TrainConfig.of("draft"), iterations=_ITERATIONS, longest_side=_SIDE)
     config = replace(config.with_cap(_MOST_SPLATS), measure_every=1.0)
     rows = []
@@ -57,10 +57,14 @@ def _figures(title: str, subsets: list[Subset], bar: str) -> list[Figure]:
         assert quality is not None
         worst = min(view.psnr for view in quality.views)
         rows.append((quality.psnr, worst, quality.ssim, time.process_time() - start))
-    psnr, worst, ssim, seconds = (float(column) for column in np.median(rows, axis=0))
-    return [
+    psnr, worst, ssim, seconds = (float(column) for column in np.mean(rows, axis=0))
+    found = [
         Figure(f"{title}: held-out PSNR", psnr, "dB", bar),
         Figure(f"{title}: worst view", worst, "dB"),
         Figure(f"{title}: held-out SSIM", ssim, ""),
         Figure(f"{title}: CPU time", seconds, "s"),
     ]
+    if len(rows) > 1:
+        spread = float(np.std([row[0] for row in rows], ddof=1))
+        found.append(Figure(f"{title}: spread of held-out PSNR", spread, "dB"))
+    return found

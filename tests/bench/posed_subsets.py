@@ -22,6 +22,7 @@ from gaga_core.reconstruct.views import TrainView, TrainViews, read_view
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _DISTORTED = ("fox", "sceaux")  # scenes whose photos are straightened first
+_WHOLE_SIDE = 800  # pixels of photos in which points of whole sets are looked for
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL to those of OpenCV
 
 
@@ -62,7 +63,7 @@ def draw_whole(name: str, longest_side: int) -> Subset:
     if len(model.points):
         points, colors = model.points, model.point_colors
     else:
-        points, colors = _triangulated(f"{name}-whole", folder, train)
+        points, colors = _triangulated(f"{name}-whole", folder, train, _WHOLE_SIDE)
     views = [read_view(c, folder / "images" / c.name, longest_side) for c in model.cameras]
     parts = [tuple(v for i, v in enumerate(views) if (i % 8 == 0) == held) for held in (0, 1)]
     return Subset(TrainViews(*parts), points, colors)
@@ -118,12 +119,15 @@ def _posed(
     return model
 
 
-def _triangulated(key: str, folder: Path, cameras: list[Camera]) -> tuple[DoubleArray, UInt8Array]:
-    """Points that at least two of the ``cameras`` see, found by matching their photos."""
+def _triangulated(
+    key: str, folder: Path, cameras: list[Camera], largest: int = -1
+) -> tuple[DoubleArray, UInt8Array]:
+    """Points that at least two of the ``cameras`` see, found by matching their photos, shrunk to
+    ``largest`` pixels (-1: as they are)."""
     file = _cache() / f"{key}.npz"
     if not file.is_file():
         with tempfile.TemporaryDirectory() as work:
-            model = _triangulate(Path(work), folder / "images", cameras)
+            model = _triangulate(Path(work), folder / "images", cameras, largest)
         found = list(model.points3D.values())
         np.savez(
             file,
@@ -134,7 +138,9 @@ def _triangulated(key: str, folder: Path, cameras: list[Camera]) -> tuple[Double
         return arrays["points"], arrays["colors"]
 
 
-def _triangulate(work: Path, images: Path, cameras: list[Camera]) -> pycolmap.Reconstruction:
+def _triangulate(
+    work: Path, images: Path, cameras: list[Camera], largest: int
+) -> pycolmap.Reconstruction:
     first, database, cpu = cameras[0], work / "database.db", pycolmap.Device.cpu
     K = first.K
     reader = pycolmap.ImageReaderOptions()
@@ -142,6 +148,7 @@ def _triangulate(work: Path, images: Path, cameras: list[Camera]) -> pycolmap.Re
     reader.camera_params = f"{K[0, 0]},{K[1, 1]},{K[0, 2]},{K[1, 2]}"
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.use_gpu = False
+    extraction.max_image_size = largest
     pycolmap.extract_features(
         database,
         images,
