@@ -1,6 +1,6 @@
 """Commands over a scene folder: the stages of the method, and their scores."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -225,6 +225,8 @@ class CompareCommand:
     ablations: bool = False
     """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
     depth, order of the views."""
+    lifting_iterations: int = 10_000
+    """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
     json: bool = False
     """Print the table as JSON."""
 
@@ -238,9 +240,10 @@ class CompareCommand:
         if self.variants and self.ablations:
             raise GagaError("--variants and --ablations both say which rows. Choose one.")
         rows = tuple(ABLATIONS) if self.ablations else self.variants
-        config = CompareConfig(seeds=self.seeds)
+        steps = self.lifting_iterations
+        config = CompareConfig(seeds=self.seeds, lifting_iterations=steps)
         if rows:
-            config = CompareConfig(variants=rows, sparse=(), seeds=self.seeds)
+            config = replace(config, variants=rows, sparse=())
         stage = compare_variants(folder, self.gt, self.masks, config)
         out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
         return 0

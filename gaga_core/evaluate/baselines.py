@@ -17,6 +17,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import associated_labels, vote_labels
+from gaga_core.identity.lifting import LiftingConfig, lift_by_assignment
 from gaga_core.masks import Loader, MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
@@ -61,12 +62,12 @@ def no_association(inputs: Inputs) -> Stage[MaskGroups]:
     return MaskGroups(groups, n_groups)
 
 
-def linear_assignment(inputs: Inputs) -> Stage[MaskGroups]:
-    """One-to-one assignment between consecutive views, by the Gaussians that masks share.
+def chained_3d_iou(inputs: Inputs) -> Stage[MaskGroups]:
+    """One-to-one pairs of masks of consecutive views, by the Gaussians that they share.
 
     The masks of a view, as sets of Gaussians behind the paper's depth gate, are paired with those
-    of the view before so that the summed IoU is greatest (the assignment of Panoptic Lifting,
-    Siddiqui et al., CVPR 2023); a mask without a partner opens a group. Older views are forgotten.
+    of the view before so that the summed IoU is greatest; a mask without a partner opens a group.
+    Older views are forgotten. A baseline of ours: the paper's linear assignment is `lifting`.
     """
 
     def regions(camera: Camera, masks: ViewMasks) -> IntArray:
@@ -75,7 +76,21 @@ def linear_assignment(inputs: Inputs) -> Stage[MaskGroups]:
         bounds = depth_bounds(masks, frame.expected_depth, frame.alpha, GateConfig())
         return gaussians_of_masks(inputs.gaussians.means, camera, masks, bounds)
 
-    return (yield from _chained("Linear assignment", inputs, regions, 0.0))
+    return (yield from _chained("Chain 3D IoU", inputs, regions, 0.0))
+
+
+def lifting(inputs: Inputs, iterations: int) -> Stage[IntArray]:
+    """Linear assignment as Panoptic Lifting does it, inside the training of identities: labels (N,)
+    by the classifier (`gaga_core.identity.lifting`)."""
+
+    def label_map(camera: Camera) -> IntArray:
+        return load_labels(inputs.masks, camera)[0]
+
+    config = LiftingConfig(iterations=iterations)
+    found = yield from lift_by_assignment(
+        inputs.gaussians, inputs.views, label_map, inputs.rasterizer, config
+    )
+    return found.labels
 
 
 def overlap_tracker(inputs: Inputs) -> Stage[MaskGroups]:

@@ -32,7 +32,8 @@ TITLES: Mapping[str, str] = {
     "paper": "paper",
     "all-gaussians": "memory bank, all Gaussians",
     "tracker": "overlap tracker",
-    "linear": "linear assignment",
+    "chained": "chained 3D IoU",
+    "lifting": "linear assignment (Panoptic Lifting)",
     "none": "no association",
     "per-frame": "masks of each test view, matched (upper bound)",
     "true-masks": "same masks, true association (upper bound)",
@@ -71,6 +72,7 @@ class CompareConfig:
     sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
     shares: tuple[float, ...] = SHARES  # of the train views
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
+    lifting_iterations: int = 10_000  # of variant "lifting", as identities are trained
 
     def __post_init__(self) -> None:
         unknown = [v for v in (*self.variants, *self.sparse) if v not in _TITLES]
@@ -97,6 +99,7 @@ class _Task:
     masks: MaskSet  # of train and scored views
     truth: MaskSet
     rasterizer: Rasterizer
+    lifting_iterations: int = 10_000
 
 
 def compare_variants(
@@ -119,7 +122,10 @@ def compare_variants(
     config = config or CompareConfig()
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    task = _task_of(folder, gt, masks, gaussians, rasterizer or choose())
+    task = replace(
+        _task_of(folder, gt, masks, gaussians, rasterizer or choose()),
+        lifting_iterations=config.lifting_iterations,
+    )
     runs = [run for run in config.runs() if _can_run(task, run[0])]
     rows = []
     for i, (variant, share, seed) in enumerate(runs):
@@ -198,9 +204,11 @@ def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[In
         return result.labels
     masks = baselines.true_maps(task.truth) if variant == "true-maps" else task.masks
     inputs = Inputs.of(task.gaussians, cameras, masks, task.rasterizer)
+    if variant == "lifting":
+        return (yield from baselines.lifting(inputs, task.lifting_iterations))
     stages: Mapping[str, Callable[[], Stage[MaskGroups]]] = {
         "none": lambda: baselines.no_association(inputs),
-        "linear": lambda: baselines.linear_assignment(inputs),
+        "chained": lambda: baselines.chained_3d_iou(inputs),
         "tracker": lambda: baselines.overlap_tracker(inputs),
         "true-masks": lambda: baselines.true_masks(inputs, task.truth),
         "true-maps": lambda: baselines.true_masks(inputs, task.truth),
