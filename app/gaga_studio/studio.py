@@ -13,7 +13,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats
+from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats, split_view
 from gaga_studio.actions import camera_path as camera_path_actions
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
@@ -68,6 +68,8 @@ class Studio:
         self.ui = UiState(FilePicker(use_native=has_native()))
         self._requests = request_table(self.ui)
         self.viewport: Viewport | None = None
+        self.left: Viewport | None = None  # of a split view whose left side is drawn, too
+        self._view = self.session.view  # that the picture was drawn with
         self.images: ImageStore | None = None
         self._ctx: moderngl.Context | None = None
         self._first: tuple[Path | None, bool] = (path, demo)
@@ -81,7 +83,7 @@ class Studio:
         self._masks: object = None
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self.never_idle = False  # tests want every frame at once
-        self.picture = ViewportPanel(self._render, window.physical_keys)
+        self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
         options = replace(options or remembered, ui_scale=self.session.settings.ui_scale)
         listed = panels(self.session, self.ui, self.picture)
@@ -145,6 +147,7 @@ class Studio:
         self.session.images = None
         if self.images is not None:
             self.images.release()
+        self._release_left()
         if self.viewport is not None:
             self.viewport.release()
         self.viewport = self.images = None
@@ -184,6 +187,8 @@ class Studio:
             self._masks = self.session.masks
             if self.images is not None:
                 self.images.clear()
+        if split_view.left_drawn(self.session, self.session.view) is None:
+            self._release_left()
         title = self.session.title
         self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
         if self.session.should_quit:
@@ -270,6 +275,8 @@ class Studio:
         view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
         if cleanup.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
+        self._view = view
+        view = split_view.right_view(session, view)
         before, start = self.viewport.n_draws, time.perf_counter()
         frame_s = _PART_S if self.viewport.is_software else 0.0
         texture = self.viewport.draw(
@@ -285,6 +292,29 @@ class Studio:
             whole_s = self.viewport.slices.seconds if frame_s else time.perf_counter() - start
             self._pacing.drew(whole_s * 1000)
         return texture
+
+    def _render_left(self, camera: Camera) -> int:
+        """The left side of a split view; 0 when it is no drawing of splats."""
+        found = split_view.left_drawn(self.session, self._view)
+        if found is None or self._ctx is None:
+            return 0
+        if self.left is None:
+            self.left = Viewport(self._ctx)
+        scene, view, labels = found
+        scale = imgui.get_io().display_framebuffer_scale.x
+        return self.left.draw(
+            scene,
+            camera,
+            view,
+            Overlays(labels=labels, pixel_scale=scale),
+            frame_s=_PART_S if self.left.is_software else 0.0,
+            is_draft=not self._pacing.is_settled,
+        )
+
+    def _release_left(self) -> None:
+        if self.left is not None:
+            self.left.release()
+            self.left = None
 
     def _paint(self, camera: Camera, view: ViewState) -> UInt8Array:
         """A picture for a film or a file, at full quality."""
@@ -324,6 +354,7 @@ class Studio:
 
     def _is_moving(self) -> bool:
         is_drawn = self.viewport is None or (self.viewport.settled and self._pacing.is_settled)
+        is_drawn &= self.left is None or self.left.settled
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
         is_driven |= bank_timeline.timeline_of(self.session).is_playing

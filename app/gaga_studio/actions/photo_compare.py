@@ -31,13 +31,13 @@ def set_mode(session: Session, mode: PhotoCompareMode) -> None:
     view = session.view
     view.compare = PhotoCompareMode.OFF if view.compare is mode else mode
     if view.compare is not PhotoCompareMode.OFF and compared(session) is None:
-        _go(session)
+        go_to_a_photo(session)
 
 
 def hold(session: Session) -> None:
     """Lay the photo over the picture until the keys are released."""
     if compared(session) is None:
-        _go(session)
+        go_to_a_photo(session)
     session.view.holds_photo = True
 
 
@@ -104,7 +104,7 @@ def _heat(amount: FloatArray) -> UInt8Array:
     return np.stack([np.interp(t, at, stops[:, c]) for c in range(3)], axis=2).astype(np.uint8)
 
 
-def _go(session: Session) -> None:
+def go_to_a_photo(session: Session) -> None:
     """Go to the active photo, or the nearest one, at once."""
     index = session.active_view
     if index is None:

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from gaga_studio.actions import bookmarks, camera_path, photo_compare
+from gaga_studio.actions import bookmarks, camera_path, photo_compare, split_view
 from gaga_studio.commands.availability import (
+    busy,
     no_keyframe,
     no_path,
     no_photos,
@@ -14,7 +15,7 @@ from gaga_studio.commands.availability import (
 from gaga_studio.commands.base import Command, Reason, ask, switch
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import PhotoCompareMode
+from gaga_studio.session.view_state import PhotoCompareMode, Side
 
 _SLOWEST, _FASTEST = 0.1, 5.0  # of the preferences' slider
 RECALL = tuple(f"camera.bookmark_{key}" for key in bookmarks.KEYS)
@@ -42,6 +43,24 @@ def _compare(mode: PhotoCompareMode, name: str, title: str) -> Command:
         enabled=no_photos,
         is_on=lambda session: session.view.compare is mode,
     )
+
+
+def _split(name: str, title: str, left: Side, right: Side) -> Command:
+    return Command(
+        f"camera.{name}",
+        title,
+        lambda session: split_view.show(session, left, right),
+        enabled=lambda session: _no_split(session, left, right),
+        is_on=lambda session: split_view.is_shown(session, left, right),
+    )
+
+
+def _no_split(session: Session, left: Side, right: Side) -> str:
+    if split_view.is_shown(session, left, right):
+        return ""
+    reason = split_view.why_not(session, left) or split_view.why_not(session, right)
+    is_job = left is Side.PRESET and split_view.other_labels(session) is None
+    return reason or (busy(session) if is_job else "")
 
 
 def _no_bookmark(key: int) -> Reason:
@@ -97,7 +116,13 @@ CAMERA_COMMANDS: tuple[Command, ...] = (
     Command("camera.add_bookmark", "Bookmark this view", bookmarks.add, "Ctrl+B", enabled=no_scene),
     *(_recall(key) for key in bookmarks.KEYS),
     *(_set(key) for key in bookmarks.KEYS),
-    _compare(PhotoCompareMode.SWIPE, "swipe", "Swipe between photo and picture"),
+    _split("swipe", "Swipe between photo and picture", Side.PHOTO, Side.PICTURE),
+    _split("split_groups", "Split: picture and groups", Side.PICTURE, Side.GROUPS),
+    _split("split_photo_groups", "Split: photo and groups", Side.PHOTO, Side.GROUPS),
+    _split("split_truth", "Split: truth and groups", Side.TRUTH, Side.GROUPS),
+    _split("split_errors", "Split: groups and their errors", Side.GROUPS, Side.ERRORS),
+    _split("split_before", "Split: before and after the last edit", Side.BEFORE, Side.PICTURE),
+    _split("split_preset", "Split: the other preset and these groups", Side.PRESET, Side.GROUPS),
     _compare(PhotoCompareMode.DIFFERENCE, "difference", "Difference of photo and picture"),
     Command(
         "camera.hold_photo", "Photo while held", photo_compare.hold, "Shift+G", enabled=no_photos

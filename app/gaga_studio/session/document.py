@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.folder_lock import FolderLock
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup import edits as cleanup_edits
@@ -43,6 +44,7 @@ class Document:
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
         self.lit: tuple[object, MaskSplats] | None = None  # of one mask, see `mask_splats`
         self.timeline = Timeline()
+        self.other_groups: tuple[MemoryBank, IntArray] | None = None  # see `split_view`
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()

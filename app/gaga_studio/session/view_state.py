@@ -76,11 +76,23 @@ class Outline:
         return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
+class Side(StrEnum):
+    """What lies on one side of the line in a split view."""
+
+    PHOTO = "photo"
+    PICTURE = "picture"  # on the right as the view mode says
+    GROUPS = "groups"
+    TRUTH = "truth"  # the true maps of the scene folder
+    ERRORS = "errors"  # where the groups differ from the truth
+    BEFORE = "before"  # the picture before the last edit
+    PRESET = "preset"  # the groups of the other preset
+
+
 class PhotoCompareMode(StrEnum):
     """What lies over the picture at a photo's camera."""
 
     OFF = "off"
-    SWIPE = "swipe"  # the photo up to a line that can be dragged
+    SWIPE = "swipe"  # two sides with a line between them that can be dragged
     DIFFERENCE = "difference"  # how far the picture is from the photo
 
 
@@ -118,7 +130,8 @@ class ViewState:
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: Point | None = None  # what turns and scales are about; None: middle
     compare: PhotoCompareMode = PhotoCompareMode.OFF
-    swipe: float = 0.5  # share of the photo's width that shows the photo
+    swipe: float = 0.5  # share of the width that is left of the line
+    sides: tuple[Side, Side] = (Side.PHOTO, Side.PICTURE)  # of the line
     holds_photo: bool = False  # the photo lies over the picture while the keys are held
     show_cube: bool = True  # the view cube in a corner of the picture
     lights_masks: bool = True  # the splats of the mask that is chosen in the memory bank

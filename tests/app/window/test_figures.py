@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import ImVec2
 
 from gaga_studio.actions import mask_splats, selection
 from gaga_studio.commands import run
 from gaga_studio.session.view_state import CentreColors, Mode
-from tests.app.window.driver import Driver, drive
+from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
 
@@ -23,6 +24,7 @@ def test_figures_of_the_paper(
         _mask_in_3d(d, plain)
         _centres_by_group(d, plain)
         _replay(d)
+        _split(d, d.pixels().astype(int))
 
     drive(walk, path=grouped_scene)
 
@@ -58,10 +60,10 @@ def _replay(d: Driver) -> None:
     d.on_main(lambda: run("view.groups", d.session))
     saved = d.pixels().astype(int)
     d.on_main(lambda: run("view.color", d.session))
-    d.menu("View/###Replay the memory bank")
     timeline = d.session.document.timeline  # type: ignore[union-attr]
+    timeline.follows = False
+    d.menu("View/###Replay the memory bank")
     d.until(lambda: timeline.is_open, "the growth is known")
-    d.click("Timeline/**/###Camera follows")
     growth = timeline.growth
     assert growth is not None
     d.until(lambda: not timeline.is_playing, "the replay has ended")
@@ -73,3 +75,38 @@ def _replay(d: Driver) -> None:
     d.on_main(lambda: run("view.groups", d.session))
     assert np.abs(d.pixels().astype(int) - saved).mean() < 1
     d.on_main(lambda: run("view.color", d.session))
+    d.menu("View/###Replay the memory bank")
+    d.until(lambda: timeline.is_open, "the replay is shown at once")
+    d.click("Timeline/**/###Camera follows")
+    d.until(lambda: d.session.active_view is not None, "the camera follows")
+    d.keys(KEY.escape)
+    assert not timeline.is_open
+
+
+def _split(d: Driver, plain: np.ndarray) -> None:
+    """Picture left of the line, groups right of it; the line moves by a drag."""
+    d.menu("Camera/###Split: picture and groups")
+    d.frames(8)
+    d.on_main(lambda: setattr(d.session.view, "swipe", 0.4))
+    width, height = d.size
+    d.move_to(0.4 * width, 0.7 * height)
+    d.engine.mouse_drag_with_delta(ImVec2(0.3 * width, 0), 0)
+    d.frames()
+    assert abs(d.session.view.swipe - 0.7) < 0.03
+    right = d.pixels().astype(int)  # the picture under it all: groups
+    assert d.studio.left is not None
+    left = d.on_main(d.studio.left.read_pixels).astype(int)
+    assert np.abs(left - plain).mean() < 2
+    assert np.abs(right - plain).mean() > 5
+    d.on_main(lambda: selection.select_groups(d.session, (3,)))
+    d.on_main(lambda: run("object.hide", d.session))
+    d.on_main(lambda: run("select.none", d.session))
+    d.menu("Camera/###Split: before and after the last edit")
+    d.settle()
+    left = d.on_main(d.studio.left.read_pixels).astype(int)
+    assert np.abs(left - plain).mean() < 2
+    assert np.abs(d.pixels().astype(int) - plain).mean() > 0.5
+    d.click("**/###Close split view")
+    d.frames(3)
+    assert d.studio.left is None
+    d.on_main(lambda: run("edit.undo", d.session))

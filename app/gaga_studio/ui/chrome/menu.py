@@ -38,6 +38,7 @@ _LINE_BEFORE = {
     "camera.faster",
     "camera.add_bookmark",
     "camera.swipe",
+    "camera.difference",
     "camera.add_keyframe",
     "camera.open_path",
     "file.save_picture",

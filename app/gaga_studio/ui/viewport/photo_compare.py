@@ -1,5 +1,6 @@
-"""The photo over the picture: up to a line that is dragged, whole, or as a difference."""
+"""Two sides of a split view with a line that is dragged; a photo whole, or as a difference."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -8,66 +9,147 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import photo_compare
+from gaga_studio.actions import photo_compare, split_view
 from gaga_studio.actions.photo_compare import PhotoPlacement
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import PhotoCompareMode
-from gaga_studio.ui.kit import photo_textures, theme
+from gaga_studio.session.view_state import PhotoCompareMode, Side
+from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 _SIDE = 2048  # longest side of the photo, pixels
+_ERROR_SIDE = 1024
+_NAMES = {
+    Side.PHOTO: "Photo",
+    Side.PICTURE: "Picture",
+    Side.GROUPS: "Groups",
+    Side.TRUTH: "Truth",
+    Side.ERRORS: "Errors",
+    Side.BEFORE: "Before the last edit",
+    Side.PRESET: "Other preset",
+}
+_HELP = "Split view: click a photo to stand where it was taken"
 
 
 def draw(
     session: Session,
-    differences: dict[str, float],
+    compared: dict[str, float],
     corner: ImVec2,
     size: ImVec2,
     camera: Camera,
+    render_left: Callable[[Camera], int],
 ) -> bool:
-    """What is compared, at the photo's own camera; whether the mouse belongs to the line."""
+    """What is compared; whether the mouse belongs to the line or the choices."""
     view, io = session.view, imgui.get_io()
     if view.holds_photo and not (imgui.is_key_down(imgui.Key.g) and io.key_shift):
         view.holds_photo = False
     if view.compare is PhotoCompareMode.OFF and not view.holds_photo:
         return False
-    photo = photo_compare.compared(session)
-    if photo is None:
+    is_split = view.compare is PhotoCompareMode.SWIPE and not view.holds_photo
+    needs_photo = not is_split or bool(split_view.AT_A_PHOTO & set(view.sides))
+    photo = photo_compare.compared(session) if needs_photo else None
+    if needs_photo and photo is None:
+        if is_split:
+            return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
         if not session.rig.is_moving:
-            _note("PhotoCompareMode: click a photo to stand where it was taken", corner, size)
+            _note("Click a photo to stand where it was taken", corner, size)
         return False
-    density = io.display_framebuffer_scale
+    whole = PhotoPlacement(corner.x, corner.y, size.x, size.y)
+    place = whole if photo is None else _placement(photo, camera, corner)
+    imgui.push_clip_rect(corner, ImVec2(corner.x + size.x, corner.y + size.y), True)
+    owns, text = False, ""
+    if is_split:
+        text = _sides(session, compared, photo, place, whole, render_left(camera))
+        owns = _line(session, place, corner, size)
+    elif photo is not None and view.holds_photo:
+        _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        text = f"Photo {photo.name}"
+    elif photo is not None:
+        text = _difference(session, compared, photo, place)
+    imgui.pop_clip_rect()
+    if is_split:
+        return _choices(session, corner, size, text) or owns
+    _note(text, corner, size)
+    return owns
+
+
+def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:
+    """Where the photo lies on the screen."""
+    density = imgui.get_io().display_framebuffer_scale
     on_picture = photo_compare.place(photo, camera)
-    place = PhotoPlacement(
+    return PhotoPlacement(
         corner.x + on_picture.x / density.x,
         corner.y + on_picture.y / density.y,
         on_picture.width / density.x,
         on_picture.height / density.y,
     )
-    imgui.push_clip_rect(corner, ImVec2(corner.x + size.x, corner.y + size.y), True)
-    owns = False
-    if view.holds_photo:
-        _photo(session, photo, place, 1.0)
-        text = f"Photo {photo.name}"
-    elif view.compare is PhotoCompareMode.DIFFERENCE:
-        text = _difference(session, differences, photo, place)
-    else:
-        shown = _photo(session, photo, place, view.swipe)
-        owns = _line(session, place, corner, size)
-        text = "Photo left of the line, picture right of it" if shown else "Reading the photo…"
-    imgui.pop_clip_rect()
-    _note(text, corner, size)
-    return owns
 
 
-def _photo(session: Session, photo: Camera, place: PhotoPlacement, share: float) -> bool:
-    texture = photo_textures.photo(session, photo.name, _SIDE)
+def _sides(
+    session: Session,
+    compared: dict[str, float],
+    photo: Camera | None,
+    place: PhotoPlacement,
+    whole: PhotoPlacement,
+    drawn: int,
+) -> str:
+    """Both sides, each up to the line; a sentence on what they show, "" if there is none."""
+    view = session.view
+    at = place.x + view.swipe * place.width
+    bottom = whole.y + whole.height
+    spans = ((whole.x, at), (at, whole.x + whole.width))
+    sentence = ""
+    for side, (low, high) in zip(view.sides, spans, strict=True):
+        imgui.push_clip_rect(ImVec2(low, whole.y), ImVec2(high, bottom), True)
+        if side in split_view.AT_A_PHOTO and photo is not None:
+            sentence = _photo_side(session, compared, photo, place, side) or sentence
+        elif low == whole.x and drawn:  # the right side is the picture itself
+            corner, end = ImVec2(whole.x, whole.y), ImVec2(whole.x + whole.width, bottom)
+            texture = imgui.ImTextureRef(drawn)
+            imgui.get_window_draw_list().add_image(texture, corner, end, ImVec2(0, 1), ImVec2(1, 0))
+        elif low == whole.x and side is Side.PRESET:
+            sentence = f"The groups of the preset {split_view.other_preset(session)} are on the way"
+        imgui.pop_clip_rect()
+    return sentence
+
+
+def _photo_side(
+    session: Session, compared: dict[str, float], photo: Camera, place: PhotoPlacement, side: Side
+) -> str:
+    """A side that is a picture of the photo's size; what it says in words."""
+    if side is Side.PHOTO:
+        is_there = _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        return "" if is_there else "Reading the photo…"
+    truth, scene, images = split_view.truth_folder(session), session.scene, session.images
+    folder = session.project.folder if session.project is not None else None
+    path = folder.image_paths.get(photo.name) if folder is not None else None
+    if truth is None or scene is None or images is None:
+        return "There are no true maps"
+    if side is Side.TRUTH:
+        key = f"truth {truth} {photo.name}"
+        load = partial(split_view.truth_picture, truth, photo.name, _SIDE)
+        return "" if _image(images.texture(key, load), place) else "Reading the true map…"
+    if path is None:
+        return "This photo cannot be read"
+    mark = f"{photo_compare.content_mark(scene)} {scene.revision.labels}"
+    key = f"errors {path} {mark}"
+    frozen: Scene = photo_compare.snapshot(scene)
+
+    def errors() -> UInt8Array:
+        found = split_view.error_picture(frozen, photo, path, truth, _ERROR_SIDE)
+        compared[key] = found[1]
+        return found[0]
+
+    if not _image(images.texture(key, errors), place) or key not in compared:
+        return "Comparing groups and truth…"
+    return f"{100 * compared[key]:.1f} % right (blue); red: another group, yellow: none"
+
+
+def _image(texture: tuple[int, int, int] | None, place: PhotoPlacement) -> bool:
     if texture is None:
         return False
     low = ImVec2(place.x, place.y)
-    high = ImVec2(place.x + share * place.width, place.y + place.height)
-    picture = imgui.ImTextureRef(texture[0])
-    imgui.get_window_draw_list().add_image(picture, low, high, ImVec2(0, 0), ImVec2(share, 1))
+    high = ImVec2(place.x + place.width, place.y + place.height)
+    imgui.get_window_draw_list().add_image(imgui.ImTextureRef(texture[0]), low, high)
     return True
 
 
@@ -93,6 +175,50 @@ def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2)
     return is_over or is_held
 
 
+def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
+    """What lies left and right of the line, at the upper edge; whether the mouse is there."""
+    view = session.view
+    wide, high = em(9), imgui.get_frame_height()
+    gap, pad = imgui.get_style().item_spacing.x, em(0.4)
+    total = 2 * wide + 1.12 * high + 2 * gap
+    low = ImVec2(corner.x + max((size.x - total) / 2, 0.0), corner.y + em(0.7))
+    drawing = imgui.get_window_draw_list()
+    back = theme.u32(theme.BACK, 0.85)
+    end = ImVec2(low.x + total + pad, low.y + high + pad)
+    drawing.add_rect_filled(ImVec2(low.x - pad, low.y - pad), end, back, em(0.3))
+    imgui.set_cursor_screen_pos(low)
+    left, right = view.sides
+    left = _side("Left side", session, left, split_view.LEFT, wide)
+    imgui.same_line(0, gap)
+    right = _side("Right side", session, right, split_view.RIGHT, wide)
+    if (left, right) != view.sides:
+        split_view.show(session, left, right)
+    imgui.same_line(0, gap)
+    if widgets.icon_button("Close split view", icons.CLOSE, hint="One picture again"):
+        view.compare = PhotoCompareMode.OFF
+    if text:
+        _note(text, ImVec2(corner.x, low.y + high), size)
+    return imgui.is_mouse_hovering_rect(ImVec2(low.x - pad, low.y - pad), end)
+
+
+def _side(
+    name: str, session: Session, current: Side, choices: tuple[Side, ...], width: float
+) -> Side:
+    """A drop-down of what a side can show; what cannot be shown says why."""
+    imgui.set_next_item_width(width)
+    if not imgui.begin_combo(f"##{name}", _NAMES[current]):
+        return current
+    for side in choices:
+        reason = split_view.why_not(session, side)
+        imgui.begin_disabled(bool(reason))
+        if imgui.selectable(f"{_NAMES[side]}###{side}", side is current)[0]:
+            current = side
+        imgui.end_disabled()
+        widgets.tooltip(reason)
+    imgui.end_combo()
+    return current
+
+
 def _difference(
     session: Session, differences: dict[str, float], photo: Camera, place: PhotoPlacement
 ) -> str:
@@ -108,14 +234,9 @@ def _difference(
         picture, differences[key] = photo_compare.difference(scene, photo, path)
         return picture
 
-    texture = session.images.texture(key, partial(load))
-    if texture is None or key not in differences:
+    if not _image(session.images.texture(key, partial(load)), place) or key not in differences:
         return "Comparing photo and picture…"
-    low = ImVec2(place.x, place.y)
-    high = ImVec2(place.x + place.width, place.y + place.height)
-    imgui.get_window_draw_list().add_image(imgui.ImTextureRef(texture[0]), low, high)
-    mean = differences[key]
-    return f"Difference of photo and picture: {255 * mean:.1f} of 255 on average"
+    return f"Difference of photo and picture: {255 * differences[key]:.1f} of 255 on average"
 
 
 def _note(text: str, corner: ImVec2, size: ImVec2) -> None:

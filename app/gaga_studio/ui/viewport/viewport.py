@@ -45,7 +45,7 @@ _BADGES = {
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
-Render = Callable[[Camera], int]  # OpenGL name of the finished picture
+Render = Callable[[Camera], int]  # OpenGL name of the finished picture; 0 where there is none
 
 
 @dataclass
@@ -54,7 +54,7 @@ class PictureState:
 
     evidence: EvidenceState = field(default_factory=EvidenceState)
     offer: OfferState = field(default_factory=OfferState)
-    differences: dict[str, float] = field(default_factory=dict)  # mean errors of photos, 0..1
+    compared: dict[str, float] = field(default_factory=dict)  # errors of photos, 0..1, by key
 
 
 @dataclass
@@ -62,6 +62,7 @@ class ViewportPanel:
     """Keeps the gesture that is under way between frames."""
 
     render: Render
+    render_left: Render  # the left side of a split view, when it is drawn like the picture
     fly_keys: Callable[[], dict[str, str]]  # place of a fly key -> the letter that it types here
 
     def __post_init__(self) -> None:
@@ -94,7 +95,9 @@ class ViewportPanel:
         imgui.set_cursor_screen_pos(corner)
         is_over = _mouse_area(size, session.tool in self.controller.move_tools)
         self._on_handle = self._handles(session, camera, corner, size)
-        self._on_handle |= photo_compare.draw(session, state.differences, corner, size, camera)
+        self._on_handle |= photo_compare.draw(
+            session, state.compared, corner, size, camera, self.render_left
+        )
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
