@@ -30,7 +30,8 @@ from gaga_studio.system.window import Hooks, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
 from gaga_studio.ui.chrome.status_text import status_text
 from gaga_studio.ui.dialogs import (
-    export_options,
+    export,
+    film_and_picture,
     first_steps,
     make_masks,
     models,
@@ -214,7 +215,8 @@ class Studio:
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
-        call("Export", lambda: export_options.draw(session, ui.export, ui.files))
+        call("Export", lambda: export.draw(session, ui.export, ui.files))
+        call("Film and picture", lambda: film_and_picture.draw(session, ui.film, ui.files))
         call("Make splats", lambda: training.sheet(session, ui.plan))
         call("Menus", lambda: command_buttons.picture_menus(session))
         call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))

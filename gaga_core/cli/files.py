@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from tyro.conf import Positional
@@ -13,6 +13,9 @@ from gaga_core.errors import GagaError
 from gaga_core.identity.field import IdentityField
 from gaga_core.io.json_file import read_json
 from gaga_core.scene.project import Project
+
+if TYPE_CHECKING:
+    from gaga_core.scene.export_options import ExportOptions
 
 _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
 
@@ -73,6 +76,16 @@ class ExportCommand:
     """Group ids (objects); default: all."""
     groups: bool = False
     """Add a column with the group id of each Gaussian (scene)."""
+    sh_degree: int | None = None
+    """Highest degree of view-dependent color to keep, 0 to 4; default: all (scene, objects)."""
+    crop: tuple[float, float, float, float, float, float] | None = None
+    """Leave out what is outside a box: lowest x, y, z and highest, scene units (scene, objects)."""
+    centre: bool = False
+    """Move the middle of what is written to the origin (scene, objects)."""
+    ground: bool = False
+    """Move its lowest point to height 0 (scene, objects)."""
+    scale: float = 1.0
+    """Units of the files per scene unit (scene, objects)."""
     identity: bool = False
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
@@ -103,21 +116,29 @@ class ExportCommand:
             return self._masks(project)
         if self.identity and form is not SplatFormat.PLY:
             raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
+        options = self._options(project)
         field = _add_identity(project) if self.identity else None
         folder = self.out.parent if self.what == "scene" else self.out
         values: dict[str, object] = {}
         if field is not None:
             values["classifier"] = str(folder / CLASSIFIER)
         if self.what == "scene":
-            _say(export_losses(scene, form, groups=self.groups))
-            stage = export_scene_stage(scene, self.out, groups=self.groups, form=form)
+            _say(export_losses(scene, form, groups=self.groups, options=options))
+            stage = export_scene_stage(
+                scene, self.out, groups=self.groups, form=form, options=options
+            )
             written = out.follow(stage)
             values = {"file": str(self.out), "gaussians": written, **values}
         else:
             describe_project(project)
-            _say(objects_losses(scene, form, self.only or None))
+            _say(objects_losses(scene, form, self.only or None, options))
             objects = export_objects_stage(
-                scene, self.out, self.only or None, source=str(self.scene), form=form
+                scene,
+                self.out,
+                self.only or None,
+                source=str(self.scene),
+                form=form,
+                options=options,
             )
             manifest = out.follow(objects)
             files = len(listed_files(manifest))
@@ -126,6 +147,25 @@ class ExportCommand:
             write_classifier(folder / CLASSIFIER, field.weight, field.bias)
         out.result(values, as_json=self.json)
         return 0
+
+    def _options(self, project: Project) -> "ExportOptions":
+        """The switches as options; which way is up the cameras say."""
+        from gaga_core.scene.export_options import ExportOptions, box_of
+        from gaga_core.scene.orientation import estimate_up
+
+        cameras = project.folder.cameras if project.folder is not None else ()
+        x, y, z = (float(value) for value in estimate_up(cameras))
+        try:
+            return ExportOptions(
+                sh_degree=self.sh_degree,
+                crop=box_of(self.crop) if self.crop is not None else None,
+                centre=self.centre,
+                ground=self.ground,
+                up=(x, y, z),
+                scale=self.scale,
+            )
+        except ValueError as error:
+            raise GagaError(f"That cannot be: {error}.") from error
 
     def _masks(self, project: Project) -> int:
         if self.format == "png":

@@ -20,13 +20,16 @@ from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage, with_groups
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.algebra import world_means
 
 T = TypeVar("T")
 ExportWhat = Literal["visible", "selected"]
 MANIFEST = "groups.json"
 MANIFEST_VERSION = 1
+_AS_IS = ExportOptions()
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 
 
@@ -56,41 +59,59 @@ def export_scene_stage(
     what: ExportWhat = "visible",
     groups: bool = False,
     form: SplatFormat | None = None,
+    options: ExportOptions = _AS_IS,
 ) -> Stage[int]:
     """Write the visible (or selected and visible) splats to one file; returns their number.
 
     ``form`` is what the name of the file asks for by default. Hidden and deleted splats are never
     written. In a .ply splats without an edit keep their exact bytes, and unknown columns survive;
-    `export_losses` says what other forms do not keep. ``groups`` adds a column ``group`` (int32, 0
-    = none). A cancel, a full disk or a folder without permission leaves nothing behind. Works on
+    `export_losses` says what other forms do not keep; ``options`` change what is written.
+    ``groups`` adds a column ``group`` (int32, 0 = none). A cancel, a full disk or a folder
+    without permission leaves nothing behind. Works on
     the scene as it is at the call, whatever is edited meanwhile. Raises ``GagaError`` when nothing
     is visible, or no such form is written.
     """
     form = form_of(path) if form is None else form
-    return _export_scene(replace(scene), path, (what, groups, form))
+    return _export_scene(replace(scene), path, (what, groups, form), options)
 
 
 def export_losses(
-    scene: Scene, form: SplatFormat, *, what: ExportWhat = "visible", groups: bool = False
+    scene: Scene,
+    form: SplatFormat,
+    *,
+    what: ExportWhat = "visible",
+    groups: bool = False,
+    options: ExportOptions = _AS_IS,
 ) -> tuple[str, ...]:
     """What an export in ``form`` does not keep, a sentence each (see `splat_files.losses`)."""
     if form is SplatFormat.PLY:
         return ()
-    splats = exported_indices(scene, what)
-    gaussians = _taken(scene, splats)
+    splats = options.inside(scene, exported_indices(scene, what))
+    gaussians = options.applied(_taken(scene, splats), np.zeros(3))
     return losses(with_groups(gaussians, scene.labels[splats]) if groups else gaussians, form)
 
 
 def objects_losses(
-    scene: Scene, form: SplatFormat, groups: Sequence[int] | None = None
+    scene: Scene,
+    form: SplatFormat,
+    groups: Sequence[int] | None = None,
+    options: ExportOptions = _AS_IS,
 ) -> tuple[str, ...]:
     """What `export_objects_stage` of these groups in ``form`` does not keep, a sentence each."""
     if form is SplatFormat.PLY:
         return ()
-    shown = exported_indices(scene)
+    splats = objects_indices(scene, groups, options)
+    return losses(options.applied(_taken(scene, splats), np.zeros(3)), form)
+
+
+def objects_indices(
+    scene: Scene, groups: Sequence[int] | None = None, options: ExportOptions = _AS_IS
+) -> IntArray:
+    """Splats (K,) that an export of these groups (default: all) writes."""
+    shown = options.inside(scene, exported_indices(scene))
     labels = scene.labels[shown]
-    chosen = labels > 0 if groups is None else np.isin(labels, list(groups))
-    return losses(_taken(scene, shown[chosen]), form)
+    chosen: IntArray = shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
+    return chosen
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:
@@ -98,14 +119,19 @@ def _taken(scene: Scene, splats: IntArray) -> Gaussians:
 
 
 def _export_scene(
-    scene: Scene, path: Path, how: tuple[ExportWhat, bool, SplatFormat]
+    scene: Scene,
+    path: Path,
+    how: tuple[ExportWhat, bool, SplatFormat],
+    options: ExportOptions,
 ) -> Stage[int]:
     what, groups, form = how
-    splats = exported_indices(scene, what)
+    splats = options.inside(scene, exported_indices(scene, what))
     if len(splats) == 0:
         state = "selected" if what == "selected" else "visible"
+        state += " in the box of the crop" if options.crop is not None else ""
         raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
     gaussians = yield from bake_stage(scene, indices=splats)
+    gaussians = options.applied(gaussians, options.origin(gaussians.means))
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])
     yield from write_splats_stage(path, gaussians, form)
@@ -138,30 +164,38 @@ def export_objects_stage(
     *,
     source: str = "",
     form: SplatFormat = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file}]}``, colors
     0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files appear all
-    together at the end; a cancel or a full disk leaves nothing. Raises ``GagaError`` when none of
+    together at the end; a cancel or a full disk leaves nothing. ``options`` change what is written,
+    with one origin for all files. Raises ``GagaError`` when none of
     the groups is visible.
     """
-    return _export_objects(replace(scene), folder, groups, (source, form))
+    return _export_objects(replace(scene), folder, groups, (source, form, options))
 
 
 def _export_objects(
-    scene: Scene, folder: Path, groups: Sequence[int] | None, how: tuple[str, SplatFormat]
+    scene: Scene,
+    folder: Path,
+    groups: Sequence[int] | None,
+    how: tuple[str, SplatFormat, ExportOptions],
 ) -> Stage[Path]:
-    source, form = how
-    objects = _objects(scene, groups, form.suffix)
+    source, form, options = how
+    objects = _objects(scene, groups, form.suffix, options)
     if not objects:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
     manifest = []
+    written = np.concatenate([item.splats for item in objects])
+    origin = options.origin(world_means(scene, written))
     with staging_folder(folder) as staging:
         for i, item in enumerate(objects):
             step = Progress("Export objects", i, len(objects), item.name)
             gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
+            gaussians = options.applied(gaussians, origin)
             yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
             manifest.append(_described(item, gaussians))
         content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
@@ -183,9 +217,11 @@ def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
                 return value
 
 
-def _objects(scene: Scene, groups: Sequence[int] | None, suffix: str) -> list[_Object]:
+def _objects(
+    scene: Scene, groups: Sequence[int] | None, suffix: str, options: ExportOptions
+) -> list[_Object]:
     """The groups to write, by id, each with a file name of its own."""
-    shown = exported_indices(scene)
+    shown = options.inside(scene, exported_indices(scene))
     order = np.argsort(scene.labels[shown], kind="stable")
     ids, starts = np.unique(scene.labels[shown][order], return_index=True)
     wanted = set(ids[ids > 0].tolist()) if groups is None else {int(g) for g in groups}

@@ -10,6 +10,7 @@ from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene.cleanup import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import files, history, objects, unchanged
 from gaga_studio.session import stages
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from gaga_core.scene.cleanup.clean import CleanPreview
 
 _CHANGED = "The scene changed while the object was cleaned, so nothing is done. Try it again."
+_AS_IS = ExportOptions()
 Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 
 
@@ -83,19 +85,28 @@ def delete_selected(session: Session) -> None:
 
 
 def export(
-    session: Session, what: stages.Export, path: Path, *, form: SplatFormat = SplatFormat.PLY
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    *,
+    form: SplatFormat = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
 ) -> None:
     """Export as `files.export` does; whole selected objects are cleaned first if that is wanted."""
-    groups = _to_clean(session)
+    groups = _to_clean(session) if what != "scene" else ()
     if not groups:
-        files.export(session, what, path, form=form)
+        files.export(session, what, path, form=form, options=options)
         return
     scene = replace(session.need().settled().scene)
 
     def stage() -> Stage[str]:
         labels = yield from edits.clean_objects_stage(scene, groups)
         copy = edits.cleaned_copy(scene, groups, labels)
-        return (yield from stages.export_stage(copy, what, path, chosen=groups, form=form))
+        return (
+            yield from stages.export_stage(
+                copy, what, path, chosen=groups, form=form, options=options
+            )
+        )
 
     files.start_export(session, path, stage())
 

@@ -10,16 +10,18 @@ from pathlib import Path
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
 from gaga_core.io.files import atomic_write
-from gaga_core.io.splat_files import SplatFormat, form_of
+from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
-from gaga_core.scene.export import ExportWhat, export_losses, objects_losses
+from gaga_core.scene.export_options import ExportOptions
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, UserQuestion, notifies
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode
+
+_AS_IS = ExportOptions()
 
 
 @notifies
@@ -75,16 +77,19 @@ def export(
     *,
     groups: bool = False,
     form: SplatFormat = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
 ) -> None:
     """Write what is visible, the selection, or one file per (selected, else any) object.
 
     ``path`` is a folder for "objects", whose files are of ``form``; else its suffix is the form of
-    the file. ``groups`` adds a column with the group to a .ply.
+    the file. ``groups`` adds a column with the group to a .ply, ``options`` change what is written.
     """
     if session.scene is None:
         return
     scene, chosen = session.need().settled().scene, session.selected_groups()
-    stage = stages.export_stage(scene, what, path, chosen=chosen, groups=groups, form=form)
+    stage = stages.export_stage(
+        scene, what, path, chosen=chosen, groups=groups, form=form, options=options
+    )
     start_export(session, path, stage)
 
 
@@ -93,41 +98,9 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
 
     def done(text: str) -> None:
         session.has_exported = True
-        session.notify(Level.INFO, text)
+        session.notify(Level.INFO, text, shows=path)
 
     session.jobs.start(f"Export to {path.name}", stage, on_done=done)
-
-
-@notifies
-def when_agreed(
-    session: Session,
-    what: stages.Export,
-    path: Path,
-    then: Callable[[], object],
-    form: SplatFormat | None = None,
-) -> None:
-    """Call ``then``, which exports to ``path``; when that loses something, ask first.
-
-    ``form`` is that of objects' files; else the suffix of ``path`` decides.
-    """
-    scene, form = session.need().settled().scene, form or form_of(path)
-    if what == "objects":
-        lost = objects_losses(scene, form, session.selected_groups() or None)
-        first = f"Files that end in {form.suffix} do not keep everything."
-    else:
-        kind: ExportWhat = "selected" if what == "selected" else "visible"
-        lost = export_losses(scene, form, what=kind)
-        first = f"{path.name} does not keep everything."
-    if not lost:
-        then()
-        return
-
-    def chosen(choice: str) -> None:
-        if choice == "Export":
-            then()
-
-    text = " ".join([first, *lost])
-    session.pending_question = UserQuestion(text, ("Export", "Cancel"), chosen)
 
 
 @notifies

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import wraps
+from pathlib import Path
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from gaga_core.errors import GagaError
@@ -26,6 +27,7 @@ class Notice:
     text: str
     command: str = ""  # id of one that the notice offers
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
+    shows: Path | None = None  # what was written: it can be shown in its folder
 
 
 class NothingSelectedError(GagaError):

@@ -73,9 +73,11 @@ class Session:
 
     # --- messages
 
-    def notify(self, level: Level, text: str, command: str = "") -> None:
-        """Tell the user one sentence, and offer the command with this id."""
-        self.notices = (*self.notices, Notice(level, text, command))[-_MOST_NOTICES:]
+    def notify(
+        self, level: Level, text: str, command: str = "", *, shows: Path | None = None
+    ) -> None:
+        """Tell the user one sentence; offer the command with this id, or to show a file."""
+        self.notices = (*self.notices, Notice(level, text, command, shows=shows))[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
         """Answer the pending question."""

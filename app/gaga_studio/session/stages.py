@@ -18,6 +18,7 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene.export import export_objects_stage, export_scene_stage, listed_files
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Export = Literal["scene", "selected", "objects"]
+_AS_IS = ExportOptions()
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
@@ -128,10 +130,11 @@ def export_stage(
     chosen: Sequence[int] = (),
     groups: bool = False,
     form: SplatFormat = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
 ) -> Stage[str]:
     """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
     if what == "objects":
-        stage = export_objects_stage(scene, path, list(chosen) or None, form=form)
+        stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
 
         def objects() -> Stage[str]:
             manifest = yield from stage
@@ -140,7 +143,7 @@ def export_stage(
 
         return objects()
     kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
-    whole = export_scene_stage(scene, path, what=kind, groups=groups)
+    whole = export_scene_stage(scene, path, what=kind, groups=groups, options=options)
 
     def splats() -> Stage[str]:
         n = yield from whole

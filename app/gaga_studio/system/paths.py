@@ -1,6 +1,7 @@
 """Where things lie on disk: our assets, the user's settings, the demo scene."""
 
 import os
+import re
 from pathlib import Path
 
 
@@ -26,3 +27,25 @@ def home() -> Path:
 def demo_scene() -> Path:
     """Where the demo scene is made on first use."""
     return home() / "demo"
+
+
+def exports() -> Path:
+    """A folder that a person finds again, for what is exported from a scene of our own."""
+    chosen = os.environ.get("GAGA_HOME")
+    if chosen:
+        return Path(chosen) / "exports"
+    documents = _documents()
+    return (documents if documents.is_dir() else Path.home()) / "gaga-studio"
+
+
+def _documents() -> Path:
+    """The user's folder of documents, as the desktop calls it (XDG user directories)."""
+    named = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "user-dirs.dirs"
+    try:
+        text = named.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        text = ""  # there is no such file on most systems
+    found = re.search(r'^XDG_DOCUMENTS_DIR="(.+)"', text, re.MULTILINE)
+    if found is None:
+        return Path.home() / "Documents"
+    return Path(found[1].replace("$HOME", str(Path.home())))

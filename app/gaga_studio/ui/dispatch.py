@@ -2,7 +2,8 @@
 
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs import (
-    export_options,
+    export,
+    film_and_picture,
     make_masks,
     models,
     open_and_save,
@@ -22,7 +23,8 @@ def request_table(ui: UiState) -> RequestTable:
     preferences.register(table)
     command_buttons.register(table)
     training.register(table)
-    export_options.register(table)
+    export.register(table, ui.export)
+    film_and_picture.register(table)
     make_masks.register(table)
     models.register(table)
     open_and_save.register(table, ui.files)

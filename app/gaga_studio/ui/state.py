@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 
 from gaga_studio.ui.chrome.toasts import ToastState
-from gaga_studio.ui.dialogs.export_options import ExportChoices
+from gaga_studio.ui.dialogs.export import ExportSheet
 from gaga_studio.ui.dialogs.file_dialog import FilePicker
+from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
 from gaga_studio.ui.dialogs.make_masks import MaskDialog
 from gaga_studio.ui.dialogs.preferences import DraggedPreferences
 from gaga_studio.ui.dialogs.sheets import PaletteState
@@ -42,7 +43,8 @@ class UiState:
     area: PictureArea = field(default_factory=PictureArea)
     palette: PaletteState = field(default_factory=PaletteState)
     preferences: DraggedPreferences = field(default_factory=DraggedPreferences)
-    export: ExportChoices = field(default_factory=ExportChoices)
+    export: ExportSheet = field(default_factory=ExportSheet)
+    film: FilmChoices = field(default_factory=FilmChoices)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)
 

@@ -1,5 +1,7 @@
-"""Other kinds of files in the window: opened, added to the scene, and exported after a question."""
+"""Other kinds of files in the window: opened, added to the scene, and exported."""
 
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +10,11 @@ import pytest
 
 from gaga_core.io.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.scene.export import listed_files, objects_losses
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import cleanup, history, selection
+from gaga_studio.actions import export, history, selection
 from gaga_studio.actions import files as files_actions
+from gaga_studio.actions.export import ExportPlan
 from gaga_studio.session.session import Session
 from tests.scenes import random_gaussians
 
@@ -45,34 +49,65 @@ def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path)
     assert session.need().name_of(group) == "chair"
 
 
-def test_an_export_that_loses_asks_first(session: Session, tmp_path: Path) -> None:
-    target = tmp_path / "out.splat"
-
-    def export(path: Path) -> None:
-        files_actions.when_agreed(
-            session, "scene", path, lambda: files_actions.export(session, "scene", path)
-        )
-
-    export(target)
-    question = session.pending_question
-    assert question is not None
-    assert "does not keep everything" in question.text
-    session.pending_question = None
-    question.on_choice("Cancel")
-    assert session.jobs.running is None
-    question.on_choice("Export")
+def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -> None:
+    plan = ExportPlan(tmp_path / "new" / "out.splat", form=SplatFormat.SPLAT)
+    told = export.summary(session, plan)
+    assert told.n_splats == int(session.need().scene.visible.sum())
+    assert "rounded" in " ".join(told.lost)
+    assert not plan.path.parent.exists(), "nothing is written before it is wanted"
+    assert export.start(session, plan)
     assert session.jobs.wait()
-    assert len(read_splats(target)) == int(session.need().scene.visible.sum())
-    export(tmp_path / "out.ply")  # keeps all: no question
-    assert session.pending_question is None
-    assert session.jobs.wait()
-    assert (tmp_path / "out.ply").is_file()
-    export(tmp_path / "out.xyz")
-    assert "choose a name" in session.notices[-1].text
+    assert len(read_splats(plan.path)) == told.n_splats
+    assert session.notices[-1].shows == plan.path
+    assert not export.summary(session, ExportPlan(tmp_path / "out.ply")).lost
+    inside = replace(plan, options=ExportOptions(crop=((-1, -1, -1), (0, 1, 1)), scale=3.0))
+    assert 0 < export.summary(session, inside).n_splats < told.n_splats
+
+
+def test_exports_of_our_own_scene_go_where_they_are_found(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the demo, which lies in a hidden folder; others stay with their scene."""
+    assert session.project is not None
+    assert session.project.folder is not None
+    root = session.project.folder.root
+    assert export.proposed(session, "scene", SplatFormat.SPZ).parent == root
+    monkeypatch.delenv("GAGA_HOME")
+    monkeypatch.setenv("XDG_DATA_HOME", str(root.parent / ".local"))
+    hidden = root.parent / ".local" / "gaga-studio" / "demo"
+    session.project.folder = replace(session.project.folder, root=hidden)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    assert export.folder(session) == tmp_path / "gaga-studio"
+    (tmp_path / "Papers").mkdir()
+    (tmp_path / "config").mkdir()
+    named = 'XDG_DOCUMENTS_DIR="$HOME/Papers"\n'
+    (tmp_path / "config" / "user-dirs.dirs").write_text(named)
+    assert export.folder(session) == tmp_path / "Papers" / "gaga-studio"
+
+
+def test_what_was_written_is_shown_in_its_folder(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if sys.platform != "linux":
+        pytest.skip("xdg-open is of Linux")
+    opened, program = tmp_path / "opened", tmp_path / "bin" / "xdg-open"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
+    monkeypatch.setenv("PATH", str(program.parent))
+    written = tmp_path / "out.ply"
+    assert not export.show_in_folder(session, written), "not executable yet"
+    assert str(tmp_path) in session.notices[-1].text
+    program.chmod(0o755)
+    assert export.show_in_folder(session, written)
+    end = time.monotonic() + 10
+    while not (opened.exists() and opened.read_text()) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert opened.read_text().strip() == str(tmp_path)
 
 
 @pytest.mark.parametrize("form", [SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ])
-def test_objects_are_written_in_any_form_after_the_same_question(
+def test_objects_are_written_in_any_form(
     associated: Session, tmp_path: Path, form: SplatFormat
 ) -> None:
     chosen = [int(group) for group in associated.objects().ids if group > 0][:2]
@@ -83,17 +118,11 @@ def test_objects_are_written_in_any_form_after_the_same_question(
     sh[group_indices(scene, chosen[0]), 0] = 9.0  # more than the small forms hold
     scene.gaussians = replace(scene.gaussians, sh=sh)
 
-    def write() -> None:
-        cleanup.export(associated, "objects", tmp_path, form=form)
-
-    files_actions.when_agreed(associated, "objects", tmp_path, write, form)
-    question = associated.pending_question
-    assert question is not None
-    lost = objects_losses(scene, form, chosen)
-    assert question.text == f"Files that end in {form.suffix} do not keep everything. " + " ".join(
-        lost
-    )
-    associated.answer("Export")
+    plan = ExportPlan(tmp_path, "objects", form)
+    told = export.summary(associated, plan)
+    assert told.lost == objects_losses(scene, form, chosen)
+    assert told.n_files == 2
+    assert export.start(associated, plan)
     assert associated.jobs.wait()
     files = listed_files(tmp_path / "groups.json")
     assert [file.name.endswith(form.suffix) for file in files] == [True, True]
@@ -101,8 +130,6 @@ def test_objects_are_written_in_any_form_after_the_same_question(
     assert [len(read_splats(file)) for file in files] == counts
     assert "2 files" in associated.notices[-1].text
     assert associated.has_exported
-    files_actions.when_agreed(associated, "objects", tmp_path, write, SplatFormat.PLY)
-    assert associated.pending_question is None
 
 
 def test_a_broken_file_leaves_what_is_open(session: Session, tmp_path: Path) -> None:

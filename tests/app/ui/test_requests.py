@@ -44,7 +44,7 @@ def test_another_scene_forgets_what_belonged_to_the_former() -> None:
     ui = UiState()
     ui.scene.film_strip = FilmStripState(shows_masks=True, seen=3)
     ui.scene.inspector.scale, ui.scene.bookmarks.text = 2.0, "half typed"
-    ui.export.fps, before = 12.0, ui.scene
+    ui.film.fps, before = 12.0, ui.scene
     ui.forget_scene()
     assert ui.scene is not before
     assert ui.scene == SceneUi(
@@ -52,7 +52,7 @@ def test_another_scene_forgets_what_belonged_to_the_former() -> None:
         inspector=ui.scene.inspector,
     )  # fmt: skip
     assert (ui.scene.inspector.scale, ui.scene.bookmarks.text) == (1.0, "")
-    assert ui.export.fps == 12.0, "what was chosen for a film stays"
+    assert ui.film.fps == 12.0, "what was chosen for a film stays"
 
 
 @pytest.mark.window

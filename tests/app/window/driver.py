@@ -89,6 +89,16 @@ class Driver:
         self.engine.key_chars_replace_enter(str(path))
         self.frames()
 
+    def export_to(self, path: Path) -> None:
+        """Type a path into the open sheet of an export and start it."""
+        self.frames(3)
+        self.engine.item_click("//**/##Path")
+        self.check("Export")
+        self.engine.key_chars_replace_enter(str(path))
+        self.frames()
+        self.click("Export/###Export now")
+        self.frames(3)
+
     def move_to(self, u: float, v: float) -> None:
         """Put the mouse on a pixel of the picture."""
         left, top = self.corner

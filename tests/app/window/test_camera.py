@@ -45,8 +45,8 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         s.rig.orbit(100, 0)
         d.keys(KEY.k)
         assert len(camera_path.path_of(s).keyframes) == 2
-        d.studio.ui.export.width, d.studio.ui.export.height = 64, 48
-        d.studio.ui.export.fps = 5.0
+        d.studio.ui.film.width, d.studio.ui.film.height = 64, 48
+        d.studio.ui.film.fps = 5.0
         d.menu("Camera/Save film…")
         d.click("Save film/###Save film…")
         d.answer_path(film)

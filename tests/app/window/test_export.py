@@ -1,8 +1,9 @@
-"""Export objects in the window: the form is chosen, what it loses is said, then files appear."""
+"""The sheet of exports: what and which form is chosen, then files appear where it says."""
 
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaga_core.io.splat_files import SplatFormat, read_splats
@@ -14,49 +15,31 @@ pytestmark = pytest.mark.window
 
 
 @pytest.mark.parametrize("size", [(800, 500), (1280, 800)], ids=str)
-def test_objects_go_into_files_of_the_form_that_was_chosen(
+def test_files_are_of_the_form_that_was_chosen(
     display: str, tmp_path: Path, size: tuple[int, int]
 ) -> None:
     write_scene(tmp_path / "balls")
 
-    def to_sheet(d: Driver) -> None:
-        d.menu("File/###Export objects…")
-        d.frames(3)
-
-    def to_folder(d: Driver, form: str, folder: Path) -> None:
-        d.click(f"Export objects/###{form}")
-        d.click("Export objects/###Export objects…")
-        d.frames(3)
-        dialog = d.studio.ui.files.dialog
-        assert dialog is not None
-        assert d.studio.ui.export.form.suffix in dialog.title
-        dialog._text = str(folder)
-        d.frames(2)
-        d.click("###File dialog/Export")
-        d.frames(3)
-
     def walk(d: Driver) -> None:
         session = d.session
+        sheet = d.studio.ui.export
         d.click("**/###Find objects")
         d.settle()
         n = int((session.objects().ids > 0).sum())
-        to_sheet(d)
+        d.menu("File/###Export objects…")
+        d.frames(3)
         d.keys(KEY.escape)
-        assert not d.exists("Export objects/###SPZ")
-        to_sheet(d)
-        to_folder(d, "SPZ", tmp_path / "spz")
-        assert not (tmp_path / "spz").exists(), "nothing before the answer"
-        assert "rounded" in session.pending_question.text  # type: ignore[union-attr]
-        d.click("Question/###Cancel")
-        d.settle()
-        assert not (tmp_path / "spz").exists()
+        assert not d.exists("Export/###Export now")
         for form, kind in (
             ("SPZ", SplatFormat.SPZ),
             ("Compressed PLY", SplatFormat.COMPRESSED_PLY),
         ):
-            to_sheet(d)
-            to_folder(d, form, tmp_path / kind)
-            d.click("Question/###Export")
+            d.menu("File/###Export objects…")
+            d.frames(3)
+            d.click(f"**/###{form}")
+            assert sheet.form is kind
+            assert not (tmp_path / kind).exists(), "nothing before it is wanted"
+            d.export_to(tmp_path / kind)
             d.settle()
             listed = json.loads((tmp_path / kind / "groups.json").read_text())["groups"]
             assert len(listed) == n
@@ -64,10 +47,29 @@ def test_objects_go_into_files_of_the_form_that_was_chosen(
                 assert entry["file"].endswith(kind.suffix)
                 assert len(read_splats(tmp_path / kind / entry["file"])) == entry["count"]
         selection.select_groups(session, (int(session.objects().ids[1]),))
-        to_sheet(d)
-        to_folder(d, "PLY", tmp_path / "ply")
+        d.menu("File/###Export objects…")
+        d.frames(3)
+        d.click("**/###Selection")  # the same sheet: what is written is a choice of its own
+        assert sheet.path.endswith(".compressed.ply")
+        d.click("**/###PLY")
+        assert sheet.path.endswith(".ply")
+        assert not sheet.path.endswith(".compressed.ply"), "the name follows the form"
+        d.click("**/Middle at the origin")
+        d.export_to(tmp_path / "one.spz")  # and the form the name
         d.settle()
-        assert session.pending_question is None
-        assert len(list((tmp_path / "ply").glob("*.ply"))) == 1
+        assert sheet.form is SplatFormat.SPZ
+        means = read_splats(tmp_path / "one.spz").means
+        np.testing.assert_allclose(means.min(axis=0), -means.max(axis=0), atol=0.01)
+        assert len(means) == len(session.selected_indices())
+        assert d.exists("**/###Show in folder")
+        d.menu("File/###Export scene…")
+        d.frames(3)
+        d.click("**/###Choose a place")
+        d.frames(3)
+        assert d.studio.ui.files.dialog is not None
+        d.keys(KEY.escape)
+        d.frames(3)
+        assert d.exists("Export/###Export now"), "the sheet is back when no place was chosen"
+        d.keys(KEY.escape)
 
     drive(walk, path=tmp_path / "balls", size=size)

@@ -43,7 +43,7 @@ def test_the_main_job(display: str, tmp_path: Path, size: tuple[int, int]) -> No
         d.keys(KEY.escape)
         d.click("Inspector/###Isolate")
         d.menu("File/###Export scene…")
-        d.answer_path(target)
+        d.export_to(target)
         d.settle()
         d.engine.item_click("//Viewport/##picture", 2)  # no text field has the keyboard
         d.keys(KEY.mod_shift, KEY.h)

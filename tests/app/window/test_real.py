@@ -61,7 +61,7 @@ def test_the_table_from_masks_to_an_edited_file(
         assert not scene.has(State.DELETED).any()
         d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
         d.menu("File/###Export scene…")
-        d.answer_path(target)
+        d.export_to(target)
         d.settle()
         seen["left"] = len(scene) - n
         d.keys(KEY.mod_ctrl, KEY.s)

@@ -135,7 +135,7 @@ class _Walk:
 
     def export(self, d: Driver, target: Path) -> None:
         d.menu("File/###Export scene…")
-        d.answer_path(target)
+        d.export_to(target)
         d.settle()
         assert target.is_file(), [notice.text for notice in d.session.notices]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio import commands
+from gaga_studio.actions import export
 from gaga_studio.session.notices import Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -49,26 +50,29 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, area.top + em(0.7))
+    width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
-        at.y = _card(session, state, area, notice, slot, at) + em(0.4)
+        at.y = _card(session, state, notice, slot, (at, width)) + em(0.4)
 
 
 def _seconds(notice: Notice) -> float:
     """How long a notice stays."""
     seconds = _SECONDS[notice.level]
-    return max(seconds, _OFFER_SECONDS) if notice.command else seconds
+    return max(seconds, _OFFER_SECONDS) if notice.command or notice.shows else seconds
+
+
+def _show_in_folder(session: Session, notice: Notice) -> None:
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
+    face = Face("Show in folder", icons.FOLDER)
+    if notice.shows is not None and widgets.button("Show in folder", face):
+        export.show_in_folder(session, notice.shows)
 
 
 def _card(
-    session: Session,
-    state: ToastState,
-    area: PictureArea,
-    notice: Notice,
-    slot: int,
-    corner: ImVec2,
+    session: Session, state: ToastState, notice: Notice, slot: int, place: tuple[ImVec2, float]
 ) -> float:
-    """One card whose upper right corner is ``corner``; returns its lower edge."""
-    width = max(min(em(24), corner.x - area.left - em(0.7)), em(12))
+    """One card at ``place``, its upper right corner and its width; returns its lower edge."""
+    corner, width = place
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
@@ -86,20 +90,23 @@ def _card(
     )
     imgui.begin(f"Notice {slot}", None, flags)
     icon, color = _SIGNS[notice.level]
+    top = imgui.get_cursor_pos_y()
     with theme.text_color(color):
         imgui.text_unformatted(icon)
     imgui.same_line()
     imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
     imgui.text_unformatted(notice.text)
     imgui.pop_text_wrap_pos()
-    imgui.same_line(width - em(2.2))
-    if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
-        state.closed.add(id(notice))
-    if notice.command and id(notice) not in state.closed:
+    if notice.shows is not None:
+        _show_in_folder(session, notice)
+    if notice.command:
         title = commands.command(notice.command).title
         if widgets.button(title, Face(), why_not=commands.command(notice.command).enabled(session)):
             commands.run(notice.command, session)
             state.closed.add(id(notice))
+    imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
+    if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
+        state.closed.add(id(notice))
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     imgui.end()
     imgui.pop_style_var(2)

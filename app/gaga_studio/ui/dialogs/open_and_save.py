@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gaga_core.io.splat_files import READ_SUFFIXES, WRITE_SUFFIXES
+from gaga_core.io.splat_files import READ_SUFFIXES
 from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
-from gaga_studio.actions import camera_path, cleanup, files, masks
+from gaga_studio.actions import camera_path, files, masks
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
@@ -23,8 +23,6 @@ def register(table: RequestTable, picker: FilePicker) -> None:
         (Request.IMPORT_MASK_FILE, _import_mask_file),
         (Request.SAVE_AS, _save_as),
         (Request.SAVE_SCRIPT, _save_script),
-        (Request.EXPORT_SCENE, _export_scene),
-        (Request.EXPORT_SELECTED, _export_selected),
         (Request.OPEN_PATH, _open_path),
         (Request.SAVE_PATH, _save_path),
     ):
@@ -100,25 +98,6 @@ def _save_script(picker: FilePicker, session: Session) -> None:
     picker.ask(dialog, lambda path: files.save_script(session, path))
 
 
-def _export_scene(picker: FilePicker, session: Session) -> None:
-    def export(path: Path) -> None:
-        then = partial(files.export, session, "scene", path)
-        files.when_agreed(session, "scene", path, then)
-
-    name = f"{stem(session)} edited.ply"
-    picker.ask(_splats("Export what is visible", session, name), export)
-
-
-def _export_selected(picker: FilePicker, session: Session) -> None:
-    def export(path: Path) -> None:
-        then = partial(cleanup.export, session, "selected", path)
-        files.when_agreed(session, "selected", path, then)
-
-    groups = session.selected_groups()
-    named = session.need().name_of(groups[0]) if len(groups) == 1 else f"{stem(session)} selection"
-    picker.ask(_splats("Export the selection", session, f"{named}.ply"), export)
-
-
 def _open_path(picker: FilePicker, session: Session) -> None:
     dialog = _reading("Open a camera path", session, (".json",), "Open")
     picker.ask(dialog, lambda path: camera_path.open_path_file(session, path))
@@ -139,10 +118,3 @@ def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) 
     """A dialog for a file that is written."""
     start = start_folder(session)
     return FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")
-
-
-def _splats(title: str, session: Session, name: str) -> FileDialog:
-    """A splat file to write. Its name says the form: the title lists them."""
-    title = f"{title} as {', '.join(WRITE_SUFFIXES[:-1])} or {WRITE_SUFFIXES[-1]}"
-    start = start_folder(session)
-    return FileDialog(title, PathKind.SAVE_FILE, start, name, WRITE_SUFFIXES, action="Export")

@@ -1,0 +1,122 @@
+"""One export: what, in which form, how changed, where to; and what it will be like."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.io.splat_files import SplatFormat, form_of
+from gaga_core.scene.export import (
+    export_losses,
+    exported_indices,
+    objects_indices,
+    objects_losses,
+)
+from gaga_core.scene.export_options import ExportOptions, Point, estimated_bytes
+from gaga_studio.actions import cleanup
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.stages import Export
+from gaga_studio.system import file_manager, paths
+
+
+@dataclass(frozen=True)
+class ExportPlan:
+    """What is to be written. ``path`` is a folder for objects."""
+
+    path: Path
+    what: Export = "scene"
+    form: SplatFormat = SplatFormat.PLY
+    options: ExportOptions = field(default_factory=ExportOptions)
+
+
+@dataclass(frozen=True)
+class ExportSummary:
+    """What a plan will write."""
+
+    n_splats: int
+    n_files: int
+    n_bytes: int  # an estimate
+    lost: tuple[str, ...]  # what the form does not keep, a sentence each
+
+
+@notifies
+def start(session: Session, plan: ExportPlan) -> bool:
+    """Write it, as a job; a folder that is not there yet is made."""
+    plan.path.parent.mkdir(parents=True, exist_ok=True)
+    cleanup.export(session, plan.what, plan.path, form=plan.form, options=plan.options)
+    return True
+
+
+@notifies
+def show_in_folder(session: Session, path: Path) -> bool:
+    """Show what was written in the file manager."""
+    del session
+    file_manager.show(path)
+    return True
+
+
+def summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    """What ``plan`` will write, worked out again when the scene or the plan changes."""
+    document = session.need()
+    # Where it lies and how large it is changes neither counts nor losses.
+    options = replace(plan.options, centre=False, ground=False, scale=1.0)
+    key = (document.scene.revision.total(), plan.what, plan.form, options)
+    asked = replace(plan, options=options)
+    return document.read.once("export", key, lambda: _summary(session, asked))
+
+
+def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    scene, options, groups = session.need().scene, plan.options, session.selected_groups() or None
+    if plan.what == "objects":
+        splats = objects_indices(scene, groups, options)
+        n_files = len(np.unique(scene.labels[splats]))
+        lost = objects_losses(scene, plan.form, groups, options)
+    else:
+        what = "selected" if plan.what == "selected" else "visible"
+        splats = options.inside(scene, exported_indices(scene, what))  # type: ignore[arg-type]
+        n_files = 1
+        lost = export_losses(scene, plan.form, what=what, options=options)  # type: ignore[arg-type]
+    degree = scene.gaussians.sh_degree
+    if options.sh_degree is not None:
+        degree = min(degree, options.sh_degree)
+    n_bytes = estimated_bytes(scene.gaussians, len(splats), plan.form, degree)
+    return ExportSummary(len(splats), n_files, n_bytes, lost)
+
+
+def form_of_name(name: str) -> SplatFormat | None:
+    """The form that a typed name asks for; None when it asks for none."""
+    known = any(name.lower().endswith(form.suffix) for form in SplatFormat)
+    return form_of(Path(name)) if known else None
+
+
+def folder(session: Session) -> Path:
+    """Where exports go unless another place is chosen: never a hidden folder of ours."""
+    place = session.project
+    if place is None:
+        return paths.exports()
+    root = place.folder.root if place.folder is not None else place.model_path.parent
+    return paths.exports() if root.is_relative_to(paths.home()) else root
+
+
+def proposed(session: Session, what: Export, form: SplatFormat) -> Path:
+    """The path that is proposed: the name of the scene or of the object."""
+    document = session.need()
+    stem, groups = Path(document.name).stem, session.selected_groups()
+    if what == "objects":
+        return folder(session) / f"{stem} objects"
+    if what == "scene":
+        return folder(session) / f"{stem} edited{form.suffix}"
+    name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
+    return folder(session) / f"{_file_name(name)}{form.suffix}"
+
+
+def _file_name(name: str) -> str:
+    """``name`` without letters that a file may not have."""
+    return "".join("-" if letter in '/\\:*?"<>|' else letter for letter in name)
+
+
+def up_of(session: Session) -> Point:
+    """Which way is up in the open scene, unit (3,)."""
+    x, y, z = session.rig.up / np.linalg.norm(session.rig.up)
+    return float(x), float(y), float(z)

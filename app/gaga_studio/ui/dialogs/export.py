@@ -1,0 +1,293 @@
+"""The sheet that exports: the scene, the selection or every object; one for all."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.io.splat_files import WRITE_SUFFIXES, SplatFormat
+from gaga_core.scene.export_options import ExportOptions, Point
+from gaga_core.scene.selection.bounds import splat_box
+from gaga_studio import commands
+from gaga_studio.actions import export
+from gaga_studio.actions.export import ExportPlan, ExportSummary
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+from gaga_studio.session.stages import Export
+from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
+from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.modal import begin_modal, body_height
+from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+_SHEET, _NAMES = "Export", 7.0  # its title; width of the names of fields, ems
+_WHATS: tuple[tuple[Export, str, str, str, str], ...] = (
+    ("scene", "", "Scene", "One file of all that is visible", "file.export_scene"),
+    ("selected", "", "Selection", "One file of what is selected", "file.export_selected"),
+    (
+        "objects",
+        "",
+        "Objects",
+        "A file for each selected object, else for each, and groups.json with their names",
+        "file.export_objects",
+    ),
+)
+_FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
+    (SplatFormat.PLY, "", "PLY", "Keeps everything. Every program for splats opens it."),
+    (
+        SplatFormat.COMPRESSED_PLY,
+        "",
+        "Compressed PLY",
+        "A quarter of the size, rounded. SuperSplat opens it.",
+    ),
+    (
+        SplatFormat.SPLAT,
+        "",
+        "SPLAT",
+        "Small, rounded, for browsers. Colors look the same from every side.",
+    ),
+    (SplatFormat.SPZ, "", "SPZ", "Small, rounded, for phones. Colors still change with the view."),
+)
+
+
+@dataclass
+class ExportSheet:
+    """What was chosen last, kept while the program runs."""
+
+    what: Export = "scene"
+    form: SplatFormat = SplatFormat.PLY
+    options: ExportOptions = field(default_factory=ExportOptions)
+    path: str = ""  # as it is typed
+    waits: FileDialog | None = None  # the sheet comes back when a place was chosen
+
+
+def register(table: RequestTable, sheet: ExportSheet) -> None:
+    """Answer the three requests to export."""
+    for request, what in (
+        (Request.EXPORT_SCENE, "scene"),
+        (Request.EXPORT_SELECTED, "selected"),
+        (Request.EXPORT_OBJECTS, "objects"),
+    ):
+        table.register(request, _opener(sheet, what))  # type: ignore[arg-type]  # an Export
+
+
+def _opener(sheet: ExportSheet, what: Export) -> Callable[[Session], None]:
+    def opens(session: Session) -> None:
+        if session.document is None:
+            return
+        sheet.what = what
+        # A box is of one scene; the rest is wanted again.
+        sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
+        _propose(session, sheet)
+        imgui.open_popup(_SHEET)
+
+    return opens
+
+
+def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
+    """The whole sheet; ``files`` asks for another place."""
+    is_back = sheet.waits is not None and files.dialog is None
+    # The Escape that ended the choice of a place is not the sheet's.
+    if is_back and not imgui.is_key_pressed(imgui.Key.escape):
+        sheet.waits = None
+        imgui.open_popup(_SHEET)
+    if not begin_modal(_SHEET, em(33)):
+        return
+    if session.document is None:
+        imgui.close_current_popup()
+        imgui.end_popup()
+        return
+    imgui.begin_child("Choices", ImVec2(0, body_height(em(22))))
+    _what_and_form(session, sheet)
+    _options(session, sheet)
+    _place(session, sheet, files)
+    summary = export.summary(session, _plan(sheet))
+    _says(sheet, summary)
+    imgui.end_child()
+    _buttons(session, sheet, summary)
+    imgui.end_popup()
+
+
+def _plan(sheet: ExportSheet) -> ExportPlan:
+    return ExportPlan(Path(sheet.path.strip()).expanduser(), sheet.what, sheet.form, sheet.options)
+
+
+def _propose(session: Session, sheet: ExportSheet) -> None:
+    sheet.path = str(export.proposed(session, sheet.what, sheet.form))
+
+
+def _what_and_form(session: Session, sheet: ExportSheet) -> None:
+    off = {what: commands.command(name).enabled(session) for what, *_, name in _WHATS}
+    widgets.field_name("What", em(_NAMES))
+    choices = [(what, icon, label, hint) for what, icon, label, hint, _ in _WHATS]
+    what = widgets.segmented("What", choices, sheet.what, why_not=off)
+    if what != sheet.what:
+        sheet.what = what
+        _propose(session, sheet)
+    widgets.field_name("Form", em(_NAMES))
+    form = widgets.segmented("Form", _FORMS, sheet.form, why_not={})
+    if form is not sheet.form:
+        sheet.path = _with_suffix(sheet, form)
+        sheet.form = form
+    widgets.under_fields(em(_NAMES))
+    widgets.dim(next(hint for form, _, _, hint in _FORMS if form is sheet.form), wrap=True)
+
+
+def _with_suffix(sheet: ExportSheet, form: SplatFormat) -> str:
+    """The typed path with the suffix of another form."""
+    if sheet.what == "objects" or not sheet.path.endswith(sheet.form.suffix):
+        return sheet.path
+    return sheet.path.removesuffix(sheet.form.suffix) + form.suffix
+
+
+def _options(session: Session, sheet: ExportSheet) -> None:
+    options = sheet.options
+    degree = session.need().scene.gaussians.sh_degree
+    if degree > 0:
+        options = _color(options, degree)
+    widgets.field_name("Placement", em(_NAMES))
+    changed, centre = widgets.checkbox("Middle at the origin", options.centre)
+    widgets.tooltip("The middle of all that is written becomes the origin; files still fit")
+    options = replace(options, centre=centre) if changed else options
+    widgets.next_to("Lowest point at height 0", extra=em(2))
+    changed, ground = widgets.checkbox("Lowest point at height 0", options.ground)
+    widgets.tooltip("What is written stands on the ground")
+    options = replace(options, ground=ground) if changed else options
+    widgets.field_name("Units", em(_NAMES))
+    form = "1 scene unit = %.4g units of the file"
+    flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
+    changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
+    widgets.tooltip("Drag, or double-click to type. What is 2 long here is twice this number long")
+    options = replace(options, scale=scale) if changed and scale > 0 else options
+    widgets.field_name("Crop", em(_NAMES))
+    sheet.options = _crop(session, options)
+
+
+def _color(options: ExportOptions, degree: int) -> ExportOptions:
+    widgets.field_name("Color", em(_NAMES))
+    chosen = degree if options.sh_degree is None else min(options.sh_degree, degree)
+    names = [f"View-dependent, degree {k}" if k else "The same from every side" for k in range(5)]
+    names[degree] = f"As it is (degree {degree})"
+    order = list(range(degree, -1, -1))
+    changed, at = imgui.combo("##Color", order.index(chosen), [names[k] for k in order])
+    widgets.tooltip("Lower degrees make smaller files and lose reflections")
+    if not changed:
+        return options
+    return replace(options, sh_degree=None if order[at] == degree else order[at])
+
+
+def _crop(session: Session, options: ExportOptions) -> ExportOptions:
+    changed, is_on = widgets.checkbox("Only what is in a box", options.crop is not None)
+    widgets.tooltip("The box is around the selection at first, else around everything")
+    if changed:
+        crop = _box(session) if is_on else None
+        return replace(options, crop=crop)
+    if options.crop is None:
+        return options
+    lo, hi = options.crop
+    speed = max(*(b - a for a, b in zip(lo, hi, strict=True)), 1e-6) / 300
+    widgets.field_name("  from", em(_NAMES))
+    moved_lo, low = imgui.drag_float3("##Crop from", list(lo), speed, 0, 0, "%.3f")
+    widgets.field_name("  to", em(_NAMES))
+    moved_hi, high = imgui.drag_float3("##Crop to", list(hi), speed, 0, 0, "%.3f")
+    if not (moved_lo or moved_hi):
+        return options
+    first = [min(a, b) for a, b in zip(low, high, strict=True)]
+    last = [max(a, b) for a, b in zip(low, high, strict=True)]
+    return replace(options, crop=(_point(first), _point(last)))
+
+
+def _box(session: Session) -> tuple[Point, Point]:
+    chosen = session.selected_indices()
+    lo, hi = splat_box(session.need().scene, chosen if len(chosen) else None, share=1.0)
+    return _point(lo.tolist()), _point(hi.tolist())
+
+
+def _point(values: "list[float]") -> Point:
+    x, y, z = values
+    return float(x), float(y), float(z)
+
+
+def _place(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
+    is_folder = sheet.what == "objects"
+    label = "Choose…"
+    room = imgui.calc_text_size(label).x + em(2)
+    widgets.field_name("Folder" if is_folder else "File", em(_NAMES), right=room)
+    changed, sheet.path = imgui.input_text("##Path", sheet.path)
+    widgets.tooltip(sheet.path)
+    if changed and not is_folder:
+        sheet.form = export.form_of_name(sheet.path) or sheet.form
+    imgui.same_line()
+    if widgets.button("Choose a place", Face(label, width=-1), hint="Choose another place"):
+        imgui.close_current_popup()
+        _ask(sheet, files)
+    del session
+
+
+def _ask(sheet: ExportSheet, files: FilePicker) -> None:
+    now = _plan(sheet).path
+    start = next((p for p in now.parents if p.is_dir()), Path.home())
+    if sheet.what == "objects":
+        dialog = FileDialog("Export into a folder", PathKind.NEW_FOLDER, start, now.name)
+    else:
+        title = f"Export as {', '.join(WRITE_SUFFIXES[:-1])} or {WRITE_SUFFIXES[-1]}"
+        dialog = FileDialog(title, PathKind.SAVE_FILE, start, now.name, WRITE_SUFFIXES)
+    dialog.action = "Choose"
+
+    def chosen(path: Path) -> None:
+        sheet.path = str(path)
+        sheet.form = export.form_of_name(path.name) or sheet.form
+
+    files.ask(dialog, chosen)
+    sheet.waits = dialog
+
+
+def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
+    """How much it is, and what is lost."""
+    imgui.dummy(ImVec2(0, em(0.2)))
+    n_files = f" in {summary.n_files:,} files" if sheet.what == "objects" else ""
+    imgui.text_unformatted(
+        f"{summary.n_splats:,} splats{n_files}, about {size_text(summary.n_bytes)}"
+    )
+    said = " ".join(summary.lost) or "Nothing is lost."
+    widgets.dim(said, wrap=True)
+    if sheet.what != "objects" and _plan(sheet).path.is_file():
+        imgui.text_wrapped("The file that is there is replaced.")
+
+
+def size_text(n_bytes: int) -> str:
+    """ "940 kB", "2.1 MB", "1.3 GB"."""
+    for unit, sign in ((1e9, "GB"), (1e6, "MB")):
+        if n_bytes >= unit:
+            return f"{n_bytes / unit:.1f} {sign}"
+    return f"{max(round(n_bytes / 1e3), 1)} kB"
+
+
+def _buttons(session: Session, sheet: ExportSheet, summary: ExportSummary) -> None:
+    imgui.dummy(ImVec2(0, em(0.3)))
+    width, spacing = em(8), imgui.get_style().item_spacing.x
+    room = imgui.get_content_region_avail().x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
+    face = Face("Export", width=width, primary=True)
+    if widgets.button("Export now", face, why_not=_why_not(session, sheet, summary)):
+        imgui.close_current_popup()
+        export.start(session, _plan(sheet))
+    imgui.same_line()
+    if widgets.button("Cancel", Face(width=width)):
+        imgui.close_current_popup()
+
+
+def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> str:
+    name = next(command for what, *_, command in _WHATS if what == sheet.what)
+    reason = commands.command(name).enabled(session)
+    if reason:
+        return reason
+    if summary.n_splats == 0:
+        return "There is nothing to write: nothing of it is visible."
+    if not sheet.path.strip():
+        return "Say where to write."
+    if sheet.what != "objects" and export.form_of_name(sheet.path) is None:
+        return f"The name must end in {sheet.form.suffix}."
+    return ""
