@@ -71,6 +71,18 @@ def is_scene_folder(path: Path) -> bool:
     )
 
 
+def _no_scene(root: Path) -> str:
+    if root.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in root.iterdir()):
+        return (
+            f"{root} holds photos, but no splats and no places of the photos yet. Make them first: "
+            "gaga run, or Make splats in the window."
+        )
+    return (
+        f"{root} is not a scene folder: it has no point_cloud.ply, images/ or sparse/, and no "
+        "photos lie in it. Choose the folder that holds them."
+    )
+
+
 def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     """Look at a scene folder. ``model`` overrides the splats.
 
@@ -82,10 +94,7 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     if not root.exists():
         raise GagaError(f"{root} does not exist. Check the path.")
     if not is_scene_folder(root):
-        raise GagaError(
-            f"{root} is not a scene folder: it has no point_cloud.ply, images/ or sparse/. "
-            "Choose the folder that holds them."
-        )
+        raise GagaError(_no_scene(root))
     if model is not None and not model.is_file():
         raise GagaError(f"{model} does not exist. Choose the file of the splats.")
     finish_publishing(root / "gaga")

@@ -151,7 +151,7 @@ def prepare_photos(
         *others,
     )
     if len(photos) < FEWEST:
-        raise GagaError(_too_few(len(photos), len(sources), notes))
+        raise GagaError(_too_few(len(photos), len(sources), len(unread), notes))
     yield Progress(STAGE, len(sources), len(sources))
     return PhotoSet(tuple(sorted(photos, key=lambda p: p.name)), ordered, notes)
 
@@ -193,11 +193,15 @@ def _note(what: str, names: Sequence[str], kind: str = "photo") -> tuple[str, ..
     return (f"{len(names)} {kind}{'s' if many else ''} {verb}: {listed}.",)
 
 
-def _too_few(n: int, n_files: int, notes: Sequence[str]) -> str:
+def _too_few(n: int, n_files: int, n_unread: int, notes: Sequence[str]) -> str:
     left = f"There {'is' if n == 1 else 'are'} {n} usable {'photo' if n == 1 else 'photos'}"
     of = f" among {n_files} files" if n_files > n else ""
     why = " ".join(("", *notes)) if notes else ""
-    cure = "" if any(_SAVE_AS in note for note in notes) else " Take more photos, in a walk around."
+    cure = " Take more photos, in a walk around."
+    if n + n_unread >= FEWEST:
+        cure = " Copy those that could not be read from the camera again, or take more photos."
+    if any(_SAVE_AS in note for note in notes):
+        cure = ""
     return (
         f"{left}{of}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
         f"{why}{cure}"

@@ -46,7 +46,7 @@ def why_none(session: Session) -> str:
     """Return why no model can be asked; "" when one can."""
     if models_here(session):
         return ""
-    return "No Segment Anything model is here. Object, Models… gets one."
+    return "No Segment Anything model is here. Find, Models… gets one."
 
 
 def choose_model(session: Session, name: str) -> None:

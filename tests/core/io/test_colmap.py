@@ -131,6 +131,14 @@ def test_a_scene_folder_says_what_it_holds(tmp_path: Path) -> None:
     assert not set(folder.train) & set(folder.test)
 
 
+def test_a_folder_that_is_no_scene_says_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(GagaError, match=r"is not a scene folder.*no photos"):
+        open_scene_folder(tmp_path)
+    (tmp_path / "IMG_1.JPG").write_bytes(b"not read here")
+    with pytest.raises(GagaError, match=r"holds photos, but no splats.*gaga run"):
+        open_scene_folder(tmp_path)
+
+
 def test_split_file_wins_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     root = scene_in(tmp_path / "s")
     split = {"train": ["001.png", "gone.png"], "test": ["004.png"]}

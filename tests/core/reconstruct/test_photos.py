@@ -108,6 +108,15 @@ def test_too_few_photos_are_told(n: int, tmp_path: Path) -> None:
     assert ("1.jpg" in str(caught.value)) == (n == 2)
 
 
+def test_broken_photos_are_to_be_copied_again_not_taken_again(tmp_path: Path) -> None:
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    for i in range(3):
+        (folder / f"{i}.jpg").write_bytes(b"cut off")
+    with pytest.raises(GagaError, match=r"3 photos could not be read.* again, or take more"):
+        prepared(folder, tmp_path / "out")
+
+
 def test_photos_of_kinds_that_are_not_read_are_told(tmp_path: Path) -> None:
     """A folder straight from a phone: not "no scene folder", and not "take more photos"."""
     folder = tmp_path / "phone"
