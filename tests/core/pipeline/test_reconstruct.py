@@ -69,7 +69,15 @@ def test_photos_become_a_scene_folder(made: Path) -> None:
     assert "reconstruct" not in missing_stages(folder)
 
 
-def test_the_report_has_the_held_out_quality_that_the_file_gives(made: Path) -> None:
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_the_report_has_the_held_out_quality_that_the_file_gives(
+    made: Path, tmp_path: Path, antialiased: bool
+) -> None:
+    """In the mode that the file asks for: that of the training."""
+    if antialiased:
+        made = Path(shutil.copytree(made, tmp_path / "scene"))
+        (made / "point_cloud.ply").unlink()
+        run_stage(reconstruct_scene(None, made, replace(TINY, antialiased=True)))
     entry = read_entry(made)
     sfm, train = entry["sfm"], entry["train"]
     assert isinstance(sfm, dict)
@@ -77,6 +85,7 @@ def test_the_report_has_the_held_out_quality_that_the_file_gives(made: Path) -> 
     assert (sfm["photos"], sfm["registered"], sfm["checks"]) == (8, 8, [])
     folder, splats = open_scene_folder(made), read_ply(made / "point_cloud.ply")
     assert train["splats"] == len(splats)
+    assert splats.is_antialiased == antialiased
     views = run_stage(load_views_stage(folder.cameras, folder.image_paths, folder.test, 96)).test
     held_out = train["held_out"]
     assert [view["name"] for view in held_out["views"]] == list(folder.test)
