@@ -22,7 +22,7 @@ from gaga_core.reconstruct.views import TrainView, TrainViews, read_view
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _DISTORTED = ("fox", "sceaux")  # scenes whose photos are straightened first
-_WHOLE_SIDE = 800  # pixels of photos in which points of whole sets are looked for
+_FILM_SIDE = 800  # pixels of photos in which points of whole sets are looked for
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL to those of OpenCV
 
 
@@ -63,7 +63,7 @@ def draw_whole(name: str, longest_side: int) -> Subset:
     if len(model.points):
         points, colors = model.points, model.point_colors
     else:
-        points, colors = _triangulated(f"{name}-whole", folder, train, _WHOLE_SIDE)
+        points, colors = _triangulated(f"{name}-whole", folder, train, is_film=True)
     views = [read_view(c, folder / "images" / c.name, longest_side) for c in model.cameras]
     parts = [tuple(v for i, v in enumerate(views) if (i % 8 == 0) == held) for held in (0, 1)]
     return Subset(TrainViews(*parts), points, colors)
@@ -120,14 +120,14 @@ def _posed(
 
 
 def _triangulated(
-    key: str, folder: Path, cameras: list[Camera], largest: int = -1
+    key: str, folder: Path, cameras: list[Camera], *, is_film: bool = False
 ) -> tuple[DoubleArray, UInt8Array]:
-    """Points that at least two of the ``cameras`` see, found by matching their photos, shrunk to
-    ``largest`` pixels (-1: as they are)."""
+    """Points that at least two of the ``cameras`` see, found by matching their photos: each with
+    every other, or those of a film with their neighbours and in smaller pictures."""
     file = _cache() / f"{key}.npz"
     if not file.is_file():
         with tempfile.TemporaryDirectory() as work:
-            model = _triangulate(Path(work), folder / "images", cameras, largest)
+            model = _triangulate(Path(work), folder / "images", cameras, is_film)
         found = list(model.points3D.values())
         np.savez(
             file,
@@ -139,7 +139,7 @@ def _triangulated(
 
 
 def _triangulate(
-    work: Path, images: Path, cameras: list[Camera], largest: int
+    work: Path, images: Path, cameras: list[Camera], is_film: bool
 ) -> pycolmap.Reconstruction:
     first, database, cpu = cameras[0], work / "database.db", pycolmap.Device.cpu
     K = first.K
@@ -148,7 +148,7 @@ def _triangulate(
     reader.camera_params = f"{K[0, 0]},{K[1, 1]},{K[0, 2]},{K[1, 2]}"
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.use_gpu = False
-    extraction.max_image_size = largest
+    extraction.max_image_size = _FILM_SIDE if is_film else -1
     pycolmap.extract_features(
         database,
         images,
@@ -160,7 +160,8 @@ def _triangulate(
     )
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
-    pycolmap.match_exhaustive(database, matching, device=cpu)
+    match = pycolmap.match_sequential if is_film else pycolmap.match_exhaustive
+    match(database, matching, device=cpu)
     opened = pycolmap.Database.open(database)
     numbers = {str(image.name): int(image.image_id) for image in opened.read_all_images()}
     camera = opened.read_all_cameras()[0]
