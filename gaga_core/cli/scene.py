@@ -102,6 +102,12 @@ class RenderCommand:
     """Write a film instead of pictures: NAME.mp4 (H.264) or NAME.webm (VP9)."""
     path: Path | None = None
     """The film's camera path, as the window saves it; default: the one saved with the project."""
+    split: Literal["", "rgb", "groups", "depth"] = ""
+    """Of a film: what lies left of a line; --what lies right of it."""
+    split_at: float = 0.5
+    """Where the line is, 0 to 1 of the width."""
+    sweep: bool = False
+    """The line of --split goes from the left edge to the right one, and back."""
     size: tuple[int, int] = (1280, 720)
     """Width and height of the film, pixels."""
     fps: float = 30.0
@@ -142,6 +148,7 @@ class RenderCommand:
     def _film(self, target: Path) -> int:
         from gaga_core.io.video_out import VideoConfig
         from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.split_picture import Split
         from gaga_core.pipeline.video import FilmConfig, film_stage
         from gaga_core.raster import choose
         from gaga_core.scene.camera_json import load_path
@@ -150,7 +157,8 @@ class RenderCommand:
         if self.what == "identity" or self.what == "encodings" or self.model is not None:
             raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
         video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
-        config = FilmConfig(self.what, video=video)
+        split = Split(self.split, self.split_at, self.sweep) if self.split else None
+        config = FilmConfig(self.what, split=split, video=video)
         path = load_path(self.path) if self.path is not None else None
         project = out.follow(open_path_stage(self.scene))
         path = path if path is not None else project.film

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from PIL import Image
@@ -15,6 +15,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.video_out import VideoConfig, video_suffix, write_video_stage
+from gaga_core.pipeline.split_picture import Split, What, joined
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import NEAR, Rasterizer
@@ -23,7 +24,6 @@ from gaga_core.scene.camera_path import CameraPath
 from gaga_core.scene.objects import group_colors
 from gaga_core.scene.scene import RGB, Scene
 
-What = Literal["rgb", "groups", "depth"]
 Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
 _LARGEST_PICTURE = 16384  # pixels of a side
 _KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -35,6 +35,7 @@ class FilmConfig:
 
     what: What = "rgb"
     background: RGB = (0.0, 0.0, 0.0)
+    split: Split | None = None  # of a film: something else left of a line
     antialiased: bool | None = None  # low-pass of mip-splatting; None = as the file's comments say
     video: VideoConfig = field(default_factory=VideoConfig)
 
@@ -44,6 +45,14 @@ class FilmConfig:
             raise GagaError(f"There is nothing called {self.what!r} to film. Choose of {kinds}.")
 
 
+@dataclass(frozen=True, eq=False)
+class LeftSide:
+    """Whose picture lies left of the line of a split film, and who draws it."""
+
+    scene: Scene | None = None  # None: the same
+    painter: Painter | None = None  # None: the rasterizer
+
+
 def film_stage(
     scene: Scene,
     path: CameraPath,
@@ -51,11 +60,13 @@ def film_stage(
     config: FilmConfig,
     *,
     painter: Painter | None = None,
+    left: LeftSide | None = None,
     rasterizer: Rasterizer | None = None,
 ) -> Stage[Path]:
     """Write what is visible along ``path`` as a video, .mp4 or .webm.
 
-    ``painter`` draws the pictures (the window's), else ``rasterizer`` (default: the best here).
+    ``painter`` draws the pictures (the window's), else ``rasterizer`` (default: the best here);
+    ``left`` says whose picture lies left of the line of ``config.split``.
     Works on the scene as it is at the call. Raises ``GagaError`` when the path is too short or
     the file cannot be written; cancelling leaves nothing.
     """
@@ -63,6 +74,8 @@ def film_stage(
         raise GagaError("A film needs two keyframes at least. Add some, or make a turntable.")
     video_suffix(target)
     frozen = replace(scene)
+    left = left or LeftSide()
+    lefts, left_painter = frozen if left.scene is None else replace(left.scene), left.painter
 
     def stage() -> Stage[Path]:
         size = config.video.size
@@ -71,10 +84,18 @@ def film_stage(
         if draw is None:
             cameras = [key.shot.camera(*size) for key in path.keyframes]
             draw = yield from painter_stage(frozen, cameras, config, rasterizer)
-        paint = draw
+        paint, split, paint_left = draw, config.split, left_painter
+        if split is not None and paint_left is None:
+            cameras = [key.shot.camera(*size) for key in path.keyframes]
+            other = replace(config, what=split.left)
+            paint_left = yield from painter_stage(lefts, cameras, other, rasterizer)
 
         def frame(index: int) -> UInt8Array:
-            return paint(path.shot(float(times[index])).camera(*size, f"frame {index}"))
+            camera = path.shot(float(times[index])).camera(*size, f"frame {index}")
+            picture = paint(camera)
+            if split is None or paint_left is None:
+                return picture
+            return joined(paint_left(camera), picture, split.share(index / max(len(times) - 1, 1)))
 
         return (yield from write_video_stage(target, len(times), frame, config.video))
 

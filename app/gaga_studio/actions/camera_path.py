@@ -7,9 +7,11 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.pipeline import video
+from gaga_core.pipeline.split_picture import What
 from gaga_core.pipeline.video import FilmConfig
 from gaga_core.scene.camera_json import load_path, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
+from gaga_studio.actions import split_view
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
@@ -17,7 +19,7 @@ from gaga_studio.session.view_state import Mode, SplatLook
 
 SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0
-WHATS: dict[Mode, video.What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
+WHATS: dict[Mode, What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
 _MODES = {what: mode for mode, what in WHATS.items()}
 
 
@@ -169,19 +171,36 @@ def choose(session: Session, index: int, *, goes: bool = True) -> None:
 
 
 @notifies
-def export_film(session: Session, target: Path, config: FilmConfig) -> bool:
-    """Write the path as a video, as a job; drawn by the graphics card where there is one."""
+def export_film(
+    session: Session, target: Path, config: FilmConfig, *, before: bool = False
+) -> bool:
+    """Write the path as a video, as a job; drawn by the graphics card where there is one.
+
+    ``before``: left of the line of ``config.split`` is the scene before its last edit.
+    """
     document = session.need()
     settled = document.settled()
     requests, camera_path = session.render_requests, settled.film
     painter: video.Painter | None = None
     if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
         painter = _painter(session, config)
+    earlier = split_view.before(session) if before and config.split is not None else None
+    left: video.Painter | None = None
+    if painter is not None and config.split is not None and earlier is None:
+        left = _painter(session, replace(config, what=config.split.left))
     looked = replace(config, antialiased=_look(session))
-    stage = video.film_stage(settled.scene, camera_path, target, looked, painter=painter)
+    stage = video.film_stage(
+        settled.scene,
+        camera_path,
+        target,
+        looked,
+        painter=painter,
+        left=video.LeftSide(earlier, left),
+    )
+    has_kernels = painter is None or (config.split is not None and left is None)
     return session.jobs.start(
         f"Film {target.name}",
-        stages.prepared("Draw", lambda: stage) if painter is None else stage,
+        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
     )
 
@@ -196,7 +215,7 @@ def save_picture(
     view, requests = session.view, session.render_requests
     camera = session.rig.shot().camera(*size)
     what = WHATS.get(view.mode)
-    config = FilmConfig(what or "rgb", view.background, _look(session))
+    config = FilmConfig(what or "rgb", view.background, antialiased=_look(session))
     painter: video.Painter | None = None
     if (
         requests is not None

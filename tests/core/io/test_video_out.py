@@ -17,8 +17,10 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.ply import write_ply
 from gaga_core.io.video_out import VideoConfig, write_video_stage
+from gaga_core.pipeline.split_picture import Split, joined
 from gaga_core.pipeline.video import (
     FilmConfig,
+    LeftSide,
     depth_span,
     film_stage,
     painter_stage,
@@ -224,3 +226,29 @@ def test_an_orthographic_shot_is_drawn_alike_near_and_far() -> None:
         picture = run_stage(painter_stage(scene, [camera], FilmConfig(), CpuRasterizer()))(camera)
         red, green = ((picture[..., c] > 60).sum() for c in (0, 1))
         assert bool(0.93 < green / red < 1.07) is alike
+
+
+def test_a_split_film_has_another_picture_left_of_its_line(tmp_path: Path) -> None:
+    scene, target = _scene(), tmp_path / "split.mp4"
+    path = CameraPath((Keyframe(_FRONT), Keyframe(_FRONT)))
+    color, groups = _picture(scene, FilmConfig()), _picture(scene, FilmConfig("groups"))
+    for share in (0.0, 0.25, 1.0):
+        both = joined(color, groups, share)
+        at = round(share * 96)
+        assert np.array_equal(both[:, : max(at - 1, 0)], color[:, : max(at - 1, 0)])
+        assert np.array_equal(both[:, at + 1 :], groups[:, at + 1 :])
+    empty = Scene.of(scene.gaussians.take(np.zeros(1, np.int32)))
+    config = FilmConfig("groups", split=Split("rgb", sweeps=True), video=SMALL)
+    stage = film_stage(
+        scene, path, target, config, left=LeftSide(empty), rasterizer=CpuRasterizer()
+    )
+    run_stage(stage)
+    pictures = _read(target, SMALL.size).astype(int)
+    first, middle = pictures[0], pictures[len(pictures) // 2]
+    assert first[32].max() > 150  # the line is at the left edge: all of the right picture
+    assert middle[32].max() < first[32].max() - 60  # all of the other scene
+    assert Split(sweeps=True).share(0) == Split(sweeps=True).share(1) == 0
+    assert Split(sweeps=True).share(0.5) == 1
+    for wrong in ({"left": "photo"}, {"at": 1.5}):
+        with pytest.raises(GagaError):
+            Split(**wrong)

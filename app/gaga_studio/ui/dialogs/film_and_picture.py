@@ -2,15 +2,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.io.video_out import VideoConfig
 from gaga_core.pipeline import video as pipeline_video
-from gaga_studio.actions import camera_path
+from gaga_core.pipeline.split_picture import Split, What
+from gaga_studio.actions import camera_path, split_view
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Side
 from gaga_studio.ui.dialogs.file_dialog import FilePicker
 from gaga_studio.ui.dialogs.open_and_save import stem, writing
 from gaga_studio.ui.kit import icons, widgets
@@ -22,10 +25,20 @@ from gaga_studio.ui.kit.widgets import Face
 _FILM, _PICTURE = "Save film", "Save picture"
 _NAMES = 9.0  # width of the names of fields, ems
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
-_WHATS: tuple[tuple[pipeline_video.What, str, str], ...] = (
+_WHATS: tuple[tuple[What, str, str], ...] = (
     ("rgb", icons.COLOR, "Color"),
     ("groups", icons.GROUPS, "Groups"),
     ("depth", icons.DEPTH, "Depth"),
+)
+
+
+Left = Literal["", "rgb", "groups", "depth", "before"]
+_LEFTS: tuple[tuple[Left, str], ...] = (
+    ("", "Nothing"),
+    ("rgb", "Color"),
+    ("groups", "Groups"),
+    ("depth", "Depth"),
+    ("before", "Before the last edit"),
 )
 
 
@@ -33,17 +46,24 @@ _WHATS: tuple[tuple[pipeline_video.What, str, str], ...] = (
 class FilmChoices:
     """What was chosen last, kept while the program runs."""
 
-    what: pipeline_video.What = "rgb"
+    what: What = "rgb"
     width: int = 1920  # pixels
     height: int = 1080
     fps: float = 30.0
     quality: int = 75
+    left: Left = ""  # of the line of a film; "" = no line
+    sweeps: bool = False  # the line
     transparent: bool = False
 
     def config(self, session: Session) -> pipeline_video.FilmConfig:
         """The film's settings; ``GagaError`` when they do not do."""
         video = VideoConfig(self.width, self.height, self.fps, self.quality)
-        return pipeline_video.FilmConfig(self.what, session.view.background, video=video)
+        split = None
+        if self.left:
+            what = self.what if self.left == "before" else self.left
+            split = Split(what, session.view.swipe, self.sweeps)
+        background = session.view.background
+        return pipeline_video.FilmConfig(self.what, background, split, video=video)
 
 
 def register(table: RequestTable) -> None:
@@ -67,6 +87,7 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
 def _film(session: Session, choices: FilmChoices) -> bool:
     whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
     choices.what = widgets.segmented("What", whats, choices.what, why_not={})
+    _left(session, choices)
     _size(choices)
     widgets.field_name("Pictures a second", em(_NAMES))
     _, choices.fps = imgui.slider_float("##Pictures a second", choices.fps, 5, 60, "%.0f")
@@ -76,6 +97,27 @@ def _film(session: Session, choices: FilmChoices) -> bool:
     n = len(path.frame_times(choices.fps)) if path.keyframes else 0
     widgets.dim(f"{path.seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
     return _ends(_FILM, "Save as…")
+
+
+def _left(session: Session, choices: FilmChoices) -> None:
+    """What lies left of a line through the film, and whether the line sweeps."""
+    named = dict(_LEFTS)
+    widgets.field_name("Left of a line", em(_NAMES))
+    if imgui.begin_combo("##Left of a line", named[choices.left]):
+        for left, name in _LEFTS:
+            reason = split_view.why_not(session, Side.BEFORE) if left == "before" else ""
+            imgui.begin_disabled(bool(reason))
+            if imgui.selectable(f"{name}###left {left}", left == choices.left)[0]:
+                choices.left = left
+            imgui.end_disabled()
+            widgets.tooltip(reason)
+        imgui.end_combo()
+    if choices.left == "before" and split_view.before(session) is None:
+        choices.left = ""
+    if choices.left:
+        widgets.under_fields(em(_NAMES))
+        _, choices.sweeps = widgets.checkbox("The line sweeps", choices.sweeps)
+        widgets.tooltip("From the left edge to the right one and back; else as in the split view")
 
 
 def _picture(session: Session, choices: FilmChoices) -> bool:
@@ -124,7 +166,8 @@ def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None
 
 @notifies
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
-    return camera_path.export_film(session, path, choices.config(session))
+    config, before = choices.config(session), choices.left == "before"
+    return camera_path.export_film(session, path, config, before=before)
 
 
 def _ask_picture(session: Session, choices: FilmChoices, files: FilePicker) -> None:

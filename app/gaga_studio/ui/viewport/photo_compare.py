@@ -18,6 +18,7 @@ from gaga_studio.ui.kit.theme import em
 
 _SIDE = 2048  # longest side of the photo, pixels
 _ERROR_SIDE = 1024
+_CUBE = 6.5  # em: room for the view cube in a small picture
 _NAMES = {
     Side.PHOTO: "Photo",
     Side.PICTURE: "Picture",
@@ -178,10 +179,12 @@ def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2)
 def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
     """What lies left and right of the line, at the upper edge; whether the mouse is there."""
     view = session.view
-    wide, high = em(9), imgui.get_frame_height()
-    gap, pad = imgui.get_style().item_spacing.x, em(0.4)
+    high, gap, pad = imgui.get_frame_height(), imgui.get_style().item_spacing.x, em(0.4)
+    free = size.x - _CUBE * em(1)  # the view cube stands at the right
+    wide = min(em(9), max((free - 1.12 * high - 2 * gap - 4 * pad) / 2, em(3)))
     total = 2 * wide + 1.12 * high + 2 * gap
-    low = ImVec2(corner.x + max((size.x - total) / 2, 0.0), corner.y + em(0.7))
+    middle = min((size.x - total) / 2, free - total - pad)
+    low = ImVec2(corner.x + max(middle, pad), corner.y + em(0.7))
     drawing = imgui.get_window_draw_list()
     back = theme.u32(theme.BACK, 0.85)
     end = ImVec2(low.x + total + pad, low.y + high + pad)
