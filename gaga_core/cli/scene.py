@@ -235,6 +235,9 @@ class CompareCommand:
     depth, order of the views."""
     lifting_iterations: int = 10_000
     """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
+    video_model: str | None = None
+    """Folder or name of a SAM 2.1 model (sam2.1-large): adds the row "sam2", masks followed through
+    the photos."""
     json: bool = False
     """Print the table as JSON."""
 
@@ -242,14 +245,17 @@ class CompareCommand:
         """Print one table and write SCENE/gaga/variants.json."""
         from gaga_core.evaluate.compare import ABLATIONS, CompareConfig, compare_variants
         from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.models.catalogue import KNOWN
         from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.query.models import folder_of
 
         folder = open_scene_folder(self.scene)
         if self.variants and self.ablations:
             raise GagaError("--variants and --ablations both say which rows. Choose one.")
         rows = tuple(ABLATIONS) if self.ablations else self.variants
         steps = self.lifting_iterations
-        config = CompareConfig(seeds=self.seeds, lifting_iterations=steps)
+        video = None if self.video_model is None else folder_of(self.video_model, KNOWN)
+        config = CompareConfig(seeds=self.seeds, lifting_iterations=steps, video_model=video)
         if rows:
             config = replace(config, variants=rows, sparse=())
         stage = compare_variants(folder, self.gt, self.masks, config)

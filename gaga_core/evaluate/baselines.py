@@ -5,13 +5,13 @@ labels the Gaussians by the same vote for all, so that only the association diff
 Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
@@ -22,7 +22,12 @@ from gaga_core.masks import Loader, MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
+COVERED = 0.5  # share of a mask that a track must cover, else the mask begins a track of its own
 TRACK_IOU = 0.3  # least overlap at which a tracker keeps an id (SORT, Bewley et al. 2016)
+
+
+# photos of one size, masks (k, H, W) on the first -> masks (k, H, W) of each photo in turn
+Follow = Callable[[Sequence[UInt8Array], BoolArray], Iterator[BoolArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,58 @@ def overlap_tracker(inputs: Inputs) -> Stage[MaskGroups]:
         return masks.labels.ravel()
 
     return (yield from _chained("Track overlaps", inputs, regions, TRACK_IOU))
+
+
+def video_tracks(
+    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: Follow
+) -> Stage[MaskGroups]:
+    """Tracks of a video model: each mask takes the track that covers most of it.
+
+    The masks of the first view are followed through all later ones, by name. Where a view has masks
+    that no track covers, they are followed from there on. Photos of a collection are no film: the
+    ablation shows what that costs.
+    """
+    tracks = yield from _tracks(inputs, photo_of, follow)
+    groups: dict[str, IntArray] = {}
+    n_groups = 0
+    for camera in inputs.views:
+        masks = ViewMasks.of(load_labels(inputs.masks, camera)[0])
+        shown = ViewMasks.of(tracks[camera.name])
+        table = _joint(masks.labels.ravel(), shown.labels.ravel(), len(masks), len(shown))
+        covered = table[:, 1:].sum(axis=1) > 0
+        own = np.zeros(len(masks) + 1, np.int32)
+        if len(shown):
+            own = np.where(covered, shown.ids[table[:, 1:].argmax(axis=1) + 1], 0)
+        groups[camera.name] = np.zeros(int(masks.ids.max()) + 1, np.int32)
+        groups[camera.name][masks.ids[1:]] = own[1:]
+        n_groups = max(n_groups, int(tracks[camera.name].max(initial=0)))
+    return MaskGroups(groups, n_groups)
+
+
+def _tracks(
+    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: Follow
+) -> Stage[dict[str, IntArray]]:
+    """Track ids (H, W) of every view, 0 = none; earlier tracks lie on top."""
+    views = inputs.views
+    shown = {c.name: np.zeros((c.height, c.width), np.int32) for c in views}
+    n_tracks = 0
+    for first, camera in enumerate(views):
+        labels = load_labels(inputs.masks, camera)[0]
+        ids = [int(m) for m in np.unique(labels[labels > 0])]
+        new = [m for m in ids if (shown[camera.name][labels == m] > 0).mean() < COVERED]
+        if not new:
+            continue
+        masks = np.stack([labels == m for m in new])
+        rest = [view for view in views[first:] if view.width == camera.width]
+        rest = [view for view in rest if view.height == camera.height]
+        for i, found in enumerate(follow([photo_of(view) for view in rest], masks)):
+            yield Progress("Follow masks", first, len(views), f"{len(new)} from {camera.name}")
+            at = shown[rest[i].name]
+            free = at == 0
+            for k, mask in enumerate(masks if i == 0 else found):
+                at[mask & free] = n_tracks + 1 + k
+        n_tracks += len(new)
+    return shown
 
 
 def true_masks(inputs: Inputs, truth: MaskSet) -> Stage[MaskGroups]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.evaluate import baselines
@@ -19,6 +20,7 @@ from gaga_core.evaluate.tables import VariantRow, VariantTable
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import mask_folder
 from gaga_core.io.scene_folder import SceneFolder, mask_path_of, read_model, select_views
 from gaga_core.io.staging import publish_all, staging_folder
@@ -32,6 +34,7 @@ TITLES: Mapping[str, str] = {
     "paper": "paper",
     "all-gaussians": "memory bank, all Gaussians",
     "tracker": "overlap tracker",
+    "sam2": "SAM 2 tracks",
     "chained": "chained 3D IoU",
     "lifting": "linear assignment (Panoptic Lifting)",
     "none": "no association",
@@ -73,6 +76,7 @@ class CompareConfig:
     shares: tuple[float, ...] = SHARES  # of the train views
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
     lifting_iterations: int = 10_000  # of variant "lifting", as identities are trained
+    video_model: Path | None = None  # folder of a SAM 2 video model, for variant "sam2"
 
     def __post_init__(self) -> None:
         unknown = [v for v in (*self.variants, *self.sparse) if v not in _TITLES]
@@ -99,7 +103,8 @@ class _Task:
     masks: MaskSet  # of train and scored views
     truth: MaskSet
     rasterizer: Rasterizer
-    lifting_iterations: int = 10_000
+    config: CompareConfig
+    photos: Mapping[str, Path]  # by view name
 
 
 def compare_variants(
@@ -116,17 +121,16 @@ def compare_variants(
     Each variant labels the Gaussians from the masks of the train views; the labels are splatted
     into the test views (all views when none is set apart) and scored with Algorithm 1 against the
     true maps in ``gt``. Written: ``folder.work / "variants.json"``. Nothing else of the scene's
-    groups changes. A bound that needs what is not there (masks of test views, true maps of train
-    views) is left out. Raises ``GagaError`` when nothing can be scored.
+    groups changes. A row that needs what is not there (masks of test views, true maps of train
+    views, a video model and photos) is left out. Raises ``GagaError`` when nothing can be scored.
     """
     config = config or CompareConfig()
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    task = replace(
-        _task_of(folder, gt, masks, gaussians, rasterizer or choose()),
-        lifting_iterations=config.lifting_iterations,
-    )
+    task = _task_of(folder, gt, masks, gaussians, (rasterizer or choose(), config))
     runs = [run for run in config.runs() if _can_run(task, run[0])]
+    if not runs:
+        raise GagaError(_lacking(config))
     rows = []
     for i, (variant, share, seed) in enumerate(runs):
         title = _TITLES[variant] if share == 1.0 else f"{_TITLES[variant]}, {share:.0%}"
@@ -145,7 +149,7 @@ def _task_of(
     gt: Path,
     masks: str | Path | None,
     gaussians: Gaussians,
-    rasterizer: Rasterizer,
+    how: tuple[Rasterizer, CompareConfig],
 ) -> _Task:
     train = select_views(folder, "train" if folder.train else "all")
     held_out = select_views(folder, "test" if folder.test else "all")
@@ -155,12 +159,24 @@ def _task_of(
     if not scored:
         raise GagaError(f"{gt} has no true map of the {len(held_out)} test views. Choose another.")
     mask_set = mask_folder(mask_path_of(folder, masks), names)
-    return _Task(gaussians, train, scored, mask_set, truth, rasterizer)
+    return _Task(gaussians, train, scored, mask_set, truth, *how, folder.image_paths)
+
+
+def _lacking(config: CompareConfig) -> str:
+    """Why no row can be run."""
+    if config.variants == ("sam2",):
+        what = "no photos" if config.video_model is not None else "no SAM 2 model (--video-model)"
+        return f"SAM 2 tracks cannot be made: there are {what}. Add them, or choose another row."
+    rows = ", ".join(config.variants)
+    return f"{rows}: the masks of test views or true maps of train views are missing. Add them."
 
 
 def _can_run(task: _Task, variant: str) -> bool:
     if variant == "per-frame":
         return all(camera.name in task.masks for camera in task.scored)
+    if variant == "sam2":
+        has_photos = all(camera.name in task.photos for camera in task.train)
+        return task.config.video_model is not None and has_photos
     if variant in ("true-masks", "true-maps"):
         return any(camera.name in task.truth for camera in task.train)
     return True
@@ -205,16 +221,30 @@ def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[In
     masks = baselines.true_maps(task.truth) if variant == "true-maps" else task.masks
     inputs = Inputs.of(task.gaussians, cameras, masks, task.rasterizer)
     if variant == "lifting":
-        return (yield from baselines.lifting(inputs, task.lifting_iterations))
+        return (yield from baselines.lifting(inputs, task.config.lifting_iterations))
     stages: Mapping[str, Callable[[], Stage[MaskGroups]]] = {
         "none": lambda: baselines.no_association(inputs),
         "chained": lambda: baselines.chained_3d_iou(inputs),
         "tracker": lambda: baselines.overlap_tracker(inputs),
+        "sam2": lambda: _sam2_tracks(task, inputs),
         "true-masks": lambda: baselines.true_masks(inputs, task.truth),
         "true-maps": lambda: baselines.true_masks(inputs, task.truth),
     }
     groups = yield from stages[variant]()
     return (yield from baselines.label_gaussians(inputs, groups))
+
+
+def _sam2_tracks(task: _Task, inputs: Inputs) -> Stage[MaskGroups]:
+    """Loaded here: only this variant needs torch."""
+    from gaga_core.segmentation.video_tracks import load_follower
+
+    def photo_of(camera: Camera) -> UInt8Array:
+        picture = Image.fromarray(read_rgb(task.photos[camera.name]))
+        return np.asarray(picture.resize((camera.width, camera.height)))
+
+    assert task.config.video_model is not None
+    follow = load_follower(task.config.video_model)
+    return (yield from baselines.video_tracks(inputs, photo_of, follow))
 
 
 def _per_frame(task: _Task) -> Stage[VariantRow]:

@@ -1,6 +1,8 @@
 """The ablation: baselines that fail where they must, and one table of all variants."""
 
 import json
+import shutil
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -8,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import BoolArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.baselines import (
     Inputs,
@@ -20,6 +24,7 @@ from gaga_core.evaluate.baselines import (
     overlap_tracker,
     true_maps,
     true_masks,
+    video_tracks,
 )
 from gaga_core.evaluate.compare import ABLATIONS, TITLES, CompareConfig, compare_variants
 from gaga_core.evaluate.sparse import iou_drop, sparse_views
@@ -34,6 +39,8 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import Synthetic, objects_scene
+
+RUN = tuple(name for name in TITLES if name != "sam2")  # which needs a model
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +89,7 @@ def inputs_of(scene: Synthetic, maps: list[IntArray]) -> Inputs:
 
 
 def test_the_better_method_scores_better(table: VariantTable) -> None:
-    iou = {variant: table.of(variant)[0].without_void.iou for variant in TITLES}
+    iou = {variant: table.of(variant)[0].without_void.iou for variant in RUN}
     assert iou["paper"] > iou["all-gaussians"] + 0.02
     assert iou["all-gaussians"] > iou["none"]
     assert iou["paper"] > iou["chained"] - 1e-9
@@ -97,10 +104,10 @@ def test_the_better_method_scores_better(table: VariantTable) -> None:
 
 def test_the_table_and_its_file_tell_the_same(table: VariantTable, root: Path) -> None:
     saved = json.loads((root / "gaga" / "variants.json").read_text())
-    assert len(saved["rows"]) == len(table.rows) == len(TITLES) + 2 * 2
+    assert len(saved["rows"]) == len(table.rows) == len(RUN) + 2 * 2
     assert saved["images"] == list(open_scene_folder(root).test)
     headings, *rows = table.table()
-    assert len(rows) == len(TITLES) + 2
+    assert len(rows) == len(RUN) + 2
     assert all(len(row) == len(headings) for row in rows)
     drop = table.drop("paper", 0.25)
     assert drop is not None
@@ -219,3 +226,62 @@ def test_sparse_views_are_random_nested_and_repeatable() -> None:
         sparse_views(names, 0, seed=0)
     assert iou_drop(0.8, 0.6) == pytest.approx(0.25)
     assert iou_drop(0, 0) == 0
+
+
+def test_tracks_begin_where_masks_are_not_covered_and_masks_take_theirs(
+    scene: Synthetic, truth: list[IntArray]
+) -> None:
+    """A follower that knows the truth keeps every object's group; one that loses everything begins
+    tracks again in every view."""
+    views = scene.cameras[:4]
+    shown = {c.name: permuted(truth[i], i, top=30) for i, c in enumerate(views)}
+    inputs = Inputs.of(scene.gaussians, views, mask_set(shown), choose())
+    of_photo = {i: truth[i] for i in range(len(views))}
+
+    def photo_of(camera: Camera) -> UInt8Array:
+        place = [c.name for c in views].index(camera.name)
+        return np.full((camera.height, camera.width, 3), place, np.uint8)
+
+    def sees(photos: Sequence[UInt8Array], masks: BoolArray) -> Iterator[BoolArray]:
+        first = of_photo[int(photos[0][0, 0, 0])]
+        objects = [np.bincount(first[mask]).argmax() for mask in masks]
+        for photo in photos:
+            yield np.stack([of_photo[int(photo[0, 0, 0])] == k for k in objects])
+
+    def loses(photos: Sequence[UInt8Array], masks: BoolArray) -> Iterator[BoolArray]:
+        for _ in photos:
+            yield np.zeros_like(masks)
+
+    groups = run_stage(video_tracks(inputs, photo_of, sees))
+    of_object: dict[int, set[int]] = {}
+    for camera, true in zip(views, truth, strict=False):
+        found = groups.groups[camera.name][shown[camera.name]]
+        for k in np.unique(true[true > 0]):
+            of_object.setdefault(int(k), set()).update(np.unique(found[true == k]).tolist())
+    assert all(len(ids) == 1 and 0 not in ids for ids in of_object.values())
+    assert len(set.union(*of_object.values())) == len(of_object)
+    lost = run_stage(video_tracks(inputs, photo_of, loses))
+    assert lost.n_groups == sum(len(np.unique(m[m > 0])) for m in shown.values())
+
+
+def test_sam_2_follows_masks_through_the_photos(root: Path, tmp_path: Path) -> None:
+    """Random weights mean nothing, so only the way through is tested."""
+    from tests.core.segmentation.tiny_models import save_tiny
+
+    save_tiny("sam2_film", tmp_path / "sam2")
+    shutil.copytree(root, tmp_path / "scene")
+    folder = open_scene_folder(tmp_path / "scene")
+    config = CompareConfig(variants=("sam2",), sparse=(), video_model=tmp_path / "sam2")
+    gt = root / "gt/instance"
+    with pytest.raises(GagaError, match="no photos"):
+        run_stage(compare_variants(folder, gt, config=config))
+    for i, camera in enumerate(folder.cameras):
+        photo = np.random.default_rng(i).integers(
+            0, 255, (camera.height, camera.width, 3), np.uint8
+        )
+        (tmp_path / "scene" / "images").mkdir(exist_ok=True)
+        Image.fromarray(photo).save(tmp_path / "scene" / "images" / camera.name)
+    few = replace(open_scene_folder(tmp_path / "scene"), train=folder.train[:2])
+    table = run_stage(compare_variants(few, gt, config=config))
+    assert [row.title for row in table.rows] == ["SAM 2 tracks"]
+    assert table.rows[0].n_groups >= 1

@@ -101,6 +101,30 @@ def _sam2_video() -> Module:
     return model
 
 
+def _sam2_film() -> Module:
+    """A video model whose memory works: its attention takes 64 channels, pointers are wider."""
+    image: Any = _sam2()
+    image.config.vision_config.fpn_hidden_size = 128
+    model: Module = T.Sam2VideoModel(
+        T.Sam2VideoConfig(
+            vision_config=image.config.vision_config,
+            prompt_encoder_config=T.Sam2VideoPromptEncoderConfig(**_PROMPT | {"hidden_size": 128}),
+            mask_decoder_config=T.Sam2VideoMaskDecoderConfig(**_DECODER | {"hidden_size": 128}),
+            image_size=_SIDE,
+            memory_attention_hidden_size=128,
+            memory_attention_feed_forward_hidden_size=32,
+            memory_attention_num_layers=1,
+            memory_attention_rope_feat_sizes=[8, 8],
+            memory_encoder_hidden_size=128,
+            memory_encoder_output_channels=64,
+            memory_fuser_embed_dim=128,
+            memory_fuser_intermediate_dim=64,
+            mask_downsampler_embed_dim=128,
+        )
+    )
+    return model
+
+
 def _sam3_tracker() -> Module:
     backbone = T.Sam3ViTConfig(
         hidden_size=32,
@@ -218,6 +242,7 @@ _MAKERS = {
     "sam_hq": _sam_hq,
     "sam2": _sam2,
     "sam2_video": _sam2_video,
+    "sam2_film": _sam2_film,
     "sam3_tracker": _sam3_tracker,
     "mask2former": _mask2former,
     "maskformer": _maskformer,
