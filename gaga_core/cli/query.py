@@ -135,9 +135,10 @@ class QueryCommand:
 
         if self.in_view is None:
             return None
-        if project.folder is None:
+        folder = project.placed_folder
+        if folder is None:
             raise GagaError("--in-view needs the views of a scene folder. Give that.")
-        return select_views(project.folder, [self.in_view])[0]
+        return select_views(folder, [self.in_view])[0]
 
     def _print(self, project: "Project", answer: "Answer", values: dict[str, object]) -> None:
         from gaga_core.scene.objects import group_name

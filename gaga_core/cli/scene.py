@@ -161,7 +161,7 @@ class RenderCommand:
         config = FilmConfig(self.what, split=split, video=video)
         path = load_path(self.path) if self.path is not None else None
         project = out.follow(open_path_stage(self.scene))
-        path = path if path is not None else project.film
+        path = path if path is not None else project.placed_film
         if len(path.keyframes) < 2:
             raise GagaError("This project has no camera path. Make one in the window, or --path.")
         stage = film_stage(project.scene, path, target, config, rasterizer=choose(self.backend))

@@ -76,7 +76,8 @@ def click_stage(
     scene, engine = project.scene, rasterizer or choose()
     if box is None and not any(click.is_on for click in clicks[:1]):
         raise GagaError("Click the object first: give --click or --box before --not.")
-    cameras = () if project.folder is None else project.folder.cameras
+    folder = project.placed_folder
+    cameras = () if folder is None else folder.cameras
     views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
     if prompter is not None and box is not None:
         raise GagaError("A model is asked by clicks. Give --click instead of --box.")
@@ -133,8 +134,9 @@ def _selectable(project: Project, graph: ClickGraph, answer: Answer) -> IntArray
 
 
 def _view(project: Project, views: Sequence[Camera], name: str) -> Camera:
-    if project.folder is not None:
-        return select_views(project.folder, [name])[0]
+    folder = project.placed_folder
+    if folder is not None:
+        return select_views(folder, [name])[0]
     if not name.isdecimal() or int(name) >= len(views):
         raise GagaError(
             f"There is no view {name}. A file of splats has views 0 to {len(views) - 1} around it."

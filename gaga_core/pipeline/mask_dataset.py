@@ -82,7 +82,7 @@ def export_mask_dataset(
     no place in a data set. Everything appears together at the end. Raises ``GagaError`` when there
     are no views, no photos or nothing visible.
     """
-    folder = project.folder
+    folder = project.placed_folder
     if folder is None or not folder.cameras:
         raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
     _check_target(folder, out, form)

@@ -92,6 +92,10 @@ def reconstruct_scene(
         notes = (*notes, *(yield from _given_poses(scene, config)))
         yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
         done.append("train")
+    workspace = scene / WORKSPACE
+    is_training = (workspace / CHECKPOINT).is_file() or (workspace / SETTINGS).is_file()
+    if find_sparse(scene) is not None and (workspace / "task").is_file() and not is_training:
+        shutil.rmtree(workspace, ignore_errors=True)  # killed after the photos were placed
     if config.only == "all" and find_model(scene) is not None:
         shutil.rmtree(scene / WORKSPACE, ignore_errors=True)  # killed between the last two steps
     return Reconstruction(scene, tuple(done), notes, read_entry(scene))

@@ -96,14 +96,15 @@ def export_masks(
     take no part, and moved ones show where they stand. Raises ``GagaError`` when the project has no
     views or nothing is visible.
     """
-    if project.folder is None or not project.folder.cameras:
+    folder = project.placed_folder
+    if folder is None or not folder.cameras:
         raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
     shown = exported_indices(project.scene)
     if len(shown) == 0:
         raise GagaError("Nothing is visible, so there are no group maps to export.")
     gaussians = yield from bake_stage(project.scene, indices=shown)
     labels, engine = project.scene.labels[shown], rasterizer or choose()
-    cameras = project.folder.cameras
+    cameras = folder.cameras
     names = {name: f"{key}.png" for name, key in view_keys(c.name for c in cameras).items()}
     with staging_folder(out) as staging:
         for i, camera in enumerate(cameras):

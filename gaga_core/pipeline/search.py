@@ -254,10 +254,11 @@ def suggested_names(
 
 def train_views(project: Project) -> tuple[Camera, ...]:
     """The train views of a project's folder, all when none are set apart; () for a lone .ply."""
-    if project.folder is None:
+    folder = project.placed_folder
+    if folder is None:
         return ()
-    wanted = set(project.folder.train)
-    return tuple(c for c in project.folder.cameras if not wanted or c.name in wanted)
+    wanted = set(folder.train)
+    return tuple(c for c in folder.cameras if not wanted or c.name in wanted)
 
 
 def work_of(project: Project) -> Path:

@@ -7,6 +7,7 @@ for no more where neighbours are less than half a turn apart) all go by the same
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
+from gaga_core.scene.frame import scale_of
 
 TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
@@ -282,3 +284,25 @@ def _about(axis: DoubleArray, angle: float) -> DoubleArray:
 
 def _three(point: DoubleArray) -> tuple[float, float, float]:
     return float(point[0]), float(point[1]), float(point[2])
+
+
+def carried_shot(shot: Shot, world: DoubleArray) -> Shot:
+    """``shot`` moved by a similarity (4, 4), as `carried_camera` moves a camera."""
+    if np.array_equal(world, np.eye(4)):
+        return shot
+    scale = scale_of(world)
+    turn = quats_to_matrices(np.array([shot.quat]))[0] @ (world[:3, :3] / scale).T
+    x, y, z = (float(v) for v in world[:3, :3] @ np.array(shot.eye) + world[:3, 3])
+    qw, qx, qy, qz = (float(v) for v in matrices_to_quats(turn[None])[0])
+    return replace(shot, eye=(x, y, z), quat=(qw, qx, qy, qz), distance=shot.distance * scale)
+
+
+def carried_bookmarks(marks: Iterable[Bookmark], world: DoubleArray) -> tuple[Bookmark, ...]:
+    """Bookmarks whose shots moved by a similarity (4, 4)."""
+    return tuple(replace(mark, shot=carried_shot(mark.shot, world)) for mark in marks)
+
+
+def carried_path(path: CameraPath, world: DoubleArray) -> CameraPath:
+    """A camera path whose shots moved by a similarity (4, 4)."""
+    keys = tuple(replace(key, shot=carried_shot(key.shot, world)) for key in path.keyframes)
+    return replace(path, keyframes=keys)

@@ -31,8 +31,9 @@ from gaga_core.io.sog import META, is_sog_meta
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
-from gaga_core.scene.camera_path import Bookmark, CameraPath
+from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
 from gaga_core.scene.edits.append import with_added_stage
+from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.model_copy import KnownCopies, current_file
 from gaga_core.scene.opened_labels import groups_of_file, groups_of_folder, with_groups
 from gaga_core.scene.project_file import (
@@ -62,11 +63,25 @@ class Project:
     folder: SceneFolder | None = None  # None: a single .ply
     path: Path | None = None  # folder of the saved project; None: never saved
     model_fingerprint: str = ""  # of the model as it was opened
+    # Both in the frame in which the scene was opened, see `gaga_core.scene.frame`.
     bookmarks: tuple[Bookmark, ...] = ()
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
     # Both are shared by copies of this value, which are what a save works on.
     known_saves: set[str] = field(default_factory=set)  # scene files read or written by this one
     copies: KnownCopies = field(default_factory=KnownCopies)  # of files that changed
+
+    @property
+    def placed_folder(self) -> SceneFolder | None:
+        """The scene folder with its cameras where they stand around the edited splats."""
+        world = self.scene.frame.world
+        if self.folder is None:
+            return None
+        return replace(self.folder, cameras=carried_cameras(self.folder.cameras, world))
+
+    @property
+    def placed_film(self) -> CameraPath:
+        """The camera path among the edited splats."""
+        return carried_path(self.film, self.scene.frame.world)
 
     @property
     def default_path(self) -> Path:

@@ -8,6 +8,7 @@ from gaga_core.arrays import AnyArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_arrays, bank_of
+from gaga_core.scene.frame import Frame
 from gaga_core.scene.identity_arrays import identities_of, identity_arrays
 from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.project_file import CURE
@@ -30,6 +31,9 @@ def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
     if scene.confidence is not None:
         arrays["confidence"] = scene.confidence
     arrays |= identity_arrays(scene.identities)
+    if not scene.frame.is_identity:
+        arrays["world"] = scene.frame.world
+        arrays["is_metric"] = np.array(scene.frame.is_metric)
     for i, kept in enumerate(scene.named_selections.values()):
         arrays[f"set_{i}"] = np.packbits(kept.mask())
         arrays[f"length_{i}"] = np.array(kept.n)
@@ -67,9 +71,17 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
             confidence=_read_confidence(arrays, n_opened),
             identities=identities_of(arrays, n_opened),
             named_selections=_read_named_selections(arrays),
+            frame=_read_frame(arrays),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{file} is damaged. {CURE}") from error
+
+
+def _read_frame(arrays: dict[str, AnyArray]) -> Frame:
+    if "world" not in arrays:
+        return Frame()
+    check_shape("world", arrays["world"], (4, 4), np.float64)
+    return Frame(arrays["world"], bool(arrays["is_metric"]))
 
 
 def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Array | None:

@@ -13,6 +13,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
 
 _MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
@@ -144,6 +145,7 @@ class Scene:
     confidence: UInt8Array | None = None
     named_selections: dict[str, IndexSet] = field(default_factory=dict)
     identities: Identities = field(default_factory=Identities)
+    frame: Frame = field(default_factory=Frame)  # how the whole scene was moved
     revision: Revision = field(default_factory=Revision)
     added: tuple[Added, ...] = ()  # other files whose splats are here too
 

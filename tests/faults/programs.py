@@ -14,20 +14,21 @@ import numpy as np
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.colmap import read_colmap, write_colmap
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.io.staging import finish_publishing
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
+from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene, train_scene
 from gaga_core.pipeline.run import run_missing
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import permuted, true_map
+from tests.core.reconstruct.photo_scenes import FOCAL, write_photos
 from tests.scenes import Synthetic, objects_scene
 
 Version = str  # "A" or "B"
@@ -107,6 +108,27 @@ def _train(root: Path, _: Version) -> None:
     run_stage(train_scene(open_scene_folder(root), _TRAIN, rasterizer=CpuRasterizer()))
 
 
+def _photos(root: Path) -> None:
+    write_photos(root / "photos", 6)
+
+
+def _place(root: Path, _: Version) -> None:
+    config = ReconstructConfig(only="sfm", max_side=64, focal=FOCAL, threads=1)
+    run_stage(reconstruct_scene(root / "photos", root / "scene", config))
+
+
+def _placed(root: Path) -> str:
+    """Names of all files of the scene, and where the photos were taken, to three digits."""
+    scene = root / "scene"
+    if not (scene / "sparse" / "0").is_dir():
+        return ""
+    poses = {
+        c.name: (c.position + 0.0).round(3).tolist()
+        for c in read_colmap(scene / "sparse" / "0").cameras
+    }
+    return json.dumps([sorted(str(p.relative_to(scene)) for p in scene.rglob("*")), poses])
+
+
 PROGRAMS: Mapping[str, Program] = {
     "export": Program(
         lambda root: None,
@@ -125,6 +147,7 @@ PROGRAMS: Mapping[str, Program] = {
     "train": Program(
         _untrained, _train, lambda root: _digest(root, "point_cloud.ply"), has_versions=False
     ),
+    "place": Program(_photos, _place, _placed, has_versions=False),
 }
 
 

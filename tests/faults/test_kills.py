@@ -3,9 +3,11 @@ run works. ``make faults KILLS=100`` for many."""
 
 import os
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from gaga_core.io.files import remove_leftovers
@@ -13,7 +15,7 @@ from tests.faults.processes import make, run_and_kill, run_whole
 from tests.faults.programs import PROGRAMS, finish
 
 _KILLS = int(os.environ.get("GAGA_TEST_KILLS", "0"))
-_FEW = {"export": 4, "export objects": 4, "associate": 3, "run": 1, "train": 1}
+_FEW = {"export": 4, "export objects": 4, "associate": 3, "run": 1, "train": 1, "place": 1}
 
 
 def _hidden(root: Path) -> list[str]:
@@ -24,6 +26,16 @@ def _age(root: Path) -> None:
     for path in root.rglob("*"):
         if ".gaga-" in str(path) or path.name.endswith(".part"):
             os.utime(path, (1e9, 1e9))
+
+
+def _ended(root: Path) -> bool:
+    """Whether every process that was started for ``root`` ends within ten seconds."""
+    for _ in range(100):
+        lines = [process.info["cmdline"] or [] for process in psutil.process_iter(["cmdline"])]
+        if not any(str(root) in part for line in lines for part in line):
+            return True
+        time.sleep(0.1)
+    return False
 
 
 @pytest.mark.parametrize("name", list(PROGRAMS))
@@ -44,6 +56,7 @@ def test_a_killed_program_leaves_the_old_result_or_the_new_one(name: str, tmp_pa
             shutil.rmtree(root)
             shutil.copytree(fresh, root)
         run_and_kill(name, root, "AB"[kill % 2], float(rng.uniform(0, 1.1 * seconds)))
+        assert _ended(root), f"workers outlive kill {kill}"
         finish(root)
         if program.has_versions:
             assert program.result(root) in results.values(), f"kill {kill}"

@@ -5,7 +5,6 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene import edits
 from gaga_core.scene.arrange import ground_map
-from gaga_core.scene.selection import algebra
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName
@@ -49,7 +48,7 @@ def add(session: Session, point: Point | None) -> bool:
     if not align(session, points):
         return False
     leave(session)
-    session.notify(Level.INFO, _result_text(session))
+    session.notify(Level.INFO, "The ground is level now, at height 0.")
     return True
 
 
@@ -62,17 +61,9 @@ def take_back(session: Session) -> None:
 def align(session: Session, points: DoubleArray) -> bool:
     """Turn and lift everything so that the plane of three ``points`` (3, 3) is the ground.
 
-    What is hidden or locked comes along, and so does the camera (see `CameraRig.follow`).
+    What is hidden or locked comes along, and so do the camera (see `CameraRig.follow`),
+    photos, bookmarks and the camera path.
     """
     document = session.need()
     moved = ground_map(points, session.rig.up, session.rig.seen_from)
-    scene = document.settled().scene
-    edit = edits.transform(scene, algebra.whole(scene), moved, "Align to ground")
-    return document.do(edit, turned=moved)
-
-
-def _result_text(session: Session) -> str:
-    done = "The ground is level now, at height 0."
-    if not session.cameras:
-        return done
-    return f"{done} The photos stay as they were taken, so they no longer match the picture."
+    return document.do(edits.move_scene(document.settled().scene, moved, "Align to ground"))

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_core.scene.camera_path import Bookmark
+from gaga_core.scene.camera_path import Bookmark, carried_bookmarks
 from gaga_studio.session.session import Session
 
 KEYS = tuple(range(1, 10))
@@ -10,7 +10,12 @@ KEYS = tuple(range(1, 10))
 
 def listed(session: Session) -> tuple[Bookmark, ...]:
     """Return the bookmarks of the open scene, in their order."""
-    return session.project.bookmarks if session.project is not None else ()
+    document = session.document
+    if document is None:
+        return ()
+    marks, world = document.project.bookmarks, document.world
+    key = (marks, world.tobytes())
+    return document.read.once("bookmarks", key, lambda: carried_bookmarks(marks, world))
 
 
 def add(session: Session, name: str = "", key: int = 0) -> None:
@@ -84,7 +89,11 @@ def _change(session: Session, index: int, mark: Bookmark) -> None:
 
 def _keep(session: Session, marks: tuple[Bookmark, ...]) -> None:
     document = session.need()
-    document.project.bookmarks = marks
+    kept = document.project.bookmarks
+    known = {now.shot: was.shot for now, was in zip(listed(session), kept, strict=True)}
+    document.project.bookmarks = tuple(
+        replace(mark, shot=document.as_opened(mark.shot, known)) for mark in marks
+    )
     document.save_state.note_outside_history()
 
 

@@ -10,7 +10,7 @@ from gaga_core.pipeline import video
 from gaga_core.pipeline.split_picture import What
 from gaga_core.pipeline.video import FilmConfig
 from gaga_core.scene.camera_json import load_path, save_path
-from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
+from gaga_core.scene.camera_path import CameraPath, Keyframe, carried_path, turntable
 from gaga_studio.actions import split_view
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies
@@ -25,7 +25,12 @@ _MODES = {what: mode for mode, what in WHATS.items()}
 
 def path_of(session: Session) -> CameraPath:
     """Return the path of the open scene; without keyframes when nothing is open."""
-    return session.project.film if session.project is not None else CameraPath()
+    document = session.document
+    if document is None:
+        return CameraPath()
+    film, world = document.project.film, document.world
+    key = (film, world.tobytes())
+    return document.read.once("camera path", key, lambda: carried_path(film, world))
 
 
 # --- keyframes
@@ -180,7 +185,7 @@ def export_film(
     """
     document = session.need()
     settled = document.settled()
-    requests, camera_path = session.render_requests, settled.film
+    requests, camera_path = session.render_requests, path_of(session)
     painter: video.Painter | None = None
     if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
         painter = _painter(session, config)
@@ -273,6 +278,9 @@ def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
 
 def _keep(session: Session, path: CameraPath) -> None:
     document = session.need()
-    document.project.film = path
+    shown, kept = path_of(session).keyframes, document.project.film.keyframes
+    known = {now.shot: was.shot for now, was in zip(shown, kept, strict=True)}
+    keys = tuple(replace(k, shot=document.as_opened(k.shot, known)) for k in path.keyframes)
+    document.project.film = replace(path, keyframes=keys)
     document.save_state.note_outside_history()
     session.view.playback.at = min(session.view.playback.at, path.seconds)

@@ -7,9 +7,7 @@ an entry of its own in the history, so that undo brings the former one back.
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
@@ -105,17 +103,10 @@ def stop(session: Session) -> None:
         session.jobs.cancel()
 
 
-def photo_cameras(session: Session) -> tuple[Camera, ...]:
-    """The photos' cameras, moved with the scene when that was turned as a whole."""
-    world: DoubleArray = session.need().world
-    back = np.linalg.inv(world)
-    return tuple(replace(c, cam_from_world=c.cam_from_world @ back) for c in session.cameras)
-
-
 def _answer_stage(
     session: Session, document: Document, model: ProviderEntry, answer: "Answer", camera: Camera
 ) -> Stage[IntArray]:
-    scene, cameras = replace(document.settled().scene), photo_cameras(session)
+    scene, cameras = replace(document.settled().scene), session.cameras
     loaded = session.models.prompters
 
     def stage() -> Stage[IntArray]:

@@ -72,7 +72,7 @@ def prepare(session: Session) -> bool:
     state, scene = document.clicks, replace(document.settled().scene)
     if state.is_preparing or state.is_ready(scene):
         return False
-    key, cameras, up_to_date = key_of(scene), click_model.photo_cameras(session), document
+    key, cameras, up_to_date = key_of(scene), session.cameras, document
 
     def stage() -> "Stage[ClickGraph]":
         # Imported when first needed: numba and scipy take a large part of the launch time.

@@ -99,9 +99,7 @@ def _towards(session: Session, centre: DoubleArray, up: DoubleArray) -> DoubleAr
         direction = side / np.linalg.norm(side) + front / np.linalg.norm(front) + 0.7 * up
         result: DoubleArray = direction / np.linalg.norm(direction)
         return result
-    world = session.need().world
-    eyes = np.stack([camera.position for camera in session.cameras]) @ world[:3, :3].T
-    away = eyes + world[:3, 3] - centre
+    away = np.stack([camera.position for camera in session.cameras]) - centre
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
     away = away / distance[:, None]
     elevation = np.arcsin(np.clip(away @ up, -1, 1))

@@ -1,18 +1,21 @@
 """The open scene: its history, previews, its selection, and what panels read of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.folder_lock import FolderLock
 from gaga_core.scene import edits
+from gaga_core.scene.camera_path import Shot, carried_shot
 from gaga_core.scene.cleanup import edits as cleanup_edits
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.frame import carried_cameras, inverse
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
@@ -39,7 +42,6 @@ class Document:
         self.history = History(self.scene)
         self.read = SceneCache(self.scene)
         self.save_state = SaveState()
-        self._worlds = {0: np.eye(4)}  # how the whole scene was turned, by History.state_id
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
         self.lit: tuple[object, MaskSplats] | None = None  # of one mask, see `mask_splats`
@@ -81,36 +83,15 @@ class Document:
 
         The same array as long as it was not turned again.
         """
-        return self.world_of(self.history.state_id)
+        return self.scene.frame.world
 
-    def world_of(self, state: int) -> DoubleArray:
-        """`world` in a state of the history."""
-        return self._worlds.get(state, self._worlds[0])
-
-    def resume_worlds(self, worlds: Sequence[DoubleArray], now: int) -> None:
-        """Take ``worlds`` as those of the states 0, 1, 2 and so on; the present one is ``now``."""
-        known = {worlds[now].tobytes(): self.world}
-        self._worlds = {i: known.setdefault(w.tobytes(), w) for i, w in enumerate(worlds)}
-
-    def do(
-        self, edit: Edit | None, *, is_content: bool = True, turned: DoubleArray | None = None
-    ) -> bool:
-        """Apply an edit; False when it is None. ``is_content``: something that a save keeps.
-
-        ``turned`` (3, 4): the world map of an edit that moves the whole scene as one.
-        """
-        before, world = self.history.state_id, self.world
+    def do(self, edit: Edit | None, *, is_content: bool = True) -> bool:
+        """Apply an edit; False when it is None. ``is_content``: something that a save keeps."""
+        before = self.history.state_id
         done = self.history.do(edit)
-        if turned is not None:
-            world = np.vstack([turned, [0, 0, 0, 1]]) @ world
-        self._note(before, is_content, world)
+        self.save_state.note(before, self.history.state_id, is_content)
         self._keep_focus()
         return done
-
-    def _note(self, before: int, is_content: bool, world: DoubleArray) -> None:
-        """Record what the present state, made from state ``before``, holds."""
-        self.save_state.note(before, self.history.state_id, is_content)
-        self._worlds.setdefault(self.history.state_id, world)
 
     def undo(self) -> str | None:
         """Undo the newest edit; return its title, None if there is none."""
@@ -135,6 +116,23 @@ class Document:
         if groups and self.focus not in groups:
             self.focus = groups[0]
 
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """Cameras of the photos where they stand around the scene as it is; () without a folder."""
+        folder, world = self.project.folder, self.world
+        if folder is None:
+            return ()
+        key = (id(folder), world.tobytes())
+        return self.read.once("cameras", key, lambda: carried_cameras(folder.cameras, world))
+
+    def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
+        """``shot`` before the scene was moved as a whole: what a project keeps.
+
+        ``known``: shots as they are shown, with what is kept of them bit for bit.
+        """
+        kept = known.get(shot)
+        return carried_shot(shot, inverse(self.world)) if kept is None else kept
+
     # --- previews: the frames of a drag
 
     def preview(self, build: Callable[[Scene, IntArray], Edit | None]) -> None:
@@ -146,9 +144,9 @@ class Document:
         """Make the preview an entry of the history; False if there is none."""
         if self.cleaning is not None:
             return False  # its colors are no edit to keep: see `actions.cleanup.apply`
-        before, world = self.history.state_id, self.world
+        before = self.history.state_id
         done = self.history.commit_preview()
-        self._note(before, True, world)
+        self.save_state.note(before, self.history.state_id, True)
         return done
 
     def cancel_preview(self) -> None:

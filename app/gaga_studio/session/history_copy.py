@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray, check_shape
+from gaga_core.arrays import AnyArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
@@ -26,16 +26,13 @@ class HistoryCopy:
 
     record: HistoryRecord
     contents: tuple[int, ...]  # (E + 1) of each state: states of one number are saved alike
-    worlds: DoubleArray  # (E + 1, 4, 4) how the whole scene was turned in each state
 
 
 def copy_history(document: Document) -> HistoryCopy:
     """The history of ``document`` as it is now, without a preview."""
     history, states = document.history, document.history.state_ids
     contents = tuple(document.save_state.content(state)[0] for state in states)
-    return HistoryCopy(
-        history.record(), contents, np.stack([document.world_of(state) for state in states])
-    )
+    return HistoryCopy(history.record(), contents)
 
 
 def write_history(folder: Path, copied: HistoryCopy, scene_file: str) -> None:
@@ -43,7 +40,6 @@ def write_history(folder: Path, copied: HistoryCopy, scene_file: str) -> None:
     arrays: dict[str, AnyArray] = {
         "scene": np.array(scene_file),
         "contents": np.array(copied.contents, np.int64),
-        "worlds": copied.worlds,
         **history_arrays(copied.record),
     }
     with atomic_write(folder / FILE) as temporary, temporary.open("wb") as file:
@@ -66,14 +62,12 @@ def read_history(folder: Path, scene_file: str, scene: Scene) -> HistoryCopy | N
         record, n_lost = history_of(arrays)
         n_states = len(record.edits) + 1
         contents = arrays["contents"][n_lost : n_lost + n_states]
-        worlds = arrays["worlds"][n_lost : n_lost + n_states]
         check_shape("contents", contents, (n_states,), np.int64)
-        check_shape("worlds", worlds, (n_states, 4, 4), np.float64)
         _check_walk(scene, record)
     except (GagaError, ValueError, KeyError, IndexError, TypeError) as error:
         _LOG.warning("the undo history in %s is left out: %s", folder, error)
         return None
-    return HistoryCopy(record, tuple(contents.tolist()), worlds)
+    return HistoryCopy(record, tuple(contents.tolist()))
 
 
 def _check_walk(scene: Scene, record: HistoryRecord) -> None:
@@ -95,5 +89,3 @@ def resume_history(document: Document, copied: HistoryCopy) -> None:
     """Let ``document``, just opened, undo and redo what ``copied`` holds."""
     document.history.resume(copied.record)
     document.save_state.resume(copied.contents)
-    now = np.linalg.inv(copied.worlds[copied.record.cursor])  # a camera starts where it is
-    document.resume_worlds([world @ now for world in copied.worlds], copied.record.cursor)

@@ -248,11 +248,10 @@ class Session:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Cameras of the photos that the picture is about, by name."""
+        """Cameras of the photos that the picture is about, by name, around the moved scene."""
         if self.training is not None:
             return self.training.cameras
-        folder = self.project.folder if self.project is not None else None
-        return folder.cameras if folder is not None else ()
+        return self.document.cameras if self.document is not None else ()
 
     @property
     def focus(self) -> int:

@@ -7,6 +7,7 @@ ends in ``values`` hold the edits themselves.
 
 from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
+from gaga_core.scene.edits.frame import move_scene, set_origin, set_scale
 from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
 from gaga_core.scene.edits.identities import set_identities, use_labels
 from gaga_core.scene.edits.levels import join_here, split_here
@@ -43,6 +44,7 @@ __all__ = [
     "keep_selection",
     "lock",
     "merge_groups",
+    "move_scene",
     "named_selection",
     "recolor",
     "rename",
@@ -53,6 +55,8 @@ __all__ = [
     "set_grouping",
     "set_identities",
     "set_labels",
+    "set_origin",
+    "set_scale",
     "set_state",
     "show",
     "show_all",

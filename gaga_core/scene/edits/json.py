@@ -8,7 +8,7 @@ write splats.
 import binascii
 import zlib
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -19,6 +19,7 @@ from gaga_core.io.json_file import PathText, explain_json_error
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.append import read_added_stage
 from gaga_core.scene.edits.append_values import AppendSplats
+from gaga_core.scene.edits.frame import SetFrame
 from gaga_core.scene.edits.packed_entries import MOST_ROWS, IntsEntry, Row, SetEntry, TableEntry
 from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement
 from gaga_core.scene.edits.values import (
@@ -33,8 +34,10 @@ from gaga_core.scene.edits.values import (
     SetNamedSelection,
     SetNames,
 )
+from gaga_core.scene.frame import Frame
 from gaga_core.scene.scene import RGB, Added, State
 
+_Row = tuple[float, float, float, float]
 _Bits = Annotated[int, Meta(ge=0, le=255)]  # of a state
 # What the values of an entry can still be, once its types are right.
 _DAMAGED = (ValueError, OverflowError, MemoryError, RecursionError, zlib.error, binascii.Error)
@@ -168,6 +171,33 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
         )
 
 
+class FrameState(Struct, frozen=True):
+    """How the whole scene was moved."""
+
+    world: tuple[_Row, _Row, _Row, _Row]
+    is_metric: bool
+
+    @staticmethod
+    def of(frame: Frame) -> "FrameState":
+        """The form of a frame."""
+        a, b, c, d = frame.world.tolist()
+        return FrameState((tuple(a), tuple(b), tuple(c), tuple(d)), frame.is_metric)
+
+    def frame(self) -> Frame:
+        """The frame; ``ValueError`` when it is none."""
+        return Frame(np.array(self.world, np.float64), self.is_metric)
+
+
+class FrameEntry(EditEntry, frozen=True, tag="frame"):
+    """A motion of the whole scene."""
+
+    before: FrameState
+    after: FrameState
+
+    def decoded(self, most: int) -> Edit:
+        return SetFrame(self.title, self.before.frame(), self.after.frame())
+
+
 class TogetherEntry(EditEntry, frozen=True, tag="together"):
     """Several edits that are one."""
 
@@ -185,6 +215,7 @@ AnyEntry = (
     | PlacementEntry
     | CopiesEntry
     | AppendEntry
+    | FrameEntry
     | TogetherEntry
 )
 
@@ -195,7 +226,9 @@ def encode_edit(edit: Edit) -> dict[str, object] | None:
     Raises ``TypeError`` for a kind of edit that has no form here.
     """
     entry = _entry(edit)
-    return None if entry is None else cast(dict[str, object], msgspec.to_builtins(entry))
+    if entry is None:
+        return None
+    return msgspec.json.decode(msgspec.json.encode(entry), type=dict[str, object])
 
 
 def decode_edit(content: object, most_rows: int = MOST_ROWS) -> Edit:
@@ -240,11 +273,17 @@ def _entry(edit: Edit) -> AnyEntry | None:
             edit.rows_from.tolist(),
             edit.rows_to.tolist(),
         )
+    return _rare_entry(edit)
+
+
+def _rare_entry(edit: Edit) -> AnyEntry:
     if isinstance(edit, AppendCopies):
         labels, rows = IntsEntry.of(edit.labels), IntsEntry.of(edit.rows)
         return CopiesEntry(edit.title, SetEntry.of(edit.splats), labels, rows, int(edit.state))
     if isinstance(edit, AppendSplats):
         return _append_entry(edit)
+    if isinstance(edit, SetFrame):
+        return FrameEntry(edit.title, FrameState.of(edit.before), FrameState.of(edit.after))
     raise TypeError(f"edit: {type(edit).__name__} has no recorded form")
 
 

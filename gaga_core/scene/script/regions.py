@@ -24,6 +24,7 @@ from gaga_core.scene.script.base import (
 from gaga_core.scene.script.fields import (
     Axis,
     Color,
+    Ends,
     Groups,
     How,
     Matrix,
@@ -220,7 +221,28 @@ class AlignToGround(Operation, frozen=True):
             raise GagaError('field "up" must not be zero.')
         points, eye = np.array(self.points, np.float64), np.array(self.seen_from, np.float64)
         moved = ground_map(points, up, eye)
-        return edits.transform(scene, algebra.whole(scene), moved, "Align to ground")
+        return edits.move_scene(scene, moved, "Align to ground")
+
+
+class SetScale(Operation, frozen=True):
+    """Scale everything so that the way between two points has a length in metres."""
+
+    points: Ends
+    metres: Positive
+
+    def edit(self, scene: Scene) -> Edit | None:
+        one, two = np.array(self.points, np.float64)
+        length = float(np.linalg.norm(two - one))
+        return edits.set_scale(scene, length, self.metres, np.zeros(3))
+
+
+class SetOrigin(Operation, frozen=True):
+    """Move everything so that a point becomes the origin."""
+
+    point: Vector
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.set_origin(scene, np.array(self.point, np.float64))
 
 
 # --- objects of regions -------------------------------------------------------------------------
@@ -294,6 +316,8 @@ RegionOperation: TypeAlias = (
     | GradeColors
     | Mirror
     | AlignToGround
+    | SetScale
+    | SetOrigin
     | Separate
     | Split
     | Assign

@@ -8,7 +8,15 @@ from gaga_core.io.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import files, history, objects, selection
+from gaga_studio.actions import (
+    align_ground,
+    bookmarks,
+    camera_path,
+    files,
+    history,
+    objects,
+    selection,
+)
 from gaga_studio.commands import command, for_shortcut, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -93,9 +101,40 @@ def test_three_clicks_lay_the_floor_level_as_one_undoable_edit(associated: Sessi
     np.testing.assert_allclose(_distances(session), apart, atol=1e-5)
     assert session.unsaved
     assert "level now" in session.notices[-1].text
-    assert "photos stay" in session.notices[-1].text
     history.undo(session)
     assert snapshot(scene) == before
+
+
+def test_photos_bookmarks_and_path_follow_the_ground_and_come_back(associated: Session) -> None:
+    session = associated
+    bookmarks.add(session, "here")
+    camera_path.add_keyframe(session)
+    points = _means(session)[::50]
+    seen = [camera.project(points)[0] for camera in session.cameras]
+    shot, key = bookmarks.listed(session)[0].shot, camera_path.path_of(session).keyframes[0].shot
+    (point,) = points[:1]
+    turned = np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
+    laid = np.array([point, point + turned @ [1.0, 0, 0.3], point + turned @ [0, 1.0, 0]])
+    assert align_ground.align(session, laid)
+    moved = _means(session)[::50]
+    assert not np.allclose(moved, points, atol=1e-2)
+    for camera, before in zip(session.cameras, seen, strict=True):
+        np.testing.assert_allclose(camera.project(moved)[0], before, atol=0.05)  # pixels
+    for now, then in (
+        (bookmarks.listed(session)[0].shot, shot),
+        (camera_path.path_of(session).keyframes[0].shot, key),
+    ):
+        now_seen = now.camera(640, 480).project(moved)[0]
+        np.testing.assert_allclose(now_seen, then.camera(640, 480).project(points)[0], atol=0.05)
+    bookmarks.add(session, "there")  # kept in the frame of the file, read where it is
+    np.testing.assert_allclose(
+        bookmarks.listed(session)[1].shot.eye, session.rig.shot().eye, atol=1e-9
+    )
+    history.undo(session)
+    assert bookmarks.listed(session)[0].shot == shot
+    assert camera_path.path_of(session).keyframes[0].shot == key
+    again = [camera.project(points)[0] for camera in session.cameras]
+    np.testing.assert_array_equal(again, seen)
 
 
 def _distances(session: Session) -> DoubleArray:

@@ -43,6 +43,7 @@ def columns(scene: Scene) -> dict[str, AnyArray]:
     if scene.confidence is not None:
         extra["confidence"] = scene.confidence
     extra |= {f"identities {name}": a for name, a in identity_arrays(scene.identities).items()}
+    extra |= {"world": scene.frame.world, "is_metric": np.array(scene.frame.is_metric)}
     return extra | {
         "means": g.means,
         "quats": g.quats,

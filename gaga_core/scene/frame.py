@@ -1,0 +1,87 @@
+"""How the whole scene was moved since it was opened, and how long its unit is.
+
+Splats move by their placements. What is kept apart from them, cameras of photos, bookmarks and the
+camera path, stays in the frame in which the scene was opened and is carried when it is read.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, check_shape
+from gaga_core.camera import Camera
+
+_SIMILAR = 1e-6  # how far a map may be from rotation times scale, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A motion of the whole scene. Raises ``ValueError`` when it is none."""
+
+    # (4, 4) world_from_opened: rotation times uniform scale, and an offset
+    world: DoubleArray = field(default_factory=lambda: np.eye(4))
+    is_metric: bool = False  # a unit of the world is a metre
+
+    def __post_init__(self) -> None:
+        check_shape("world", self.world, (4, 4))
+        scale_of(self.world)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether nothing was moved as a whole and no length is known."""
+        return not self.is_metric and np.array_equal(self.world, np.eye(4))
+
+    def equals(self, other: "Frame") -> bool:
+        """Whether both are the same."""
+        return self.is_metric == other.is_metric and np.array_equal(self.world, other.world)
+
+
+def scale_of(world: DoubleArray) -> float:
+    """The factor of lengths of a similarity (3, 4) or (4, 4).
+
+    Raises ``ValueError`` when the map mirrors, stretches or flattens space, or is not finite.
+    """
+    linear = np.asarray(world, np.float64)[:3, :3]
+    if not np.isfinite(world).all() or not np.linalg.det(linear) > 0:
+        raise ValueError("world: expected a rotation times a scale, and an offset")
+    scale = float(np.cbrt(np.linalg.det(linear)))
+    if np.abs(linear @ linear.T / scale**2 - np.eye(3)).max() > _SIMILAR:
+        raise ValueError("world: the map stretches space, so cameras cannot follow it")
+    return scale
+
+
+def inverse(world: DoubleArray) -> DoubleArray:
+    """The map back (4, 4) of a similarity (4, 4)."""
+    result: DoubleArray = np.linalg.inv(world).astype(np.float64)
+    return result
+
+
+def carried_camera(camera: Camera, world: DoubleArray) -> Camera:
+    """``camera`` moved by a similarity (4, 4): it sees the moved scene as it saw the scene.
+
+    Its pose stays rigid: a scale moves its place only. Depths grow by the scale.
+    """
+    if np.array_equal(world, np.eye(4)):
+        return camera
+    pose = np.eye(4)
+    pose[:3, :3] = camera.cam_from_world[:3, :3] @ (world[:3, :3] / scale_of(world)).T
+    pose[:3, 3] = -pose[:3, :3] @ (world[:3, :3] @ camera.position + world[:3, 3])
+    return replace(camera, cam_from_world=pose)
+
+
+def carried_cameras(cameras: Iterable[Camera], world: DoubleArray) -> tuple[Camera, ...]:
+    """`carried_camera` of each."""
+    return tuple(carried_camera(camera, world) for camera in cameras)
+
+
+def length_text(length: float, *, is_metric: bool) -> str:
+    """A length in words: "12.3 cm", "2.40 m", or "0.817 units" while no length is known."""
+    if not is_metric:
+        return f"{length:.3g} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"
+    size = abs(length)
+    if size >= 1000:
+        return f"{length / 1000:.2f} km"
+    if size >= 1:
+        return f"{length:.2f} m"
+    return f"{length * 100:.1f} cm" if size >= 0.01 else f"{length * 1000:.1f} mm"

@@ -1,0 +1,134 @@
+"""The scene moved as a whole: cameras, shots and paths see the same picture of it, lengths grow."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.errors import GagaError
+from gaga_core.geometry import quats_to_matrices
+from gaga_core.io.ply import write_ply
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot, carried_shot
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.frame import Frame, carried_camera, inverse, length_text, scale_of
+from gaga_core.scene.project import open_path_stage, save_project
+from gaga_core.scene.script.run import run_script
+from gaga_core.scene.selection.algebra import world_means
+from tests.core.scene.edits.edit_walk import snapshot, walk_scene
+from tests.scenes import orbit_cameras
+
+
+def _similarity(seed: int) -> DoubleArray:
+    rng = np.random.default_rng(seed)
+    world = np.eye(4)
+    world[:3, :3] = quats_to_matrices(rng.normal(size=(1, 4)))[0] * rng.uniform(0.01, 50)
+    world[:3, 3] = rng.normal(size=3)
+    return world
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_carried_camera_sees_the_moved_scene_as_before(seed: int) -> None:
+    world = _similarity(seed)
+    points = np.random.default_rng(seed).normal(size=(50, 3))
+    moved = points @ world[:3, :3].T + world[:3, 3]
+    for camera in orbit_cameras(3):
+        carried = carried_camera(camera, world)
+        rotation = carried.cam_from_world[:3, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+        before, depth = camera.project(points)
+        after, far = carried.project(moved)
+        np.testing.assert_allclose(after, before, atol=1e-6)
+        np.testing.assert_allclose(far, depth * scale_of(world), rtol=1e-9)
+        back = carried_camera(carried, inverse(world))
+        np.testing.assert_allclose(back.cam_from_world, camera.cam_from_world, atol=1e-9)
+        shot = carried_shot(Shot.of_camera(camera, 2.0), world)
+        again = Shot.of_camera(carried, 2.0 * scale_of(world))
+        np.testing.assert_allclose(
+            shot.camera(99, 99).cam_from_world, again.camera(99, 99).cam_from_world, atol=1e-6
+        )
+        assert shot.distance == pytest.approx(again.distance)
+
+
+def test_what_is_no_motion_of_a_whole_scene_is_refused() -> None:
+    scene = walk_scene()
+    for bad in (np.diag([1.0, 2, 1]), np.diag([1.0, 1, -1]), np.zeros((3, 3)), np.eye(3) * np.nan):
+        with pytest.raises(ValueError, match="world"):
+            edits.move_scene(scene, np.column_stack([bad, np.zeros(3)]), "x")
+
+
+def test_a_known_length_scales_everything_and_undo_is_exact() -> None:
+    scene = walk_scene()
+    scene.state[:50] |= 2 | 4  # hidden and locked splats come along
+    history, start = History(scene), snapshot(scene)
+    before = world_means(scene).astype(np.float64)
+    far = float(np.linalg.norm(before[3] - before[200]))
+    edit = edits.set_scale(scene, far, 0.25, before[3])
+    assert history.do(edit)
+    after = world_means(scene).astype(np.float64)
+    assert float(np.linalg.norm(after[3] - after[200])) == pytest.approx(0.25, rel=1e-4)
+    np.testing.assert_allclose(after[3], before[3], atol=1e-5)
+    assert scene.frame.is_metric
+    world = scene.frame.world
+    np.testing.assert_allclose(before @ world[:3, :3].T + world[:3, 3], after, atol=1e-5)
+    moved = snapshot(scene)
+    history.undo()
+    assert snapshot(scene) == start
+    history.redo()
+    assert snapshot(scene) == moved
+    history.do(edits.set_origin(scene, after[7]))
+    assert np.abs(world_means(scene)[7]).max() < 1e-5
+    assert scene.frame.is_metric
+
+
+@pytest.mark.parametrize("metres", [0.0, -1.0, float("nan"), float("inf"), 1e300])
+def test_a_length_that_no_thing_has_is_a_sentence(metres: float) -> None:
+    with pytest.raises(GagaError):
+        edits.set_scale(walk_scene(), 1.0, metres, np.zeros(3))
+
+
+def test_a_script_and_its_recording_do_the_same() -> None:
+    scene, again = walk_scene(), walk_scene()
+    history = History(scene)
+    steps = [
+        {"op": "set_scale", "points": [[0, 0, 0], [2, 0, 0]], "metres": 1},
+        {"op": "align_to_ground", "points": [[0, 0, 0], [1, 0, 0], [0, 1, 1]],
+         "seen_from": [0, 0, 9]},
+        {"op": "set_origin", "point": [1, 2, 3]},
+    ]  # fmt: skip
+    assert run_script(scene, steps, history) == ("Set scale", "Align to ground", "Set origin")
+    assert scale_of(scene.frame.world) == pytest.approx(0.5)
+    run_script(again, json.loads(json.dumps(history.recorded())))
+    assert again.frame.equals(scene.frame)
+    assert np.array_equal(world_means(again), world_means(scene))
+
+
+def test_a_saved_project_keeps_how_the_scene_was_moved(tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", walk_scene().gaussians)
+    project = run_stage(open_path_stage(tmp_path / "a.ply"))
+    shot = Shot.of_camera(orbit_cameras(1)[0], 2.0)
+    project.bookmarks = (Bookmark("here", shot),)
+    project.film = CameraPath((Keyframe(shot), Keyframe(shot)))
+    History(project.scene).do(edits.move_scene(project.scene, _similarity(1), "x", is_metric=True))
+    save_project(project)
+    again = run_stage(open_path_stage(tmp_path / "a.gaga"))
+    assert again.scene.frame.equals(project.scene.frame)
+    assert again.bookmarks == project.bookmarks
+    assert again.placed_film == project.placed_film
+    assert again.placed_film.keyframes[0].shot == carried_shot(shot, _similarity(1))
+
+
+def test_lengths_are_told_in_the_unit_that_is_known() -> None:
+    told = [length_text(m, is_metric=True) for m in (0.0031, 0.123, 2.4, 2400.0)]
+    assert told == ["3.1 mm", "12.3 cm", "2.40 m", "2.40 km"]
+    assert length_text(0.8174, is_metric=False) == "0.817 units"
+
+
+def test_a_frame_of_a_damaged_file_is_refused() -> None:
+    with pytest.raises(ValueError, match="world"):
+        Frame(np.diag([1.0, 1, 3, 1]))
+    assert replace(Frame(), is_metric=True).world.shape == (4, 4)
