@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.demo.cameras import posed
 from gaga_core.demo.masks import (
@@ -61,7 +61,7 @@ def parts_scene(seed: int, *, n_splats: int = 60_000, faults: SamFaults | None =
     """The scene of one seed; labels and truth are whole objects 1..150, then floor and walls."""
     f = faults or SamFaults()
     rng = np.random.default_rng((seed, 7, 0))
-    things = _things(rng)
+    things = objects_of(rng)
     parts = [part for thing in things for part in thing.parts]
     owner = np.array([0, *(k for k, t in enumerate(things, 1) for _ in t.parts)], np.int32)
     fine = surface_of(parts, 2.5 * n_splats, np.random.default_rng((seed, 7, 1)))
@@ -92,7 +92,7 @@ class View:
     parts: IntArray  # (H, W) 1..P, 0 = none
     wholes: IntArray  # (H, W) true objects, then floor and walls
     things: Sequence[Thing]
-    trait: np.ndarray  # (objects + 1,) how easily each falls into parts, 0..1
+    trait: DoubleArray  # (objects + 1,) how easily each falls into parts, 0..1
 
 
 def sam_masks(view: View, rng: np.random.Generator, f: SamFaults) -> IntArray:
@@ -140,7 +140,7 @@ def _cameras(rng: np.random.Generator) -> tuple[Camera, ...]:
     return tuple(found)
 
 
-def _things(rng: np.random.Generator) -> list[Thing]:
+def objects_of(rng: np.random.Generator) -> list[Thing]:
     """Six tables, then small things on them and on the floor, until there are 150."""
     found, tops = [], []
     for k, (x, y) in enumerate(_TABLES):

@@ -525,3 +525,18 @@ def test_missing_splats_are_trained_on_the_training_views_alone(tmp_path: Path) 
     bare = replace(data.scenes[0].folder, image_paths={})
     with pytest.raises(GagaError, match="4 of its 4 training photos are missing"):
         run_stage(trained_splats(bare, settings, tmp_path / "none", choose("cpu")))
+
+
+def test_masks_and_photos_of_test_views_take_no_part(
+    report: BenchmarkReport, replica: Path, tmp_path: Path
+) -> None:
+    """They cannot even be read, and every figure is the same."""
+    shutil.copytree(replica / "office_0", tmp_path / "data" / "office_0")
+    for folder in ("raw_sam_mask", "images"):
+        for path in (tmp_path / "data" / "office_0" / folder).glob("test_*"):
+            path.write_bytes(b"not a picture")
+    config = BenchmarkConfig(preset="paper", lift="vote")
+    data = open_dataset("replica", tmp_path / "data")
+    (scene,) = run_stage(run_benchmark(data, tmp_path / "out", config)).scenes
+    assert scene.runs[0].scores == report.scenes[0].runs[0].scores
+    assert scene.runs[0].n_groups == report.scenes[0].runs[0].n_groups
