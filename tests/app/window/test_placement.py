@@ -1,4 +1,4 @@
-"""What messages of the placement advise is in the sheet under the name that they give."""
+"""The sheet of a reconstruction has what messages advise, and what is chosen reaches the plan."""
 
 from pathlib import Path
 
@@ -19,13 +19,17 @@ def test_the_controls_that_messages_name_are_there(display: str, tmp_path: Path)
         d.click("**/###Settings…")
         d.frames(4)
         for control in set(IN_WINDOW.values()) - _ELSEWHERE:
-            assert d.exists(f"**/{control}"), control
+            assert d.exists(f"**/{control}") or d.exists(f"**/##{control}"), control
         d.click("**/Object on a turntable")
-        d.type_into("**/Minutes for placing", "7")
+        d.click("**/Antialiased")
+        d.click("**/Photos differ in brightness")
+        d.type_into("**/##Minutes for placing", "7")
         d.frames(2)
         plan = d.studio.ui.plan.plan
         assert plan is not None
         assert plan.config.turntable
+        assert plan.config.train().antialiased
+        assert plan.config.train().exposure
         assert plan.config.place_minutes == 7
 
     drive(walk, path=tmp_path / "room", size=(1000, 760))
