@@ -16,6 +16,7 @@ _ORBIT_PER_HEIGHT = np.pi  # drag over the picture's height: half a turn
 _ZOOM_PER_NOTCH = 0.15
 _FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
+_THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without photos
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,22 +245,24 @@ class CameraRig:
         hi: DoubleArray,
         cameras: Sequence[Camera] = (),
         *,
+        up: DoubleArray | None = None,
         animated: bool = False,
     ) -> None:
         """Set a first view of a scene with the robust box lo..hi (3,): its first photo, if any.
 
-        Without cameras: from the front, a little above, the whole box. Sets up and the scale too.
+        Without cameras: three quarters from the front, a little above, the whole box. Sets up,
+        which is ``up`` (3,) or what the cameras say, and the scale too.
         """
         self._world = None
-        self.up = estimate_up(cameras)
+        self.up = estimate_up(cameras) if up is None else up
         self._basis = upright_basis(self.up)
         centre = (lo + hi) / 2
         self.radius = max(float(np.linalg.norm(hi - lo)) / 2, 1e-6)
         if not cameras:
             # Models without cameras are made in a world where cameras look along +z.
             yaw = float(np.arctan2(*(self._basis @ np.array([0, 0, 1.0]))[1::-1]))
-            self.pose = Pose(centre, 3 * self.radius, yaw, -0.3)
-            self.focus(centre, 0.8 * self.radius, animated=animated)
+            self.pose = Pose(centre, 3 * self.radius, yaw + _THREE_QUARTERS, -0.3)
+            self.focus(centre, self.radius, animated=animated)
             return
         target = common_target(cameras)
         inside = target is not None and np.all(target > lo - self.radius)

@@ -15,9 +15,10 @@ from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.picking import Pick, pick
 from gaga_studio.session import next_stage, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
@@ -218,7 +219,11 @@ class Session:
         self.document.history.set_budget(self.settings.undo_bytes)
         self.document.stamps = saving.stamps(project)
         saving.claim(self)
-        self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+        if self.cameras:
+            self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+        else:
+            up = guess_up(project.scene.gaussians)
+            self.rig.frame_scene(*whole_box(project.scene), up=up)
         self.rig.follow(self.document.world)
         self.active_view = 0 if self.cameras else None
 

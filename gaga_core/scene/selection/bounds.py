@@ -8,6 +8,8 @@ from gaga_core.scene.selection.algebra import world_means
 
 _SAMPLE = 200_000  # splats looked at: percentiles of more would not differ
 
+_WHOLE, _MUCH_LARGER = 0.996, 2.0
+
 
 def robust_box(points: AnyArray, share: float = 0.9) -> tuple[DoubleArray, DoubleArray]:
     """Corners lo, hi (3,) of the box that holds the middle ``share`` of points (N, 3) per axis.
@@ -32,3 +34,11 @@ def splat_box(
     rows = np.flatnonzero(scene.visible).astype(np.int32) if indices is None else indices
     step = max(1, len(rows) // _SAMPLE)
     return robust_box(world_means(scene, rows[::step]), share)
+
+
+def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:
+    """The box lo, hi (3,) of all visible splats but a few strays; `splat_box` where it would be
+    much larger than that: the far background of a scene, not the whole of a thing."""
+    near, whole = splat_box(scene), splat_box(scene, share=_WHOLE)
+    sizes = [float(np.linalg.norm(hi - lo)) for lo, hi in (near, whole)]
+    return whole if sizes[1] <= _MUCH_LARGER * sizes[0] else near

@@ -1,0 +1,64 @@
+"""Which way is up where no camera tells, and the box that shows a lone thing whole."""
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.gaussians import Gaussians
+from gaga_core.scene.orientation import guess_up
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.bounds import splat_box, whole_box
+from tests.scenes import objects_scene
+
+_Z_TO = {  # rotations (3, 3) that bring z to an axis
+    "+x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+    "-x": [[0, 0, -1], [-1, 0, 0], [0, 1, 0]],
+    "+y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+    "-y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "+z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}
+
+
+def _splats(means: DoubleArray, log_scales: DoubleArray | None = None) -> Gaussians:
+    """Opaque splats (N), unturned."""
+    n = len(means)
+    return Gaussians(
+        means=means.astype(np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
+        log_scales=np.full((n, 3), -4, np.float32) if log_scales is None else log_scales,
+        logit_opacities=np.full(n, 5, np.float32),
+        sh=np.zeros((n, 1, 3), np.float32),
+    )
+
+
+@pytest.mark.parametrize("axis", _Z_TO)
+def test_the_ground_tells_which_way_is_up(axis: str) -> None:
+    """A floor of flat splats, and balls of round ones above it."""
+    turn = np.array(_Z_TO[axis], np.float64)
+    scene = objects_scene(5, 220, n_cameras=2)
+    floor = scene.labels == 0
+    log_scales = np.full((len(floor), 3), -3.0)
+    log_scales[floor, 2] = -7.0
+    flat = np.abs(log_scales @ turn.T).astype(np.float32) * -1
+    made = _splats(scene.gaussians.means @ turn.T, flat)
+    np.testing.assert_array_equal(guess_up(made), turn @ [0, 0, 1])
+
+
+def test_what_is_long_stands_and_else_y_points_down() -> None:
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(500, 3))
+    np.testing.assert_array_equal(guess_up(_splats(ball)), [0, -1, 0])
+    np.testing.assert_array_equal(guess_up(_splats(ball * [1, 3, 1])), [0, -1, 0])
+    np.testing.assert_array_equal(guess_up(_splats(ball * [1, 1, 3])), [0, 0, 1])
+    np.testing.assert_array_equal(guess_up(_splats(ball[:0])), [0, -1, 0])
+
+
+def test_a_lone_thing_is_shown_whole_and_a_far_background_is_not() -> None:
+    rng = np.random.default_rng(0)
+    thing = rng.uniform(-1, 1, (2000, 3))
+    lo, hi = whole_box(Scene.of(_splats(thing)))
+    assert (lo < -0.98).all()
+    assert (hi > 0.98).all()
+    scene = Scene.of(_splats(np.concatenate([thing, rng.uniform(-30, 30, (60, 3))])))
+    np.testing.assert_array_equal(whole_box(scene), splat_box(scene))
