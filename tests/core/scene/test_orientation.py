@@ -20,13 +20,15 @@ _Z_TO = {  # rotations (3, 3) that bring z to an axis
 }
 
 
-def _splats(means: DoubleArray, log_scales: DoubleArray | None = None) -> Gaussians:
+def _splats(means: DoubleArray, log_scales: DoubleArray | float = -4.0) -> Gaussians:
     """Opaque splats (N), unturned."""
     n = len(means)
+    quats, scales = np.zeros((n, 4), np.float32), np.zeros((n, 3), np.float32)
+    quats[:, 0], scales[:] = 1, log_scales
     return Gaussians(
         means=means.astype(np.float32),
-        quats=np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
-        log_scales=np.full((n, 3), -4, np.float32) if log_scales is None else log_scales,
+        quats=quats,
+        log_scales=scales,
         logit_opacities=np.full(n, 5, np.float32),
         sh=np.zeros((n, 1, 3), np.float32),
     )
@@ -40,8 +42,7 @@ def test_the_ground_tells_which_way_is_up(axis: str) -> None:
     floor = scene.labels == 0
     log_scales = np.full((len(floor), 3), -3.0)
     log_scales[floor, 2] = -7.0
-    flat = np.abs(log_scales @ turn.T).astype(np.float32) * -1
-    made = _splats(scene.gaussians.means @ turn.T, flat)
+    made = _splats(scene.gaussians.means @ turn.T, -np.abs(log_scales @ turn.T))
     np.testing.assert_array_equal(guess_up(made), turn @ [0, 0, 1])
 
 
