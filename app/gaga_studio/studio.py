@@ -32,6 +32,7 @@ from gaga_studio.ui.chrome.status_text import status_text
 from gaga_studio.ui.dialogs import (
     export,
     film_and_picture,
+    find_objects,
     first_steps,
     make_masks,
     models,
@@ -220,6 +221,7 @@ class Studio:
         call("Make splats", lambda: training.sheet(session, ui.plan))
         call("Menus", lambda: command_buttons.picture_menus(session))
         call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
+        call("Find objects", lambda: find_objects.draw(session))
         call("Models", lambda: models.draw(session))
         call(
             "First steps",

@@ -9,6 +9,7 @@ uniform usampler2D u_state;
 uniform isampler2D u_labels;
 uniform usampler2D u_placement;
 uniform usampler2D u_confidence;   // 0..255, in mode 3 only
+uniform usampler2D u_identity;     // 3 x 8 bit: rgb of the encoding, in mode 7 only
 uniform usampler2D u_tint;         // 4 x 8 bit: rgb over the splat's own color, and its share
 uniform sampler2D u_placements;    // 16 texels a row, 128 rows a line
 uniform sampler2D u_palette;       // color of each label
@@ -19,7 +20,8 @@ uniform vec3 u_eye;                // world
 uniform vec4 u_lens;               // fx, fy, cx, cy in pixels of the target
 uniform vec2 u_size;               // target in pixels
 uniform vec2 u_log_scale;          // fixed point of log scales: low end, range
-uniform int u_mode;                // 0 color, 1 groups, 2 depth, 3 confidence, 4 centres, 5 rings, 6 mask
+uniform int u_mode;                // 0 color, 1 groups, 2 depth, 3 confidence, 4 centres, 5 rings, 6 mask,
+                                   // 7 identity
 uniform int u_hovered;             // label, 0 = none
 uniform int u_focus;               // label that is white in mode 6
 uniform int u_tinted;              // 1: there is a u_tint
@@ -219,12 +221,16 @@ void main()
         float sure = float(texelFetch(u_confidence, at, 0).r) / 255.0;
         color = (label > 0 ? heat(sure) : vec3(0.42)) * (0.62 + 0.62 * light);
     }
+    if (u_mode == 7) {
+        uint word = texelFetch(u_identity, at, 0).r;
+        color = vec3(uvec3(word, word >> 8, word >> 16) & 255u) / 255.0;
+    }
     if (u_tinted != 0) {
         uint word = texelFetch(u_tint, at, 0).r;
         vec4 tint = vec4(uvec4(word, word >> 8, word >> 16, word >> 24) & 255u) / 255.0;
         color = mix(color, tint.rgb * (0.62 + 0.62 * light), tint.a);
     }
-    if (u_mode >= 4 && (flags & 1u) != 0u) color = vec3(0.36, 0.66, 1.0);
+    if (u_mode >= 4 && u_mode < 7 && (flags & 1u) != 0u) color = vec3(0.36, 0.66, 1.0);
     color = min(color / COLOR_RANGE, 1.0);
     o_look = uvec2(pack_unit(color.rg), pack_unit(vec2(color.b, 0.0)) | (flags << 16));
 }

@@ -17,6 +17,8 @@ from gaga_core.io.files import atomic_write
 _VALUES = ("encodings", "weight", "bias")
 _MOMENTS = tuple(f"{kind}_{name}" for name in _VALUES for kind in ("mean", "square"))
 
+FILE = "identity.checkpoint.npz"  # of an unfinished run of mode "paper", in the work folder
+
 
 def digest_of(batches: Sequence[Batch], settings: str) -> str:
     """Digest of the data that a run trains on and of its settings: equal only for the same run."""

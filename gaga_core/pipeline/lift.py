@@ -15,6 +15,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank, read_groups
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import VOID_BELOW
+from gaga_core.identity.checkpoint import FILE as CHECKPOINT
 from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.field import (
     FILE,
@@ -42,7 +43,6 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 
-CHECKPOINT = "identity.checkpoint.npz"  # of an unfinished run of mode "paper"
 _AGAIN = "Associate the masks again."
 
 

@@ -36,7 +36,7 @@ def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
     made: list[Session] = []
 
     def make() -> Session:
-        made.append(Session(Settings(preset="paper")))
+        made.append(Session(Settings(preset="paper", identities="none")))
         return made[-1]
 
     yield make
@@ -59,7 +59,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     """The scene folder with a saved project in which the masks are associated."""
     folder = tmp_path_factory.mktemp("grouped") / "table"
     shutil.copytree(made_scene, folder)
-    made = Session(Settings(preset="paper"))
+    made = Session(Settings(preset="paper", identities="none"))
     made.open(folder)
     assert made.jobs.wait()
     files.associate(made)

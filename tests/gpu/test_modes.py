@@ -7,7 +7,7 @@ import pytest
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.raster import choose
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Identities, Scene, State
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view_state import Mode, ViewState
@@ -40,6 +40,7 @@ def _centre(scene: Scene, group: int) -> tuple[int, int]:
 
 def test_every_mode_is_another_picture(viewport: Viewport, scene: Scene) -> None:
     scene.confidence = np.linspace(0, 255, len(scene)).astype(np.uint8)
+    scene.identities = Identities(colors=_some_colors(scene))
     pictures = [_picture(viewport, scene, mode, focus=1) for mode in Mode]
     for i, one in enumerate(pictures):
         assert one.std() > 5
@@ -72,6 +73,28 @@ def test_a_sure_object_is_blue_an_unsure_one_is_red(viewport: Viewport, scene: S
     scene.revision.labels += 1
     turned = _picture(viewport, scene, Mode.CONFIDENCE).astype(int)
     assert turned[_centre(scene, 1)][0] > turned[_centre(scene, 1)][2] + 40
+
+
+def _some_colors(scene: Scene) -> UInt8Array:
+    return np.random.default_rng(3).integers(0, 256, (scene.labels.max() + 1, 3), np.uint8)[
+        scene.labels
+    ]
+
+
+def test_identities_have_the_colors_that_the_command_renders(
+    viewport: Viewport, scene: Scene
+) -> None:
+    plain = _picture(viewport, scene, Mode.COLOR)
+    assert np.array_equal(_picture(viewport, scene, Mode.IDENTITY), plain), "none yet"
+    colors = _some_colors(scene)
+    scene.identities = Identities(colors=colors)
+    scene.revision.labels += 1
+    view = replace(VIEW, mode=Mode.IDENTITY, background=(0.0, 0.0, 0.0))
+    viewport.draw(scene, CAMERA, view, Overlays(), wait=True)
+    channels = colors.astype(np.float32) / np.float32(255)
+    expected = choose("cpu").render(scene.gaussians, CAMERA, channels=channels).image
+    assert np.abs(viewport.read_pixels().astype(float) - 255 * expected).mean() < 1
+    assert np.array_equal(_picture(viewport, scene, Mode.COLOR), plain)
 
 
 def test_splats_without_a_group_are_gray_in_the_heat_map(viewport: Viewport, scene: Scene) -> None:

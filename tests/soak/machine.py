@@ -290,7 +290,7 @@ class SessionMachine(RuleBasedStateMachine):
         return self.session.scene
 
     def _start(self) -> None:
-        self.session = Session(Settings(preset="paper"))
+        self.session = Session(Settings(preset="paper", identities="none"))
         self.saver = autosave.Autosave(_NEVER_S)
 
     def _opened(self) -> None:

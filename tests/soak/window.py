@@ -65,7 +65,7 @@ def _later() -> float:
 
 def _made_scene(folder: Path) -> None:
     write_scene(folder)
-    session = Session(Settings(preset="paper"))
+    session = Session(Settings(preset="paper", identities="none"))
     session.open(folder)
     assert session.jobs.wait(600)
     files.associate(session)
@@ -77,7 +77,7 @@ def _made_scene(folder: Path) -> None:
 
 def _one_window(result: Soak, scene: Path, seed: int, end: float) -> None:
     """Open a window, use it until it closes or ``end``."""
-    session = Session(Settings(first_steps_done=True, preset="paper"))
+    session = Session(Settings(first_steps_done=True, preset="paper", identities="none"))
     studio = Studio(scene, session=session, options=WindowOptions(size=_SIZE))
     studio.ui.files.use_native = False
     studio.never_idle = True

@@ -15,6 +15,7 @@ from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
 from gaga_core.scene.export_options import ExportOptions
+from gaga_studio.actions import identities
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
@@ -26,17 +27,22 @@ _AS_IS = ExportOptions()
 
 @notifies
 def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
-    """Make groups from the masks of ``provider`` (default: the first), as one edit."""
+    """Make groups from the masks of ``provider`` (default: the first), as one edit.
+
+    With the settings of `Session.find_options`; then identities, where the preset has them.
+    """
     document, preset = session.need(), preset or session.settings.preset
+    config = session.find_options.association(preset)
     found = stages.masks_of(document.project, provider or session.provider)
     session.provider, session.masks = found
-    stage = stages.associate_project_stage(document.project, session.masks, preset)
+    stage = stages.associate_project_stage(document.project, session.masks, config)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
         session.notify(Level.INFO, f"Found {take_groups(document, result)} objects.")
         for note in result.notes:
             session.notify(Level.WARNING, note)
+        identities.lift_after_finding(session, preset)
 
     session.jobs.start("Associate masks", stage, progress, done, end)
 

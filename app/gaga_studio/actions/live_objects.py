@@ -9,12 +9,12 @@ from contextlib import closing
 from dataclasses import replace
 
 from gaga_core.errors import GagaError
-from gaga_core.grouping.associate import Association, BankSnapshot
+from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot
 from gaga_core.io.masks import mask_folder
 from gaga_core.pipeline.segment import SegmentReport, ViewDone
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project
-from gaga_studio.actions import files, masks
+from gaga_studio.actions import files, identities, masks
 from gaga_studio.actions.masks import MaskRequest
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level
@@ -39,7 +39,7 @@ def make(session: Session, request: MaskRequest) -> None:
     found: list[Association] = []  # newest last; the worker adds, nothing is changed
     ended: list[SegmentReport] = []
     progress, end_of_live = files.watch_bank(session)
-    stage = _stage(document.project, request, session.settings.preset, found)
+    stage = _stage(document.project, request, _config(session), found)
 
     def done(report: SegmentReport) -> None:
         ended.append(report)
@@ -57,12 +57,17 @@ def make(session: Session, request: MaskRequest) -> None:
             session.notify(Level.INFO, f"Found {n} objects in {n_views} photos.")
             for note in found[-1].notes:
                 session.notify(Level.WARNING, note)
+            identities.lift_after_finding(session, found[-1].bank.preset)
 
     session.jobs.start(TITLE, stage, progress, done, end)
 
 
+def _config(session: Session) -> AssociateConfig:
+    return session.find_options.association(session.settings.preset)
+
+
 def _stage(
-    project: Project, request: MaskRequest, preset: str, found: list[Association]
+    project: Project, request: MaskRequest, config: AssociateConfig, found: list[Association]
 ) -> Stage[SegmentReport]:
     """Make the masks; append to ``found`` the objects of the photos so far."""
     folder = project.folder
@@ -84,17 +89,21 @@ def _stage(
             is_due = _SHARE * (time.perf_counter() - mark) >= cost
             if len(views) >= _LEAST_VIEWS and is_due:
                 began = time.perf_counter()
-                yield from _objects(project, step, views, preset, found)
+                yield from _objects(project, step, views, config, found)
                 mark, n_seen = time.perf_counter(), len(views)
                 cost = mark - began
     if len(views) > n_seen:
         last = Progress(TITLE, 1, 1, "", ViewDone(report.folder, views[-1]))
-        yield from _objects(project, last, views, preset, found)
+        yield from _objects(project, last, views, config, found)
     return report
 
 
 def _objects(
-    project: Project, step: Progress, views: list[str], preset: str, found: list[Association]
+    project: Project,
+    step: Progress,
+    views: list[str],
+    config: AssociateConfig,
+    found: list[Association],
 ) -> Stage[None]:
     """Associate the masks of ``views``; progress stays that of the masks (``step``)."""
     done, folder = step.payload, project.folder
@@ -102,7 +111,7 @@ def _objects(
     assert folder is not None  # `_stage` looked
     known = [camera.name for camera in folder.cameras]
     text = f"objects in {len(views)} photos"
-    stage = stages.associate_project_stage(project, mask_folder(done.folder, views, known), preset)
+    stage = stages.associate_project_stage(project, mask_folder(done.folder, views, known), config)
     association = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))
     found.append(association)
     snapshot = BankSnapshot(done.view, association.bank, association.bank.n_groups)

@@ -3,7 +3,15 @@
 import numpy as np
 
 from gaga_core.scene.scene import State
-from gaga_studio.actions import bank_timeline, cleanup, click_object, detail, quality, search
+from gaga_studio.actions import (
+    bank_timeline,
+    cleanup,
+    click_object,
+    detail,
+    identities,
+    quality,
+    search,
+)
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -81,6 +89,27 @@ def no_confidence(session: Session) -> str:
     if scene is not None and scene.confidence is not None:
         return ""
     return no_scene(session) or "The confidence of the groups is not known. Use Find objects."
+
+
+def no_identity_colors(session: Session) -> str:
+    """Needs identity encodings."""
+    scene = session.scene
+    if scene is not None and scene.identities.colors is not None:
+        return ""
+    return no_scene(session) or identities.NO_IDENTITIES
+
+
+def no_identities(session: Session) -> str:
+    """Needs labels by votes and by identities, to choose from."""
+    scene = session.scene
+    if scene is not None and scene.identities.other is not None:
+        return ""
+    return no_scene(session) or identities.NO_IDENTITIES
+
+
+def not_liftable(session: Session) -> str:
+    """Needs groups of masks, the masks, and the job runner."""
+    return no_bank(session) or no_masks(session)
 
 
 def not_exportable_objects(session: Session) -> str:

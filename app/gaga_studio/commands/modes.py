@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.commands.availability import no_confidence, no_groups, no_scene
+from gaga_studio.commands.availability import no_confidence, no_groups, no_identity_colors, no_scene
 from gaga_studio.commands.base import Command
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import CentreColors, Mode, SplatLook
@@ -44,6 +44,7 @@ def _mode(mode: Mode, title: str) -> Command:
         Mode.GROUPS: no_groups,
         Mode.MASK: no_groups,
         Mode.CONFIDENCE: no_confidence,
+        Mode.IDENTITY: no_identity_colors,
     }
     return Command(
         f"view.{mode}",
@@ -75,6 +76,7 @@ _MODES = (
     _mode(Mode.CENTRES, "Centres"),
     _mode(Mode.RINGS, "Rings"),
     _mode(Mode.MASK, "Mask of the object"),
+    _mode(Mode.IDENTITY, "Identity encodings"),
 )
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,

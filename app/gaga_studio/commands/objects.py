@@ -1,11 +1,13 @@
 """Find and Object: how objects are found in masks, and what is done with those that are there."""
 
+from gaga_core.scene.scene import LabelSource
 from gaga_studio.actions import (
     association_repair,
     cleanup,
     click_object,
     detail,
     files,
+    identities,
     masks,
     models,
     objects,
@@ -21,6 +23,7 @@ from gaga_studio.commands.availability import (
     no_confidence,
     no_detection,
     no_groups,
+    no_identities,
     no_masks,
     no_quality,
     no_selection,
@@ -28,6 +31,7 @@ from gaga_studio.commands.availability import (
     no_views,
     not_cleanable,
     not_indexable,
+    not_liftable,
     not_nameable,
     not_one_object,
     not_one_object_with_levels,
@@ -38,6 +42,19 @@ from gaga_studio.commands.availability import (
 )
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+
+
+def _labels(source: LabelSource) -> Command:
+    def is_on(session: Session) -> bool:
+        return session.scene is not None and session.scene.identities.source == source
+
+    def run(session: Session) -> None:
+        identities.use_labels(session, source)
+
+    title = f"Labels by {source}"
+    return Command(f"object.labels_{source}", title, run, enabled=no_identities, is_on=is_on)
+
 
 FIND_COMMANDS: tuple[Command, ...] = (
     Command(
@@ -80,6 +97,15 @@ FIND_COMMANDS: tuple[Command, ...] = (
         "Ctrl+G",
         enabled=no_masks,
     ),
+    Command(
+        "object.find_settings",
+        "Find objects with settings…",
+        ask(Request.FIND_OBJECTS),
+        enabled=no_masks,
+    ),
+    Command("object.lift", "Lift groups to identities", identities.lift, enabled=not_liftable),
+    _labels("votes"),
+    _labels("identities"),
     Command("object.find", "Find an object…", ask(Request.FIND), "Ctrl+F", enabled=no_groups),
     Command(
         "object.find_in_view",

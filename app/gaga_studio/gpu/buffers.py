@@ -60,6 +60,7 @@ class SceneBuffers:
         labels: IntArray | None = None,
         *,
         with_confidence: bool = False,
+        with_identity: bool = False,
         tint: UInt8Array | None = None,
     ) -> None:
         """Send what changed since the last call. ``labels`` (N,) stand in for those of the scene.
@@ -92,6 +93,8 @@ class SceneBuffers:
             self._send_column("placement", scene.placement)
         if with_confidence != ("confidence" in self._textures) or labels_changed:
             self._send_confidence(scene if with_confidence else None)
+        if with_identity != ("identity" in self._textures) or labels_changed:
+            self._send_identity(scene.identity_colors_of() if with_identity else None)
         fits = tint is not None and len(tint) == len(scene)
         self._send_tint(tint if fits else None)
         self._seen = Revision(**vars(now))
@@ -239,6 +242,19 @@ class SceneBuffers:
         self._send_column(
             "confidence", np.zeros(len(scene), np.uint8) if column is None else column
         )
+
+    def _send_identity(self, colors: UInt8Array | None) -> None:
+        """Put the colors (N, 3) of the encodings there while they are shown."""
+        if colors is None:
+            if "identity" in self._textures:
+                self._drop_column("identity")
+                self.version += 1
+            return
+        if "identity" not in self._textures:
+            self._column("identity", 1, "u4")
+        words = np.zeros((len(colors), 4), np.uint8)
+        words[:, :3] = colors
+        self._send_column("identity", words.view("<u4")[:, 0])
 
     def _send_tint(self, tint: UInt8Array | None) -> None:
         """Put the column there while it is shown: four bytes a splat that are seldom needed."""

@@ -160,7 +160,13 @@ class Viewport:
             self._forget()
         n_before = self.buffers.n_splats
         is_heat = view.mode is Mode.CONFIDENCE and scene.confidence is not None
-        self.buffers.sync(scene, overlays.labels, with_confidence=is_heat, tint=overlays.tint)
+        self.buffers.sync(
+            scene,
+            overlays.labels,
+            with_confidence=is_heat,
+            with_identity=view.mode is Mode.IDENTITY and scene.identities.colors is not None,
+            tint=overlays.tint,
+        )
         if self._order is not None and n_before != self.buffers.n_splats:
             self._use(self._order)
         revision = scene.revision
@@ -216,6 +222,8 @@ class Viewport:
         order, scene = self._order, self.buffers.scene
         mode, behind = view.mode, view.background
         if mode is Mode.CONFIDENCE and scene is not None and scene.confidence is None:
+            mode = Mode.COLOR
+        if mode is Mode.IDENTITY and scene is not None and scene.identities.colors is None:
             mode = Mode.COLOR
         if mode is Mode.MASK:
             behind = (0.0, 0.0, 0.0)

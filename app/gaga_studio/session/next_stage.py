@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from gaga_core.identity.lift import LiftConfig
 from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.scene.project import Project
 
@@ -9,6 +10,18 @@ from gaga_core.scene.project import Project
 _SECONDS_PER_VIEW = {"paper": 0.6, "robust": 1.2}
 _LEAST_SECONDS = 2.0
 _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
+_SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
+
+
+def training_seconds(config: LiftConfig) -> float:
+    """How long identities take to train, roughly."""
+    return config.paper.iterations * _SECONDS_PER_STEP
+
+
+def training_text(config: LiftConfig) -> str:
+    """What follows an association when identities are trained."""
+    n, seconds = config.paper.iterations, duration_text(training_seconds(config))
+    return f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; a next run goes on."
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ class Request(Enum):
     MAKE_MASKS = auto()
     EXPORT_MASKS = auto()
     MODELS = auto()
+    FIND_OBJECTS = auto()
     EXPORT_OBJECTS = auto()
     MAKE_SPLATS = auto()
     SAVE_FILM = auto()

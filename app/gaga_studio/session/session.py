@@ -23,6 +23,7 @@ from gaga_core.scene.selection.picking import Pick, pick
 from gaga_studio.session import next_stage, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
+from gaga_studio.session.find_options import FindOptions
 from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.models_state import ModelsState
@@ -64,6 +65,7 @@ class Session:
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
         self.models = ModelsState()
+        self.find_options = FindOptions()
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
         self.has_exported = False  # anything, since the program was started

@@ -30,6 +30,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
 _Theme = Annotated[str, msgspec.Meta(pattern="^(dark|light)$")]
 _Keys = Annotated[str, msgspec.Meta(pattern="^(supersplat|blender)$")]
 _Preset = Annotated[str, msgspec.Meta(pattern="^(robust|paper)$")]
+_Identities = Annotated[str, msgspec.Meta(pattern="^(preset|none|vote|refine|paper)$")]
 _HexColor = Annotated[str, msgspec.Meta(pattern="^#[0-9a-fA-F]{6}$")]
 _Address = Annotated[str, msgspec.Meta(pattern=r"^(|https?://\S{1,300})$")]
 
@@ -41,6 +42,7 @@ class Settings:
     recent: tuple[str, ...] = ()  # paths, newest first
     upright: tuple[str, ...] = ()  # paths of files that are turned when they are opened
     preset: _Preset = "robust"  # of the association
+    identities: _Identities = "preset"  # made after it: preset = as the preset has it
     fly_speed: float = 1.0  # 1 crosses the scene in about four seconds
     ui_scale: float = 1.0  # times what the screen asks for
     font_size: float = field(default=15.0)  # pixels at 96 dpi

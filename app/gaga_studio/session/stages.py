@@ -1,18 +1,24 @@
 """The stages behind the session's buttons. Each works on values taken at the call."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.demo import ensure_demo
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
+from gaga_core.identity.checkpoint import FILE as CHECKPOINT
+from gaga_core.identity.colors import encoding_colors
+from gaga_core.identity.field import FILE as IDENTITY_FILE
+from gaga_core.identity.field import save_identity
+from gaga_core.identity.lift import LiftConfig, Mode, lift_groups, task_of_association
 from gaga_core.io.masks import mask_folder
-from gaga_core.io.scene_folder import find_model
+from gaga_core.io.scene_folder import find_model, select_views
 from gaga_core.io.splat_files import SplatFormat
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
@@ -74,16 +80,16 @@ def save_stage(
     return stage()
 
 
-def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> Stage[Association]:
+def associate_project_stage(
+    project: Project, masks: MaskSet, config: AssociateConfig
+) -> Stage[Association]:
     """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
 
     Works on the Gaussians of the file: the photos show them where they stood.
     """
     if project.folder is None or len(masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
-    config = AssociateConfig.of(preset)
-    train = set(project.folder.train)
-    cameras = [camera for camera in project.folder.cameras if camera.name in train]
+    cameras = select_views(project.folder, "train")
     gaussians = file_gaussians(project.scene)
 
     return prepared(
@@ -91,6 +97,55 @@ def associate_project_stage(project: Project, masks: MaskSet, preset: str) -> St
         lambda: associate_stage(gaussians, cameras, masks, choose(), config),
         "Preparing (the first run takes a little longer)",
     )
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedScene:
+    """What a lift says of the rows of the opened file."""
+
+    labels: IntArray  # (M,)
+    confidence: FloatArray  # (M,) 0..1
+    colors: UInt8Array  # (M, 3) of the encodings
+
+
+def lift_project_stage(
+    project: Project, masks: MaskSet, mode: Mode, config: LiftConfig
+) -> Stage[LiftedScene]:
+    """Give the groups of the open scene identity encodings; write SCENE/gaga/identity.npz.
+
+    Works on the Gaussians of the file and on the bank at the call. A training that is cancelled
+    leaves its checkpoint there, and the next one goes on from it.
+    """
+    folder, scene = project.folder, project.scene
+    if folder is None or scene.bank is None or len(masks) == 0:
+        raise GagaError("Identities need groups that were found from masks. Use Find objects.")
+    n, source = scene.n_opened, scene.identities
+    votes = source.other if source.source == "identities" else None
+    labels = scene.labels[:n] if votes is None else votes.labels
+    sure = scene.confidence if votes is None else votes.confidence
+    confidence = np.ones(n, np.float32) if sure is None else sure.astype(np.float32) / 255
+    cameras, bank, gaussians = select_views(folder, "train"), scene.bank, file_gaussians(scene)
+
+    def lift() -> Stage[LiftedScene]:
+        checkpoint = folder.work / CHECKPOINT
+        folder.work.mkdir(parents=True, exist_ok=True)
+        task = task_of_association(
+            gaussians,
+            cameras,
+            masks,
+            (labels, confidence.astype(np.float32), bank),
+            choose(),
+            config,
+            checkpoint=checkpoint,
+        )
+        identity, _ = yield from lift_groups(task, mode)
+        save_identity(folder.work / IDENTITY_FILE, identity)
+        if mode == "paper":
+            checkpoint.unlink(missing_ok=True)
+        colors = encoding_colors(identity.field.encodings)
+        return LiftedScene(identity.labels, identity.confidence, colors)
+
+    return prepared("Lift groups", lift)
 
 
 def prepared(title: str, make: Callable[[], Stage[T]], text: str = "Preparing") -> Stage[T]:

@@ -20,6 +20,7 @@ class Mode(StrEnum):
     CENTRES = "centres"
     RINGS = "rings"  # the rim of each ellipse
     MASK = "mask"  # the object in the inspector, white on black
+    IDENTITY = "identity"  # identity encodings as colors: their principal components
 
 
 class SplatLook(StrEnum):

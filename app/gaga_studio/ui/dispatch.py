@@ -4,6 +4,7 @@ from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs import (
     export,
     film_and_picture,
+    find_objects,
     make_masks,
     models,
     open_and_save,
@@ -26,6 +27,7 @@ def request_table(ui: UiState) -> RequestTable:
     export.register(table, ui.export)
     film_and_picture.register(table)
     make_masks.register(table)
+    find_objects.register(table)
     models.register(table)
     open_and_save.register(table, ui.files)
     objects.register(table, lambda: ui.scene.objects)

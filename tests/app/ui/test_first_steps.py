@@ -98,4 +98,4 @@ def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[in
         d.frames(3)
         assert d.engine.get_window_by_ref("//First steps").active
 
-    drive(walk, path=scene_folder, size=size, settings=Settings(preset="paper"))
+    drive(walk, path=scene_folder, size=size, settings=Settings(preset="paper", identities="none"))

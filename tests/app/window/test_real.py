@@ -67,7 +67,7 @@ def test_the_table_from_masks_to_an_edited_file(
         d.keys(KEY.mod_ctrl, KEY.s)
         d.settle()
 
-    drive(walk, path=folder, settings=Settings(preset="paper"))
+    drive(walk, path=folder, settings=Settings(preset="paper", identities="none"))
     assert len(read_ply(target)) == seen["left"]
 
     def reopened(d: Driver) -> None:

@@ -16,6 +16,7 @@ from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.identity.checkpoint import FILE as CHECKPOINT
 from gaga_core.identity.closed_form import Voted, vote_identity
 from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.lift import LiftConfig, Mode
@@ -29,7 +30,6 @@ from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model, select_views
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import (
-    CHECKPOINT,
     decode_groups,
     lift_scene,
     read_identity,

@@ -42,6 +42,7 @@ _BADGES = {
     Mode.DEPTH: "Depth: near is bright",
     Mode.CONFIDENCE: "Confidence: blue is sure, red is not; gray is in no group",
     Mode.CENTRES: "Centres of the splats",
+    Mode.IDENTITY: "Identity encodings: what looks alike was learned to be one thing",
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
@@ -238,6 +239,8 @@ def mode_badge(session: Session) -> str:
         return f"Mask of {name}" if session.focus else "Mask: click an object"
     if mode is Mode.CONFIDENCE and (session.scene is None or session.scene.confidence is None):
         return "Confidence: not known"
+    if mode is Mode.IDENTITY and (session.scene is None or session.scene.identities.colors is None):
+        return "Identity encodings: none yet"
     return _BADGES[mode]
 
 
