@@ -5,7 +5,9 @@ ever unpickled. `mask_import_json` reads the JSON forms.
 """
 
 import csv
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -35,9 +37,20 @@ def recognise(source: Path, views: Iterable[str] = ()) -> MaskSource:
     Known: label maps (8- and 16-bit, palette, RGB-coded; Gaga's raw_<method>_mask and
     <method>_mask, Gaussian Grouping's object_mask, EntitySeg), lists of SAM's generator (JSON, npz,
     npy), COCO and SA-1B JSON, one folder of binary masks a picture (with SAM's metadata.csv).
+    Lists called like EntitySeg or CropFormer keep masks that others cover, as published.
     Raises ``GagaError`` with one sentence when it is none of these.
     """
-    source = Path(source)
+    found = _recognised(Path(source), views)
+    if _is_entityseg(Path(source).name) and found.form != "label maps":
+        return replace(found, name="entityseg", keeps_covered=True)
+    return found
+
+
+def _is_entityseg(name: str) -> bool:
+    return re.search("(?<!id)entity|cropformer", name, re.I) is not None
+
+
+def _recognised(source: Path, views: Iterable[str]) -> MaskSource:
     if source.is_file():
         suffix = source.suffix.lower()
         if suffix == ".json":
@@ -116,7 +129,7 @@ def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
         name, origin = method, f" of Gaga's {method} masks, not associated yet"
     elif method and (folder / "info.json").is_file():
         name, origin = folder.name, f" of Gaga, {method} masks that it has associated already"
-    elif method or "entity" in folder.name.lower() or "cropformer" in folder.name.lower():
+    elif method or _is_entityseg(folder.name):
         name = method or "entityseg"
         origin = f" of {method or 'EntitySeg'}"
     views = {path.stem: partial(_read_checked, path) for path in files}

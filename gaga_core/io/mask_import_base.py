@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from gaga_core.arrays import BoolArray, IntArray
 
-SCORE_KEYS = ("score", "predicted_iou", "iou_preds", "iou", "confidence", "scores")
+SCORE_KEYS = ("score", "predicted_iou", "iou_preds", "iou", "confidence", "scores", "pred_scores")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,3 +29,4 @@ class MaskSource:
     said: str  # one sentence for people
     views: Mapping[str, Callable[[], ImportedMasks]]  # by `view_key` or number of the view
     name: str = "imported"  # a good name for the masks
+    keeps_covered: bool = False  # of lists: published without the rule that drops covered masks

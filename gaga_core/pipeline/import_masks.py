@@ -1,5 +1,6 @@
 """Import of 2D masks that another program made: into SCENE/masks/<name>/<stem>.png."""
 
+import dataclasses
 import json
 import re
 from collections import Counter
@@ -71,9 +72,10 @@ def import_masks(
     """Write the masks of ``source`` as ``folder.root / "masks" / name``, one map a view.
 
     ``source`` is whatever `io.mask_import.recognise` knows. Views are found by the name of their
-    photo (`match_views`). Lists of masks are flattened (section 4.1) as ``config`` says; those
-    without scores are all taken as sure. Maps of another size are resized to the view's where the
-    shape fits. The folder appears whole or not at all. Raises ``GagaError`` when nothing was
+    photo (`match_views`). Lists of masks are flattened (section 4.1) as ``config`` says, but for
+    those of EntitySeg, whose masks the published code keeps however little of them is visible;
+    those without scores are all taken as sure. Maps of another size are resized to the view's where
+    the shape fits. The folder appears whole or not at all. Raises ``GagaError`` when nothing was
     recognised, no mask fits a view, or ``name`` is there already (unless ``replace``).
     """
     cameras = select_views(folder, "all")
@@ -87,7 +89,10 @@ def import_masks(
             f"None of the {len(found.views)} masks in {source} has the name of a photo of this "
             f"scene (first: {next(iter(found.views), 'none')}, photos: {cameras[0].name}, ...)."
         )
-    work = _Work(folder.root / "masks", name, config or FlattenConfig(), {}, [], [])
+    config = config or FlattenConfig()
+    if found.keeps_covered:
+        config = dataclasses.replace(config, min_visible=0.0)
+    work = _Work(folder.root / "masks", name, config, {}, [], [])
     with staging_folder(folder.root / "masks") as staging:
         (staging / name).mkdir()
         for i, camera in enumerate(cameras):

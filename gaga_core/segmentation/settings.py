@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Device = Literal["auto", "cpu", "cuda", "mps"]
+Profile = Literal["default", "paper"]
 _SAM_KINDS = ("sam", "sam_hq")
 
 
@@ -51,6 +52,22 @@ class GeneratorConfig:
         if kind in _SAM_KINDS:
             config = replace(config, pred_iou_thresh=0.88, stability_score_thresh=0.95)
         return config if on_gpu else replace(config, points_per_side=16, points_per_batch=4)
+
+    @staticmethod
+    def of_paper(*, on_gpu: bool) -> "GeneratorConfig":
+        """The published settings of the paper (its released configuration), for any model.
+
+        64 points a side, predicted IoU at least 0.7; the rest as Segment Anything has it. Takes
+        sixteen times as long as the default on a processor.
+        """
+        config = GeneratorConfig(
+            points_per_side=64,
+            pred_iou_thresh=0.7,
+            stability_score_thresh=0.95,
+            box_nms_thresh=0.7,
+            min_area=0.0,
+        )
+        return config if on_gpu else replace(config, points_per_batch=4)
 
     def points_in(self, layer: int) -> int:
         """Points along each side in a crop of ``layer``; 0 is the whole picture."""

@@ -70,7 +70,10 @@ def family(entry: ProviderEntry) -> Family:
 
 def value_of(settings: ProviderSettings, slider: Slider, entry: ProviderEntry) -> float:
     """Return the value of a slider: the provider's own default until it is moved."""
-    return float(getattr(getattr(settings, slider.part) or _defaults(entry), slider.field))
+    if slider.part == "flatten":
+        return float(getattr(settings.flatten_of(family(entry)), slider.field))
+    part = getattr(settings, slider.part) or _defaults(entry, settings)
+    return float(getattr(part, slider.field))
 
 
 def with_value(
@@ -78,9 +81,11 @@ def with_value(
 ) -> ProviderSettings:
     """Return the settings with a slider moved, inside its bounds."""
     if slider.part == "generator" and settings.generator is None:
-        settings = replace(settings, generator=_defaults(entry))
+        settings = replace(settings, generator=_defaults(entry, settings))
     bounded = min(max(value, slider.low), slider.high)
     change = {slider.field: round(bounded) if slider.is_whole else bounded}
+    if slider.part == "flatten" and family(entry) == "universal":  # no longer the profile's
+        settings = replace(settings, flatten=settings.flatten_of("universal"), profile="default")
     changed = replace(getattr(settings, slider.part), **change)
     if slider.part == "regions":
         return replace(settings, regions=changed)
@@ -91,9 +96,20 @@ def with_value(
     return replace(settings, generator=changed)
 
 
-def _defaults(entry: ProviderEntry) -> GeneratorConfig:
+def has_profile(entry: ProviderEntry) -> bool:
+    """Whether the paper publishes settings for models of this kind."""
+    return family(entry) in ("sam", "universal")
+
+
+def with_profile(settings: ProviderSettings, *, paper: bool) -> ProviderSettings:
+    """Return the settings with the paper's published ones, or the defaults, in place of sliders."""
+    fresh = ProviderSettings(regions=settings.regions, device=settings.device)
+    return replace(fresh, profile="paper" if paper else "default")
+
+
+def _defaults(entry: ProviderEntry, settings: ProviderSettings) -> GeneratorConfig:
     """Return those of a SAM on the CPU; settings that were not touched follow the device."""
-    return GeneratorConfig.of(_model_type(entry), on_gpu=False)
+    return settings.generator_of(_model_type(entry), on_gpu=False)
 
 
 def _model_type(entry: ProviderEntry) -> str:

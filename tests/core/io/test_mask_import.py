@@ -20,7 +20,19 @@ from gaga_core.io.scene_folder import SceneFolder
 from gaga_core.pipeline.import_masks import ImportReport, fits, import_masks, match_views
 from gaga_core.progress import run_stage
 from gaga_core.segmentation.flatten import FlattenConfig
-from tests.core.io.mask_forms import FORMS, NAMES, TRUE, H, W, label_pngs, sam_json, scene, write
+from tests.core.io.mask_forms import (
+    FORMS,
+    NAMES,
+    SCORED,
+    TRUE,
+    H,
+    W,
+    box,
+    label_pngs,
+    sam_json,
+    scene,
+    write,
+)
 from tests.datasets import mipnerf360, tiny
 
 
@@ -291,3 +303,15 @@ def test_reports_are_plain(tmp_path: Path) -> None:
     report: ImportReport = run_stage(import_masks(scene(tmp_path), tmp_path / "s"))
     assert report.name == "imported"
     assert json.loads(json.dumps(report.to_json()))["n_masks"] == report.n_masks
+
+
+@pytest.mark.parametrize(("name", "n"), [("entityseg_lists", 2), ("identity_lists", 1)])
+def test_entityseg_keeps_masks_that_others_cover(name: str, n: int, tmp_path: Path) -> None:
+    """Published: the rule that drops masks of which a tenth or less is visible is for SAM alone."""
+    below, above = box(4, 4, 20, 20), box(4, 4, 20, 19)
+    (tmp_path / name).mkdir()
+    for stem in SCORED:
+        masks, scores = np.stack([below, above]), np.array([0.6, 0.9])
+        np.savez(tmp_path / name / f"{stem}.npz", pred_masks=masks, pred_scores=scores)
+    report = run_stage(import_masks(scene(tmp_path), tmp_path / name, "new"))
+    assert report.n_masks == n * len(SCORED)

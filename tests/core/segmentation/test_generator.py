@@ -11,6 +11,7 @@ from torch.nn.functional import interpolate
 from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.progress import Progress, run_stage
 from gaga_core.segmentation.base import ScoredMasks
+from gaga_core.segmentation.choose import ProviderSettings
 from gaga_core.segmentation.generator import (
     Encoded,
     boxes_of,
@@ -208,4 +209,14 @@ def test_settings_are_checked() -> None:
             GeneratorConfig(**change)
     on_cpu, on_gpu = (GeneratorConfig.of("sam2", on_gpu=on) for on in (False, True))
     assert (on_cpu.points_per_side, on_gpu.points_per_side) == (16, 32)
+    paper = [
+        ProviderSettings(profile="paper").generator_of(kind, on_gpu=on_gpu)
+        for kind in ("sam", "sam2")
+        for on_gpu in (True, False)
+    ]
+    assert {(c.points_per_side, c.pred_iou_thresh, c.stability_score_thresh) for c in paper} == {
+        (64, 0.7, 0.95)
+    }
+    fewer = ProviderSettings(profile="paper", points_per_side=8)  # what is asked for by name wins
+    assert fewer.generator_of("sam", on_gpu=True).points_per_side == 8
     assert GeneratorConfig.of("sam", on_gpu=True).pred_iou_thresh == 0.88
