@@ -169,7 +169,8 @@ def associate_other(session: Session) -> bool:
         if is_same() and bank is not None:
             document.other_groups = bank, found.labels
 
-    stage = stages.associate_project_stage(document.settled(), session.masks, preset)
+    config = session.find_options.association(preset)
+    stage = stages.associate_project_stage(document.settled(), session.masks, config)
     return session.jobs.start(f"Associate with {preset}", stage, on_done=done)
 
 

@@ -112,11 +112,17 @@ _NEEDS_MORE = {
     "camera.clear_path",
     "camera.save_path",
     "camera.film",
+    "camera.split_truth",
+    "camera.split_errors",
+    "camera.split_before",
     "job.cancel",
     "object.show_all",
     "object.clean_apply",
     "object.find_in_view",
     "object.index",
+    "object.labels_votes",
+    "object.labels_identities",
+    "view.identity",
     "object.masks_model",
     "object.name_all",
     "edit.confirm",
@@ -188,6 +194,8 @@ def test_render_modes(associated: Session) -> None:
     run("view.groups", associated)
     assert associated.view.mode is Mode.GROUPS
     assert command("view.groups").is_on is not None
+    run("object.lift", associated)  # without it there are no encodings to show
+    assert associated.jobs.wait()
     seen = set()
     for _ in Mode:
         run("view.next_mode", associated)

@@ -24,7 +24,7 @@ def test_objects_are_found_as_published(
         session = d.session
         few = FindOptions(threshold=0.2, lift=session.find_options.lift.switched(12))
         session.find_options = replace(few)
-        d.menu("Object/###Find objects with settings…")
+        d.menu("Find/###Find objects with settings…")
         d.click("Find objects/Preset/###Paper")
         assert session.settings.preset == "paper"
         d.click("Find objects/**/Memory bank (section 3.2)")
@@ -38,7 +38,7 @@ def test_objects_are_found_as_published(
         d.menu("View/###Identity encodings")
         assert session.view.mode is Mode.IDENTITY
         assert np.abs(d.pixels().astype(int) - plain).mean() > 5
-        d.menu("Object/###Labels by votes")
+        d.menu("Find/###Labels by votes")
         assert command("object.labels_votes").is_on(session)  # type: ignore[misc]
 
     drive(walk, path=scene_folder, settings=Settings(first_steps_done=True))
