@@ -13,6 +13,7 @@ from gaga_core.io.files import explain_os_error
 T = TypeVar("T")
 PathText = Annotated[str, msgspec.Meta(pattern="^[^\\x00]*$", max_length=4096)]  # a path in a file
 MOST_BYTES = 64 << 20  # of a file of our own; a project of 100,000 named groups has 4 MB
+_SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 _FIELD = re.compile(r"^(?P<what>.*?) - at `\$\.?(?P<field>[^`]*)`$", re.DOTALL)
 
 
@@ -58,7 +59,10 @@ def read_foreign_json(path: Path, kind: type[T], *, most_bytes: int = MOST_BYTES
     """
     raw = read_bytes(path, "", most_bytes)
     try:
-        return msgspec.convert(json.loads(raw), kind)
+        content = json.loads(raw)
+        if _SURROGATE.search(raw):  # half of a pair is no text: nothing could print or write it
+            json.dumps(content, ensure_ascii=False).encode()
+        return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         raise GagaError(
             f"{path} is damaged ({explain_json_error(error)}). Copy it again."

@@ -237,7 +237,7 @@ def read_report_entry(path: Path, key: str, kind: type[T]) -> T | None:
     """The entry of a stage in report.json; None when it is not there or cannot be read."""
     try:
         return msgspec.convert(_report(path).get(key), kind)
-    except msgspec.ValidationError:
+    except ValueError:  # a wrong type, or text that no UTF-8 can hold
         return None
 
 

@@ -59,7 +59,7 @@ def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     """The placement in the entry "reconstruct" of a report; None where there is none in it."""
     try:
         sfm = msgspec.convert(entry.get("sfm"), _Placement)
-    except msgspec.ValidationError:  # none, of an older version, or damaged
+    except ValueError:  # none, of an older version, or damaged
         return None
     known = set(sfm.names)
     out = {name: why for name, why in sfm.why_out.items() if name in known}
@@ -99,7 +99,7 @@ def notes_of(entry: Mapping[str, object]) -> tuple[str, ...]:
     """What a person should know of the entry "sfm" of a report: left out photos, warnings."""
     try:
         remarks = msgspec.convert(entry, _Remarks)
-    except msgspec.ValidationError:  # damaged: nothing is known
+    except ValueError:  # damaged: nothing is known
         return ()
     return (*remarks.notes, *(check.text for check in remarks.checks))
 

@@ -65,7 +65,10 @@ def for_shortcut(keys: str, session: Session) -> Command | None:
     letters = keys.removeprefix("Shift+").removeprefix("Alt+")
     if session.rig.is_flying and letters in FLY_KEYS:
         return None
-    clicks_points = session.view.outline is not None or session.tool is ToolName.GROUND
+    clicks_points = session.view.outline is not None or session.tool in (
+        ToolName.GROUND,
+        ToolName.MEASURE,
+    )
     if keys == "Backspace" and clicks_points:  # it never deletes then
         return _BY_ID["tool.remove_corner"]
     return _BY_KEYS[profile].get(keys)

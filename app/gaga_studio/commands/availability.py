@@ -288,6 +288,8 @@ def no_corner(session: Session) -> str:
     """Needs an outline that is being drawn, or a point of the ground."""
     if session.tool is ToolName.GROUND:
         return "" if session.view.ground else "No point of the ground is marked yet."
+    if session.tool is ToolName.MEASURE:
+        return "" if session.view.measured else "No point is marked yet."
     if session.view.outline is not None:
         return ""
     return no_scene(session) or "No outline is being drawn. Take the polygon tool first."

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.actions import align_ground, cleanup, click_object, history, selection
+from gaga_studio.actions import align_ground, cleanup, click_object, history, measure, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
@@ -23,8 +23,8 @@ def redo_title(session: Session) -> str:
 
 
 def remove_title(session: Session) -> str:
-    """ "Take back the last point" while the ground is marked."""
-    on_ground = session.tool is ToolName.GROUND
+    """ "Take back the last point" while points are clicked."""
+    on_ground = session.tool in (ToolName.GROUND, ToolName.MEASURE)
     return "Take back the last point" if on_ground else "Take back the last corner"
 
 
@@ -41,6 +41,8 @@ def cancel(session: Session) -> None:
         session.view.outline = None
     elif session.tool is ToolName.GROUND:
         align_ground.leave(session)
+    elif session.tool is ToolName.MEASURE:
+        measure.leave(session)
     elif click_object.is_clicking(session):
         click_object.clear(session)
     elif session.tool is not ToolName.PICK:
@@ -81,9 +83,11 @@ def confirm(session: Session) -> None:
 
 
 def remove_corner(session: Session) -> None:
-    """Remove the last corner of the outline, or the last point of the ground."""
+    """Remove the last corner of the outline, or the last point that was clicked."""
     if session.tool is ToolName.GROUND:
         align_ground.take_back(session)
+    elif session.tool is ToolName.MEASURE:
+        measure.take_back(session)
     elif session.view.outline is not None:
         session.view.outline = session.view.outline.without_last()
 

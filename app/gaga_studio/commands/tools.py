@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from gaga_studio.actions import align_ground, click_model, click_object
+from gaga_studio.actions import align_ground, click_model, click_object, measure
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import idle, no_corner, no_scene, nothing_pointed
 from gaga_studio.commands.base import Command, switch
@@ -55,6 +55,16 @@ TOOLS_COMMANDS: tuple[Command, ...] = (
         is_on=lambda session: session.tool is ToolName.GROUND,
     ),
     Command(upright.COMMAND, "Turn upright", upright.turn, enabled=no_scene),
+    Command(
+        "tool.measure",
+        "Measure lengths, angles and heights",
+        measure.begin,
+        enabled=no_scene,
+        is_on=lambda session: session.tool is ToolName.MEASURE,
+    ),
+    Command(
+        "tool.origin_here", "Set the origin here", measure.set_origin_here, enabled=nothing_pointed
+    ),
     switch("tool.snap", "Handles snap to steps", "snaps"),
     switch("tool.local_axes", "Handles along the object's own axes", "local_axes", "Shift+C"),
     Command(

@@ -8,6 +8,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.scene.camera_path import Shot
+from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.orientation import common_target, estimate_up, upright_basis
 
 _JUMP_S = 0.35  # time of an animated jump
@@ -233,7 +234,8 @@ class CameraRig:
         before, self._world = self._world, world
         if before is None or before is world:
             return
-        motion = world @ np.linalg.inv(before)
+        motion = world @ inverse(before)
+        self.radius *= scale_of(motion)
         goal = self._carried(self._target(), motion)
         self.pose = self._carried(self.pose, motion)
         steepest = float(np.clip(goal.pitch, -_STEEPEST, _STEEPEST))
@@ -304,10 +306,11 @@ class CameraRig:
         return yaw, pitch, float(np.arctan2(axes[0] @ down, axes[0] @ right))
 
     def _carried(self, pose: Pose, motion: DoubleArray) -> Pose:
-        """``pose`` after the rigid world map ``motion`` (4, 4)."""
-        yaw, pitch, roll = self._angles(self._axes(pose) @ motion[:3, :3].T)
-        pivot = motion[:3, :3] @ pose.pivot + motion[:3, 3]
-        return replace(pose, pivot=pivot, yaw=yaw, pitch=pitch, roll=roll)
+        """``pose`` after the world map ``motion`` (4, 4), a rotation times a scale."""
+        scale = scale_of(motion)
+        yaw, pitch, roll = self._angles(self._axes(pose) @ motion[:3, :3].T / scale)
+        pivot, distance = motion[:3, :3] @ pose.pivot + motion[:3, 3], pose.distance * scale
+        return replace(pose, pivot=pivot, distance=distance, yaw=yaw, pitch=pitch, roll=roll)
 
     def _focal(self, size: tuple[int, int] | None = None) -> float:
         """Focal length in pixels at a picture size: both fields of view are inside."""

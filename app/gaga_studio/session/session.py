@@ -234,7 +234,7 @@ class Session:
             saving.release(self.document.lock)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
-        self.view.ground = ()
+        self.view.ground = self.view.measured = ()
         self.hovering.away()
 
     # --- every frame

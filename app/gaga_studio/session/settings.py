@@ -146,6 +146,6 @@ def is_known(name: str, value: object) -> bool:
     """Whether ``value`` is one that the setting ``name`` can have; numbers of any size can."""
     try:
         msgspec.convert(value, _TYPES[name])
-    except msgspec.ValidationError:
+    except ValueError:
         return False
     return True

@@ -49,6 +49,7 @@ class ToolName(StrEnum):
     BRUSH = "brush"
     SPHERE = "sphere"
     GROUND = "ground"
+    MEASURE = "measure"
     MOVE = "move"
     ROTATE = "rotate"
     SCALE = "scale"
@@ -126,6 +127,7 @@ class ViewState:
     brush_radius: float = 24.0  # pixels of the screen
     outline: "Outline | None" = None  # of the polygon tool
     ground: tuple[Point, ...] = ()  # clicked so far with the ground tool
+    measured: tuple[Point, ...] = ()  # with the tool Measure, in the frame of the opened file
     former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's

@@ -1,6 +1,6 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
-from gaga_studio.actions import align_ground, navigation, selection
+from gaga_studio.actions import align_ground, measure, navigation, selection
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -9,6 +9,7 @@ from gaga_studio.tools.brush import BrushTool
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
 from gaga_studio.tools.ground import GroundTool
 from gaga_studio.tools.lasso import LassoTool
+from gaga_studio.tools.measure import MeasureTool
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.tools.object import ObjectTool
 from gaga_studio.tools.pick import PickTool
@@ -33,6 +34,7 @@ class ToolController:
             ToolName.BRUSH: BrushTool(),
             ToolName.SPHERE: SphereTool(),
             ToolName.GROUND: GroundTool(),
+            ToolName.MEASURE: MeasureTool(),
             **self.move_tools,
         }
         self._gestures = Gestures()
@@ -127,6 +129,9 @@ def _menu(session: Session, place: ViewportPoint) -> None:
         return
     if session.tool is ToolName.GROUND and view.ground:
         align_ground.take_back(session)
+        return
+    if session.tool is ToolName.MEASURE and view.measured:
+        measure.take_back(session)
         return
     found = session.pick(place.u, place.v, place.width, place.height)
     view.pointed = None if found is None else tuple(float(c) for c in found.point[:3])

@@ -2,10 +2,19 @@
 
 from gaga_studio.actions import align_ground
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view_state import Point, ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
+
+
+def surface_point(session: Session, place: ViewportPoint) -> Point | None:
+    """The point of the surface under the mouse, world; None where there is none."""
+    found = session.pick(place.u, place.v, place.width, place.height)
+    if found is None or found.weights.sum() < _LEAST:
+        return None
+    x, y, z = (float(value) for value in found.point)
+    return x, y, z
 
 
 class GroundTool(ClickTool):
@@ -18,12 +27,7 @@ class GroundTool(ClickTool):
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Add the surface point; the third one aligns the scene."""
-        found = session.pick(place.u, place.v, place.width, place.height)
-        if found is None or found.weights.sum() < _LEAST:
-            align_ground.add(session, None)
-            return
-        x, y, z = (float(value) for value in found.point)
-        align_ground.add(session, (x, y, z))
+        align_ground.add(session, surface_point(session, place))
 
     def hint(self, session: Session) -> str:
         """What a click does now."""

@@ -77,6 +77,7 @@ ICONS = {
     "tool.brush": icons.BRUSH,
     "tool.sphere": icons.SPHERE,
     "tool.ground": icons.GROUND,
+    "tool.measure": icons.RULER,
     "tool.move": icons.MOVE,
     "tool.rotate": icons.ROTATE,
     "tool.scale": icons.SCALE,
@@ -116,6 +117,8 @@ _SCENE_MENU = (
     "",
     "view.frame_all",
     "tool.ground",
+    "tool.measure",
+    "tool.origin_here",
 )
 
 
@@ -185,7 +188,7 @@ def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
     if imgui.begin_popup(_OBJECT_POPUP):
         widgets.escape_closes()
-        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.ground"))
+        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.origin_here", "tool.ground"))
         imgui.end_popup()
     if imgui.begin_popup(_SCENE_POPUP):
         widgets.escape_closes()

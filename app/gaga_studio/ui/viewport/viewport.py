@@ -19,6 +19,7 @@ from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import (
     ground_overlay,
     mask_evidence,
+    measure_overlay,
     next_stage,
     photo_compare,
     tool_overlay,
@@ -29,6 +30,7 @@ from gaga_studio.ui.viewport import (
 from gaga_studio.ui.viewport.fly_keys import FlyKeys
 from gaga_studio.ui.viewport.gizmo import Gizmo
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
+from gaga_studio.ui.viewport.measure_overlay import MeasureState
 from gaga_studio.ui.viewport.next_stage import OfferState
 from gaga_studio.ui.viewport.view_cube import ViewCube
 
@@ -55,6 +57,7 @@ class PictureState:
 
     evidence: EvidenceState = field(default_factory=EvidenceState)
     offer: OfferState = field(default_factory=OfferState)
+    measure: MeasureState = field(default_factory=MeasureState)
     compared: dict[str, float] = field(default_factory=dict)  # errors of photos, 0..1, by key
 
 
@@ -104,6 +107,7 @@ class ViewportPanel:
         self._shapes(corner, density)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         ground_overlay.draw(session, camera, corner, follows=follows)
+        measure_overlay.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.controller.is_dragging)
         _on_the_picture(session, state, area)
 
@@ -209,6 +213,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
         _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR:
         _badge(mode_badge(session), corner)
+    measure_overlay.draw_card(session, state.measure, corner, size)
     _way_out_of_isolation(session, corner, size)
     next_stage.draw(session, state.offer, area)
     training.draw_live(session, corner, size)

@@ -1,0 +1,112 @@
+"""Measure between points of the surface, and set the scale from a length that is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.errors import GagaError
+from gaga_core.scene import edits
+from gaga_core.scene.frame import inverse, length_text
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Point, ToolName
+
+_MOST = 3  # points: two lengths and the angle between them
+HELP = "Drag orbits, Backspace takes one back, Esc leaves."
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What lies between the points, scene units and degrees."""
+
+    lengths: tuple[float, ...]  # from each point to the next
+    angle: float | None  # at the second of three points
+    heights: tuple[float, ...]  # of the points over height 0, along up
+
+
+def begin(session: Session) -> None:
+    """Start the tool without a point."""
+    session.tool, session.view.measured = ToolName.MEASURE, ()
+
+
+def leave(session: Session) -> None:
+    """End the tool and forget the points."""
+    session.tool, session.view.measured = ToolName.PICK, ()
+
+
+def prompt(session: Session) -> str:
+    """Return what a click does now, in words."""
+    n = len(session.view.measured)
+    what = ("a point", "a second point: a length", "a third point: an angle", "a first point again")
+    return f"Click {what[n]}"
+
+
+def add(session: Session, point: Point | None) -> None:
+    """Add a point, None where no surface is; after three they begin again.
+
+    Points are kept in the frame in which the scene was opened, so they follow it.
+    """
+    session.hint = f"There is no surface here. {prompt(session)}." if point is None else ""
+    if point is None:
+        return
+    view, back = session.view, inverse(session.need().world)
+    x, y, z = (float(v) for v in back[:3, :3] @ np.array(point) + back[:3, 3])
+    former = () if len(view.measured) == _MOST else view.measured
+    view.measured = (*former, (x, y, z))
+
+
+def take_back(session: Session) -> None:
+    """Remove the newest point."""
+    session.view.measured = session.view.measured[:-1]
+
+
+def points(session: Session) -> DoubleArray:
+    """The points (K, 3), world."""
+    if session.document is None or not session.view.measured:
+        return np.zeros((0, 3))
+    world = session.document.world
+    found: DoubleArray = np.array(session.view.measured) @ world[:3, :3].T + world[:3, 3]
+    return found
+
+
+def reading(session: Session) -> Reading:
+    """Return the lengths, angle and heights of the points."""
+    places = points(session)
+    ways = np.diff(places, axis=0)
+    lengths = np.linalg.norm(ways, axis=1)
+    angle = None
+    if len(ways) == 2 and lengths.all():
+        cosine = float(-ways[0] @ ways[1] / (lengths[0] * lengths[1]))
+        angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    heights = places @ session.rig.up
+    return Reading(tuple(lengths.tolist()), angle, tuple(heights.tolist()))
+
+
+def length(session: Session, value: float) -> str:
+    """A length in words, in the unit of the open scene."""
+    document = session.document
+    return length_text(value, is_metric=document is not None and document.scene.frame.is_metric)
+
+
+@notifies
+def set_scale(session: Session, metres: float) -> bool:
+    """Scale everything so that the way from the first point to the second has this length.
+
+    The origin stays, so the ground stays at height 0. A unit is a metre from then on.
+    """
+    document, lengths = session.need(), reading(session).lengths
+    if not lengths:
+        raise GagaError("Click two points first: the length between them is the known one.")
+    scene = document.settled().scene
+    return document.do(edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
+
+
+@notifies
+def set_origin_here(session: Session) -> bool:
+    """Move everything so that the point of the surface that was clicked becomes the origin."""
+    document, point = session.need(), session.view.pointed
+    if point is None:
+        return False
+    session.view.pointed = None
+    return document.do(edits.set_origin(document.settled().scene, np.array(point)))

@@ -1,0 +1,62 @@
+"""The tool Measure in the window: click, read, set the scale, undo; at several sizes."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.io.splat_files import write_splats
+from gaga_core.scene.frame import scale_of
+from gaga_studio.actions import measure
+from gaga_studio.session.view_state import ToolName
+from gaga_studio.tools.base import ViewportPoint
+from gaga_studio.tools.ground import surface_point
+from tests.app.window.driver import KEY, Driver, drive
+from tests.scenes import objects_scene
+
+pytestmark = pytest.mark.window
+
+
+@pytest.mark.parametrize("size", [(800, 500), (1440, 900)], ids=str)
+def test_a_length_is_clicked_and_made_a_metre(
+    display: str, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
+    shots = os.environ.get("GAGA_TEST_PICTURES")
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        session.notices = ()
+        d.menu("Tools/###Measure lengths, angles and heights")
+        width, height = d.size
+        spots = [
+            (u, v)
+            for u in np.linspace(0.4, 0.6, 9) * width
+            for v in np.linspace(0.35, 0.8, 10) * height
+            if surface_point(session, ViewportPoint(float(u), float(v), width, height)) is not None
+        ]
+        first, second, third = spots[0], spots[-1], spots[len(spots) // 2]
+        for n, spot in enumerate((first, second, third), 1):
+            d.click_picture(*spot)
+            assert len(session.view.measured) == n
+        d.settle()
+        if shots:
+            d.capture(Path(shots) / f"measure_{size[0]}.png")
+        d.keys(KEY.backspace)
+        assert len(session.view.measured) == 2
+        d.type_into("**/##Known length", "2.5")
+        d.click("**/###Set scale")
+        d.settle()
+        assert session.need().history.undo_title == "Set scale"
+        assert measure.reading(session).lengths == pytest.approx((2.5,), rel=1e-4)
+        assert session.need().scene.frame.is_metric
+        if shots:
+            d.capture(Path(shots) / f"measure_metres_{size[0]}.png")
+        d.keys(KEY.mod_ctrl, KEY.z)
+        d.settle()
+        assert scale_of(session.need().world) == pytest.approx(1.0)
+        d.keys(KEY.escape)
+        assert session.tool is ToolName.PICK
+
+    drive(walk, path=tmp_path / "balls.ply", size=size)
