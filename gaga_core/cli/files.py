@@ -25,9 +25,9 @@ class EditCommand:
     """Apply recorded edits to a model and write the edited one."""
 
     input: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     output: Positional[Path]
-    """The .ply, .compressed.ply, .splat or .spz to write."""
+    """The .ply, .compressed.ply, .splat, .spz, .sog or .glb to write."""
     script: Path
     """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
     groups: bool = False
@@ -61,16 +61,16 @@ class ExportCommand:
     """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
     scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     out: Path
-    """A .ply, .compressed.ply, .splat or .spz for --what scene, a folder otherwise."""
+    """A .ply, .compressed.ply, .splat, .spz, .sog or .glb for --what scene, a folder otherwise."""
     what: Literal["scene", "objects", "masks"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
     masks: a 16-bit map of group ids for every view."""
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
-    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4"] | None = None
+    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb"] | None = None
     """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""

@@ -3,7 +3,7 @@
 A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its suffix.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
 
@@ -13,17 +13,27 @@ from gaga_core.arrays import BoolArray
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io import compressed_ply, spz
+from gaga_core.io import compressed_ply, glb, spz
 from gaga_core.io.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.glb import read_glb_stage, write_glb_stage
+from gaga_core.io.ksplat import read_ksplat_stage
 from gaga_core.io.ply import read_ply_stage, write_ply_stage
 from gaga_core.io.sog import META, is_sog_meta, read_sog_stage
+from gaga_core.io.sog_writer import write_sog_stage
 from gaga_core.io.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.spz import read_spz_stage, write_spz_stage
 from gaga_core.progress import Stage, run_stage
 
-READ_SUFFIXES = (".ply", ".splat", ".spz", ".sog")  # .compressed.ply ends in .ply
-WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz")
+READ_SUFFIXES = (
+    ".ply",
+    ".splat",
+    ".spz",
+    ".sog",
+    ".ksplat",
+    ".glb",
+)  # .compressed.ply ends in .ply
+WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb")
 _HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
 _NORMALS = ("nx", "ny", "nz")
 _NAMED = 4  # columns that a sentence names; the others are counted
@@ -37,6 +47,8 @@ class SplatFormat(StrEnum):
     SPLAT = "splat"
     SPZ = "spz"  # version 3, which most programs read
     SPZ4 = "spz4"
+    SOG = "sog"
+    GLB = "glb"  # with KHR_gaussian_splatting
 
     @property
     def suffix(self) -> str:
@@ -47,12 +59,15 @@ class SplatFormat(StrEnum):
 def form_of(path: Path) -> SplatFormat:
     """The form that a name asks for; ``GagaError`` when it asks for none that is written."""
     name = Path(path).name.lower()
-    for form in (SplatFormat.COMPRESSED_PLY, SplatFormat.PLY, SplatFormat.SPLAT, SplatFormat.SPZ):
+    if name == META:
+        return SplatFormat.SOG  # in a folder
+    others = [form for form in SplatFormat if form is not SplatFormat.SPZ4]
+    for form in (SplatFormat.COMPRESSED_PLY, *others):
         if name.endswith(form.suffix):
             return form
     raise GagaError(
         f"{Path(path).name} cannot be written: choose a name that ends in .ply, .compressed.ply, "
-        ".splat or .spz."
+        ".splat, .spz, .sog or .glb, or the name meta.json for a SOG in a folder."
     )
 
 
@@ -62,7 +77,7 @@ def read_splats(path: Path) -> Gaussians:
 
 
 def read_splats_stage(path: Path) -> Stage[Gaussians]:
-    """Read a .ply, compressed .ply, .splat, .spz or SOG (.sog or folder) with progress.
+    """Read a .ply, compressed .ply, .splat, .spz, .ksplat, .glb or SOG (.sog or folder).
 
     All give Gaussians in the frame and units of a 3DGS .ply. Raises ``GagaError`` with one sentence
     when the file is of no known kind, damaged, or larger than memory.
@@ -72,23 +87,36 @@ def read_splats_stage(path: Path) -> Stage[Gaussians]:
         return (yield from read_sog_stage(path))
     if path.is_dir():
         raise GagaError(f"{path} is a folder. Choose a file of splats.")
-    start = _start_of(path)
-    suffix = path.suffix.lower()
+    return (yield from _reader_of(path)(path))
+
+
+def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
+    """Who reads a file; ``GagaError`` when nobody does."""
+    start, suffix = _start_of(path), path.suffix.lower()
     if start.startswith(b"ply") and b"packed_position" in start:
-        return (yield from read_compressed_ply_stage(path))
-    if start.startswith(b"ply"):
-        return (yield from read_ply_stage(path))
-    if start.startswith((spz.GZIP_MAGIC, spz.MAGIC)):
-        return (yield from read_spz_stage(path))
-    if start.startswith(b"PK") or suffix == ".sog":
-        return (yield from read_sog_stage(path))
+        return read_compressed_ply_stage
+    by_start = {
+        b"ply": read_ply_stage,
+        spz.GZIP_MAGIC: read_spz_stage,
+        spz.MAGIC: read_spz_stage,
+        glb.MAGIC: read_glb_stage,
+        b"PK": read_sog_stage,
+    }
+    for magic, reader in by_start.items():
+        if start.startswith(magic):
+            return reader
     if suffix == ".ply" or not start:
-        return (yield from read_ply_stage(path))  # which says what is wrong
-    if suffix == ".splat":
-        return (yield from read_splat_stage(path))
+        return read_ply_stage  # which says what is wrong
+    by_suffix = {
+        ".sog": read_sog_stage,
+        ".splat": read_splat_stage,
+        ".ksplat": read_ksplat_stage,
+    }
+    if suffix in by_suffix:
+        return by_suffix[suffix]
     raise GagaError(
-        f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz "
-        "or .sog file."
+        f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz, "
+        ".sog, .ksplat or .glb file."
     )
 
 
@@ -123,6 +151,10 @@ def write_splats_stage(
         yield from write_compressed_ply_stage(path, gaussians)
     elif form is SplatFormat.SPLAT:
         yield from write_splat_stage(path, gaussians)
+    elif form is SplatFormat.SOG:
+        yield from write_sog_stage(path, gaussians)
+    elif form is SplatFormat.GLB:
+        yield from write_glb_stage(path, gaussians)
     else:
         yield from write_spz_stage(path, gaussians, 4 if form is SplatFormat.SPZ4 else 3)
 
@@ -133,11 +165,12 @@ def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
 
 
 def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
-    yield _precision(gaussians, form)
+    if form is not SplatFormat.GLB:
+        yield _precision(gaussians, form)
     degree = gaussians.sh_degree
     if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."
-    if form is SplatFormat.COMPRESSED_PLY and degree > 3:
+    if form in (SplatFormat.COMPRESSED_PLY, SplatFormat.SOG, SplatFormat.GLB) and degree > 3:
         yield "The SH of degree 4 are left out."
     columns = [name for name in gaussians.extra if name not in _NORMALS]
     normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
@@ -147,7 +180,7 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
         more = len(columns) - _NAMED
         named = ", ".join(columns[:_NAMED]) + (f" and {more} more" if more > 0 else "")
         yield f"Other columns are left out: {named}."
-    if form is SplatFormat.SPLAT and gaussians.is_antialiased:
+    if form in (SplatFormat.SPLAT, SplatFormat.GLB) and gaussians.is_antialiased:
         yield "That the splats are to be drawn antialiased is not kept."
     clipped = _clipped(gaussians, form)
     if clipped:
@@ -163,6 +196,11 @@ def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
             "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
             "and SH to 8 bits), and the splats are put in another order."
         )
+    if form is SplatFormat.SOG:
+        return (
+            "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
+            "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
+        )
     step = 2.0 ** -spz.fraction_bits(gaussians.means)
     return (
         f"All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
@@ -175,6 +213,8 @@ def _clipped(gaussians: Gaussians, form: SplatFormat) -> int:
     limit = {SplatFormat.SPLAT: 0.5 / SH_C0, SplatFormat.COMPRESSED_PLY: np.inf}.get(
         form, 0.5 / spz.COLOR_SCALE
     )
+    if form in (SplatFormat.SOG, SplatFormat.GLB):
+        return 0
     out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
     if gaussians.sh_degree and form is not SplatFormat.SPLAT:
         most = compressed_ply.SH_RANGE if form is SplatFormat.COMPRESSED_PLY else 1.0

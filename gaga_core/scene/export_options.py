@@ -16,6 +16,7 @@ Point = tuple[float, float, float]
 _LOWEST = 0.5  # percent of the centres may lie under the ground: a few stray ones do not lift it
 _HEADER = 1500  # bytes before the splats of a file, about
 _SPZ = 0.75  # of its bytes are left when it is packed, about
+_SOG = 18.0  # bytes of a splat: WebP shrinks what is alike
 _SPLAT = 32  # bytes of a splat in a .splat
 
 
@@ -88,6 +89,10 @@ def estimated_bytes(gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: 
     if form is SplatFormat.PLY:
         extra = sum(_width(column) for column in gaussians.extra.values())
         return _HEADER + n * (4 * (14 + n_rest) + extra)
+    if form is SplatFormat.GLB:
+        return _HEADER + 4 * n * (11 + 3 + n_rest)
+    if form is SplatFormat.SOG:
+        return round(_SOG * n)
     return round(_SPZ * n * (9 + 1 + 3 + 3 + 4 + n_rest))
 
 

@@ -34,6 +34,7 @@ from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
+from tests.core.io.ksplat_parts import ksplat
 from tests.core.io.mask_forms import FORMS
 from tests.core.io.sog_parts import sog_parts, zipped
 from tests.scenes import orbit_cameras, random_gaussians
@@ -188,7 +189,11 @@ def _runs(folder: Path) -> None:
 
 
 TARGETS: Mapping[str, Target] = {
-    **{f"splats{s}": _splats(s) for s in (".ply", ".compressed.ply", ".splat", ".spz")},
+    **{f"splats{s}": _splats(s) for s in (".ply", ".compressed.ply", ".splat", ".spz", ".glb")},
+    "splats.ksplat": Target(
+        lambda f: (f / "a.ksplat").write_bytes(ksplat(2, 1)[0]),
+        lambda f: _used(read_splats(f / "a.ksplat")),
+    ),
     "splats.sog": Target(
         lambda f: zipped(f / "a.sog", sog_parts()), lambda f: _used(read_splats(f / "a.sog"))
     ),

@@ -18,7 +18,6 @@ from gaga_core.cli.main import main
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import quats_to_matrices
 from gaga_core.io.splat_files import (
     SplatFormat,
     form_of,
@@ -29,11 +28,12 @@ from gaga_core.io.splat_files import (
 )
 from gaga_core.io.spz import fraction_bits, states_axes
 from gaga_core.io.spz_axes import AXES, axes_map, turned
+from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
 from tests.peer_tools import node_tool
 from tests.scenes import random_gaussians
 
-COMPACT = [form for form in SplatFormat if form is not SplatFormat.PLY]
+COMPACT = [SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ, SplatFormat.SPZ4]
 _SQRT2 = float(np.sqrt(2))
 
 
@@ -147,12 +147,6 @@ def test_every_axes_show_the_same_scene(axes: str) -> None:
         assert matrix[row, file_axis] == sign
 
 
-def covariances(g: Gaussians) -> np.ndarray:
-    """(N, 3, 3) world."""
-    axes = quats_to_matrices(g.quats) * np.exp(g.log_scales.astype(np.float64))[:, None, :]
-    return axes @ axes.transpose(0, 2, 1)
-
-
 @pytest.mark.parametrize("form", [SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.COMPRESSED_PLY])
 def test_the_antialiased_look_survives(tmp_path: Path, form: SplatFormat) -> None:
     mip = replace(random_gaussians(20), comments=("SplatRenderMode: mip",))
@@ -182,12 +176,13 @@ def test_the_sentences_name_what_is_lost(tmp_path: Path) -> None:
 
 
 def test_names_ask_for_forms() -> None:
-    names = ("a.ply", "a.compressed.ply", "A.SPLAT", "b.c.spz")
+    names = ("a.ply", "a.compressed.ply", "A.SPLAT", "b.c.spz", "d.sog", "e.GLB", "f/meta.json")
     assert [form_of(Path(n)) for n in names] == [
-        SplatFormat.PLY, SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ
+        SplatFormat.PLY, SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ,
+        SplatFormat.SOG, SplatFormat.GLB, SplatFormat.SOG,
     ]  # fmt: skip
     with pytest.raises(GagaError, match="choose a name"):
-        form_of(Path("a.sog"))
+        form_of(Path("a.ksplat"))
 
 
 @pytest.mark.parametrize("form", list(SplatFormat))

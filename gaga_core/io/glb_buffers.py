@@ -1,0 +1,78 @@
+"""The chunks of a GLB, and the numbers that its accessors name."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray
+from gaga_core.errors import GagaError
+from gaga_core.io.json_file import decode_json
+
+_HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class Buffers:
+    """A GLB in memory."""
+
+    gltf: Mapping[str, Any]
+    binary: bytes
+
+    @staticmethod
+    def of(content: bytes, name: str) -> "Buffers":
+        """The chunks of a file ``name``; ``GagaError`` or ``ValueError`` when they do not fit."""
+        magic, version, total = _HEAD.unpack_from(content)
+        if magic != b"glTF" or version != 2:
+            raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
+        if total > len(content):
+            raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+        chunks: dict[bytes, bytes] = {}
+        at = _HEAD.size
+        while at + _CHUNK.size <= total:
+            size, kind = _CHUNK.unpack_from(content, at)
+            at += _CHUNK.size
+            if at + size > total:
+                raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+            chunks.setdefault(kind, content[at : at + size])
+            at += size
+        gltf = decode_json(chunks[b"JSON"], dict[str, Any], name, "Export it again.")
+        return Buffers(gltf, chunks.get(b"BIN\0", b""))
+
+    def accessor(self, index: int, width: int) -> AnyArray:
+        """Numbers (N, width) of an accessor, float where it is normalized.
+
+        Raises ``ValueError`` when it names other numbers, or some outside of the file.
+        """
+        accessor = self.gltf["accessors"][_natural(index)]
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise ValueError("a sparse accessor")
+        view = self.gltf["bufferViews"][_natural(accessor["bufferView"])]
+        buffer = self.gltf["buffers"][_natural(view["buffer"])]
+        if view["buffer"] != 0 or "uri" in buffer:
+            raise ValueError("numbers in another file")
+        if _WIDTHS[accessor["type"]] != width:
+            raise ValueError(f"an accessor of {accessor['type']}")
+        kind, n = np.dtype(_TYPES[accessor["componentType"]]), _natural(accessor["count"])
+        step = _natural(view.get("byteStride", 0)) or kind.itemsize * width
+        start = _natural(view.get("byteOffset", 0)) + _natural(accessor.get("byteOffset", 0))
+        end = start + (n - 1) * step + kind.itemsize * width
+        limit = _natural(view.get("byteOffset", 0)) + _natural(view["byteLength"])
+        if n < 1 or step < kind.itemsize * width or end > min(limit, len(self.binary)):
+            raise ValueError("an accessor that reaches beyond its buffer")
+        values = np.ndarray((n, width), kind, self.binary, start, (step, kind.itemsize))
+        if not accessor.get("normalized", False):
+            return values
+        most = np.float32(np.iinfo(kind).max)
+        shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
+        return shares
+
+
+def _natural(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"{value!r} where a whole number is expected")
+    return value
