@@ -24,13 +24,23 @@ from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.oriented_box import oriented_box
 
 T = TypeVar("T")
+_Direction = tuple[float, float, float]
 ExportWhat = Literal["visible", "selected"]
 MANIFEST = "groups.json"
 MANIFEST_VERSION = 1
 _AS_IS = ExportOptions()
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+
+
+class BoxEntry(msgspec.Struct, frozen=True):
+    """A box with axes of its own, the longest first."""
+
+    centre: tuple[float, float, float]  # world
+    axes: tuple[_Direction, _Direction, _Direction]  # unit, of its sides
+    size: tuple[float, float, float]  # lengths of the sides, scene units
 
 
 class ManifestEntry(msgspec.Struct, frozen=True):
@@ -42,6 +52,7 @@ class ManifestEntry(msgspec.Struct, frozen=True):
     count: int  # splats in the file
     bbox: list[tuple[float, float, float]]  # two corners of the centres, world; none: no splats
     file: PathText  # next to the manifest
+    oriented_box: BoxEntry | None = None  # turned as the object lies; older files lack it
 
 
 class Manifest(msgspec.Struct, frozen=True):
@@ -249,6 +260,11 @@ def listed_files(manifest: Path) -> list[Path]:
 def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
     box = [means.min(axis=0), means.max(axis=0)] if len(means) else []
+    turned = oriented_box(means)
+    oriented = None
+    if turned is not None:
+        centre, axes, size = turned.centre.tolist(), turned.axes.T.tolist(), turned.size.tolist()
+        oriented = {"centre": centre, "axes": axes, "size": size}
     return {
         "id": item.group,
         "name": item.name,
@@ -256,6 +272,7 @@ def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
         "count": len(gaussians),
         "bbox": [[float(x) for x in corner] for corner in box],
         "file": item.file,
+        "oriented_box": oriented,
     }
 
 

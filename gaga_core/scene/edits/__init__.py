@@ -12,7 +12,7 @@ from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_gr
 from gaga_core.scene.edits.identities import set_identities, use_labels
 from gaga_core.scene.edits.levels import join_here, split_here
 from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
-from gaga_core.scene.edits.placement import recolor, transform
+from gaga_core.scene.edits.placement import recolor, reset_placement, transform
 from gaga_core.scene.edits.split import separate, split, split_off
 from gaga_core.scene.edits.state import (
     How,
@@ -48,6 +48,7 @@ __all__ = [
     "named_selection",
     "recolor",
     "rename",
+    "reset_placement",
     "restore",
     "select",
     "separate",

@@ -1,8 +1,10 @@
 """Builders of edits of placement rows: move, recolor."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from gaga_core.arrays import AnyArray
+from gaga_core.arrays import AnyArray, DoubleArray
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.placement_values import SetPlacement, take_rows
 from gaga_core.scene.index_set import IndexSet, sorted_indices
@@ -20,6 +22,13 @@ def transform(
     if world.shape != (3, 4) or not np.isfinite(world).all() or not np.linalg.det(world[:, :3]):
         raise ValueError("matrix: expected a finite, invertible (3, 4) affine map")
     return _place(scene, indices, title, matrix=world)
+
+
+def reset_placement(
+    scene: Scene, indices: AnyArray, title: str = "Reset placement"
+) -> SetPlacement | None:
+    """Put splats back to where the file has them, in the scene as it was moved as a whole."""
+    return _place(scene, indices, title, reset=scene.frame.world[:3])
 
 
 def recolor(
@@ -49,8 +58,9 @@ def _place(
     matrix: AnyArray | None = None,
     color: AnyArray | None = None,
     opacity: float = 1.0,
+    reset: DoubleArray | None = None,
 ) -> SetPlacement | None:
-    """Compose onto the rows of these splats.
+    """Compose onto the rows of these splats, or give them all the matrix ``reset`` (3, 4).
 
     A row that stands for chosen splats only is changed where it is, so that an object that is
     dragged ten times keeps one row; else the chosen splats get a row of their own. Row 0 stays.
@@ -69,6 +79,8 @@ def _place(
     rows = np.concatenate([in_place, appended])
     old = take_rows(scene.placements, np.concatenate([in_place, parted]))
     after = composed(old, matrix, color, opacity)
+    if reset is not None:
+        after = replace(after, matrix=np.tile(reset, (len(rows), 1, 1)))
     if _same(old, after):
         return None
     goes = np.isin(scene.placement[splats], parted)

@@ -1,6 +1,7 @@
 """The operations of edit scripts that act on objects: each makes an edit of a scene."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.pose import motion_between, pose_of, with_degrees
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import (
     OnSplats,
@@ -38,6 +40,7 @@ from gaga_core.scene.script.fields import (
     Vector,
 )
 from gaga_core.scene.selection import algebra
+from gaga_core.scene.selection.bounds import splat_box
 from gaga_core.scene.tint import mean_color, tint_affine
 
 # --- selecting, hiding, locking, deleting -------------------------------------------------------
@@ -190,6 +193,35 @@ class Transform(OnSplats, frozen=True):
         return edits.transform(scene, self.splats(scene), world, "Transform")
 
 
+class Place(OnSplats, frozen=True):
+    """Put to a position, a rotation and a scale; what is not given stays."""
+
+    position: Vector | UnsetType = UNSET  # of the middle of the box
+    rotation: Vector | UnsetType = UNSET  # degrees about the world's x, then y, then z
+    scale: Factors | UnsetType = UNSET  # along the object's own axes
+
+    def edit(self, scene: Scene) -> Edit | None:
+        splats = self.splats(scene)
+        lo, hi = splat_box(scene, splats, 0.98)
+        start = pose_of(scene, splats, (lo + hi) / 2)
+        stop = start
+        if not isinstance(self.rotation, UnsetType):
+            stop = with_degrees(stop, np.array(self.rotation, np.float64), local=False)
+        if not isinstance(self.position, UnsetType):
+            stop = replace(stop, centre=np.array(self.position, np.float64))
+        if not isinstance(self.scale, UnsetType):
+            scale = np.broadcast_to(np.array(self.scale, np.float64), (3,))
+            stop = replace(stop, scale=scale * np.sign(start.scale))
+        return edits.transform(scene, splats, motion_between(start, stop), "Place")
+
+
+class ResetPlacement(OnSplats, frozen=True):
+    """Put back to where the file has it."""
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.reset_placement(scene, self.splats(scene))
+
+
 class Recolor(OnSplats, frozen=True):
     """Give a new mean color, a factor of opacity, or both."""
 
@@ -329,6 +361,8 @@ ObjectOperation: TypeAlias = (
     | Rotate
     | Scale
     | Transform
+    | Place
+    | ResetPlacement
     | Recolor
     | Duplicate
     | Rename

@@ -110,6 +110,7 @@ def test_every_operation_runs() -> None:
         "align_to_ground": {"points": [[0, 0, 0], [1, 0, 0], [0, 1, 1]], "seen_from": [0, 0, 9]},
         "assign": {"groups": [3]},
         "set_scale": {"points": [[0, 0, 0], [1, 0, 0]], "metres": 2},
+        "place": {"position": [1, 2, 3], "rotation": [0, 30, 0], "scale": 2},
         "set_origin": {"point": [1, 2, 3]},
     }
     # See test_edit_json, below, and edits/test_levels.py: these need a scene of their own.
