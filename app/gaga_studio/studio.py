@@ -346,6 +346,7 @@ class Studio:
             active_camera=session.active_view,
             labels=session.live_labels if session.live else bank_timeline.labels(session),
             tint=mask_splats.tint(session, decision),
+            muted=session.muted_colors(),
             hovered_group=session.hovered_group,
             focused_group=session.focus if session.view.mode is Mode.MASK else 0,
             pixel_scale=imgui.get_io().display_framebuffer_scale.x,

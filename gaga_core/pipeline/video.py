@@ -21,7 +21,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import NEAR, Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.camera_path import CameraPath
-from gaga_core.scene.objects import group_colors
+from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import RGB, Scene
 
 Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
@@ -169,7 +169,8 @@ def painter_stage(
     channels: FloatArray | None = None
     if config.what == "groups":
         ids, row = np.unique(scene.labels[shown], return_inverse=True)
-        channels = group_colors(ids, scene.colors)[row]
+        table = object_table(scene)  # as the window shows them: large surfaces are muted
+        channels = table.colors[np.searchsorted(table.ids, ids)][row]
     span = depth_span(gaussians, cameras) if config.what == "depth" else (0.0, 1.0)
 
     def paint(camera: Camera) -> UInt8Array:

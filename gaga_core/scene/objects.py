@@ -12,6 +12,10 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.scene import RGB, Scene, State
 
 UNASSIGNED = "unassigned"
+_SEVERAL = 4  # groups, from which on large ones are muted
+_SMALL, _LARGE = 0.35, 0.6  # radii, of the scene's: from not muted at all to muted most
+_MUTED = 0.7  # of its color is taken from a large surface
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
 _DENSE = 1 << 20  # up to here a group id is its own row while counting
 
 
@@ -81,7 +85,7 @@ def object_table(scene: Scene) -> ObjectTable:
         n_selected=having(State.SELECTED),
         n_hidden=having(State.HIDDEN),
         n_locked=having(State.LOCKED),
-        colors=group_colors(shown, scene.colors),
+        colors=_calm(group_colors(shown, scene.colors), shown, (n, centre, radius), scene.colors),
         names=tuple(group_name(scene, int(g)) for g in shown),
         centre=centre,
         radius=radius,
@@ -129,6 +133,40 @@ def group_colors(ids: IntArray, own: Mapping[int, RGB] | None = None) -> FloatAr
     for group, rgb in (own or {}).items():
         colors[ids == group] = rgb
     return colors
+
+
+def muted_colors(table: ObjectTable) -> dict[int, RGB]:
+    """Colors of the groups of ``table`` that differ from the palette of groups, by group."""
+    plain = group_colors(table.ids)
+    differs = np.abs(plain - table.colors).max(axis=1) > 0
+    return {
+        int(table.ids[row]): (float(r), float(g), float(b))
+        for row, (r, g, b) in zip(np.flatnonzero(differs), table.colors[differs], strict=True)
+    }
+
+
+def _calm(
+    colors: FloatArray,
+    ids: IntArray,
+    balls: tuple[LongArray, DoubleArray, DoubleArray],
+    own: Mapping[int, RGB],
+) -> FloatArray:
+    """``colors`` (G, 3) with those of large surfaces muted: walls and floors are no neon.
+
+    ``balls`` are counts, centres and radii of the groups. Muted is what spreads over a large part
+    of the scene, if there are several groups; colors that a person chose stay as they are.
+    """
+    n, centre, radius = balls
+    if np.count_nonzero(ids) < _SEVERAL:
+        return colors
+    middle = (n[:, None] * centre).sum(axis=0) / n.sum()
+    squares = radius**2 / 4 + ((centre - middle) ** 2).sum(axis=1)
+    spread = 2 * np.sqrt((n * squares).sum() / n.sum())
+    share = np.clip((radius / max(spread, 1e-12) - _SMALL) / (_LARGE - _SMALL), 0, 1)
+    share[np.isin(ids, [0, *own])] = 0
+    gray = (colors @ _LUMA)[:, None]
+    calm: FloatArray = (colors + _MUTED * share[:, None] * (gray - colors)).astype(np.float32)
+    return calm
 
 
 @lru_cache(maxsize=4)

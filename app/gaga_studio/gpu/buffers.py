@@ -7,6 +7,7 @@ are sent alone.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 
 import moderngl
 import numpy as np
@@ -43,6 +44,7 @@ class SceneBuffers:
         self._seen = Revision()
         self._textures: dict[str, DataTexture] = {}
         self._own_colors: dict[int, RGB] = {}  # of groups, in the palette
+        self._muted: Mapping[int, RGB] = {}
         self._columns: set[str] = set()  # textures that have a line for every 2048 splats
         self._sent: dict[str, AnyArray] = {}  # columns as they were sent
         self._tint: UInt8Array | None = None  # as it was given
@@ -62,11 +64,12 @@ class SceneBuffers:
         with_confidence: bool = False,
         with_identity: bool = False,
         tint: UInt8Array | None = None,
+        muted: Mapping[int, RGB] | None = None,
     ) -> None:
         """Send what changed since the last call. ``labels`` (N,) stand in for those of the scene.
 
-        ``tint`` (N, 4) lies over the colors of the splats. Raises `GagaError` when the graphics
-        card cannot hold the scene.
+        ``tint`` (N, 4) lies over the colors of the splats; ``muted`` are colors of groups instead
+        of the palette's. Raises `GagaError` when the graphics card cannot hold the scene.
         """
         now = scene.revision
         is_same = scene is self._scene
@@ -81,7 +84,8 @@ class SceneBuffers:
         labels_changed = splats_changed or now.labels != self._seen.labels
         if labels_changed or shown is not self._sent.get("labels"):
             self._send_labels(shown, in_place=is_same and labels_changed)
-        if scene.colors != self._own_colors:
+        if {**(muted or {}), **scene.colors} != self._own_colors:
+            self._muted = muted or {}
             self._send_palette(self._texture("palette").height * WIDTH - 1)
         if splats_changed or now.state != self._seen.state:
             self._send_column("state", scene.state)
@@ -211,7 +215,8 @@ class SceneBuffers:
     def _send_palette(self, n_groups: int) -> None:
         colors = np.zeros(((n_groups // WIDTH + 1) * WIDTH, 4), np.float32)
         colors[:, :3] = group_palette(len(colors) - 1)
-        self._own_colors = self._scene.colors if self._scene is not None else {}
+        own = self._scene.colors if self._scene is not None else {}
+        self._own_colors = {**self._muted, **own}
         for group, rgb in self._own_colors.items():
             if group < len(colors):
                 colors[group, :3] = rgb

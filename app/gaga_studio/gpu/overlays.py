@@ -1,5 +1,6 @@
 """Lines over the picture: camera frusta, ground grid, axes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import moderngl
@@ -8,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.scene.scene import RGB
 from gaga_studio.gpu.composite import ACCENT
 from gaga_studio.gpu.context import load_program, set_uniforms
 
@@ -35,6 +37,7 @@ class Overlays:
     labels: IntArray | None = field(default=None, compare=False)  # (N,) instead of scene.labels
     # (N, 4) color over each splat's own, and its share 0..255. Compared by identity.
     tint: UInt8Array | None = field(default=None, compare=False)
+    muted: Mapping[int, RGB] = field(default_factory=dict)  # colors of groups instead of their own
     hovered_group: int = 0
     focused_group: int = 0  # the one that Mode.MASK shows
     ground: Ground | None = None

@@ -166,6 +166,7 @@ class Viewport:
             with_confidence=is_heat,
             with_identity=view.mode is Mode.IDENTITY and scene.identities.colors is not None,
             tint=overlays.tint,
+            muted=overlays.muted,
         )
         if self._order is not None and n_before != self.buffers.n_splats:
             self._use(self._order)

@@ -11,6 +11,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.edits.edit_walk import builders, walk_scene
+from tests.scenes import random_gaussians
 
 
 def _edited(seed: int) -> Scene:
@@ -56,7 +57,37 @@ def test_names_and_colors() -> None:
     scene = walk_scene()
     table = objects.object_table(scene)
     assert table.names[:4] == ("unassigned", "group 1", "mug", "group 3")
-    assert np.array_equal(table.colors, group_palette(6)[table.ids])
+    assert np.array_equal(objects.group_colors(table.ids), group_palette(6)[table.ids])
+
+
+def test_large_surfaces_are_muted_and_nothing_else() -> None:
+    """By how far a group spreads, not by its number of splats; a chosen color stays."""
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(-4, 4, (400, 3)) * [1, 1, 0]
+    floor = wall[:, [0, 2, 1]]
+    balls = [rng.normal(0, 0.15, (900, 3)) + centre for centre in rng.uniform(-2, 2, (4, 3))]
+    means = np.concatenate([wall, floor, *balls])
+    labels = np.repeat(np.arange(1, 7), [400, 400, 900, 900, 900, 900]).astype(np.int32)
+    splats = replace(random_gaussians(len(means)), means=means.astype(np.float32))
+    scene = Scene.of(splats, labels)
+
+    def chroma(colors: np.ndarray) -> np.ndarray:
+        return np.asarray(colors.max(axis=1) - colors.min(axis=1))
+
+    table = objects.object_table(scene)
+    plain = group_palette(6)[table.ids]
+    rows = [row for row, group in enumerate(table.ids) if group in (1, 2)]
+    small = [row for row, group in enumerate(table.ids) if group > 2]
+    assert (chroma(table.colors)[rows] < 0.45 * chroma(plain)[rows]).all()
+    assert np.array_equal(table.colors[small], plain[small])
+    assert set(objects.muted_colors(table)) == {1, 2}
+    edit = edits.set_color(scene, 1, (1.0, 0.0, 0.0))
+    assert edit is not None
+    edit.apply(scene)
+    own = objects.object_table(scene)
+    assert own.colors[rows[0]].tolist() == [1.0, 0.0, 0.0]
+    few = Scene.of(random_gaussians(300), np.repeat([1, 2], 150).astype(np.int32))
+    assert not objects.muted_colors(objects.object_table(few))
 
 
 def test_huge_ids_do_not_need_huge_tables() -> None:
