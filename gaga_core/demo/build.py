@@ -1,21 +1,24 @@
 """The demo's model: objects laid out, covered with discs, lit, turned into splats."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaga_core.arrays import IntArray
+from gaga_core.color import dc_from_rgb
 from gaga_core.demo import room
 from gaga_core.demo.layout import items
 from gaga_core.demo.lighting import Lights, bake
 from gaga_core.demo.splats import gaussians_of
-from gaga_core.demo.surface import cover, joined
+from gaga_core.demo.surface import Surface, cover, joined
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress
 
 STAGE = "Make the demo scene"
 _N_AT_ONE = 147_000  # splats at coarseness 1; their number falls with its square
+_SHOWN_EVERY = 8  # objects from one picture of what is there to the next
+_UNLIT = 0.85  # of the surface's own color, while there is no light
 _FINE_EDGES = 1.9  # ... nearly: discs at bends and edges grow fewer more slowly
 
 
@@ -29,8 +32,19 @@ class Model:
     steps: int  # progress steps that building took
 
 
+def _unlit(surfaces: Sequence[Surface]) -> Gaussians:
+    """What is there so far, in its own colors: something to see while the rest is made."""
+    surface = joined(surfaces)
+    sh = np.zeros((len(surface), 1, 3), np.float32)
+    sh[:, 0] = dc_from_rgb((_UNLIT * surface.albedo).astype(np.float32))
+    return gaussians_of(surface, sh, np.random.default_rng(0))  # a chance of its own
+
+
 def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progress, None, Model]:
-    """Build about ``n_splats`` splats; ``steps_after`` belong to the whole task's progress."""
+    """Build about ``n_splats`` splats; ``steps_after`` belong to the whole task's progress.
+
+    Payloads are `Gaussians` so far, without light.
+    """
     rng = np.random.default_rng((seed, 0))
     coarseness = (_N_AT_ONE / n_splats) ** (1 / _FINE_EDGES)
     objects, lights = items(), Lights()
@@ -39,7 +53,8 @@ def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progres
     total = steps + steps_after
     surfaces = [room.shell(coarseness, rng)]
     for k, item in enumerate(objects, start=1):
-        yield Progress(STAGE, k, total, item.name.capitalize())
+        so_far = _unlit(surfaces) if (k - 1) % _SHOWN_EVERY == 0 else None
+        yield Progress(STAGE, k, total, item.name.capitalize(), so_far)
         surfaces.append(cover(item, k, coarseness, rng))
     surface = joined(surfaces)
     lit = bake(surface, lights, rng)
@@ -51,6 +66,7 @@ def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progres
             sh = end.value
             break
         done += 1
-        yield Progress(STAGE, done, total, "Light")
+        so_far = _unlit(surfaces) if done == len(objects) + 1 else None
+        yield Progress(STAGE, done, total, "Light", so_far)
     gaussians = gaussians_of(surface, sh, rng)
     return Model(gaussians, surface.labels, tuple(item.name for item in objects), steps)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gaga_core.camera import Camera
+from gaga_core.demo.config import DemoConfig
 from gaga_core.geometry import look_at
 
 OVERVIEW = ((0.75, -2.05, 1.62), (0.02, 0.05, 0.93), 42.0)  # eye, target, field of view (degrees)
@@ -22,6 +23,13 @@ def posed(
     focal = 0.5 * height / np.tan(np.radians(fov) / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     return Camera(K, look_at(np.array(eye), np.array(target), _UP), width, height, name)
+
+
+def demo_cameras(config: DemoConfig | None = None) -> tuple[Camera, ...]:
+    """The cameras of the demo's photos, before there is a folder of it."""
+    wanted = config or DemoConfig()
+    rng = np.random.default_rng((wanted.seed, 1))
+    return photo_cameras(wanted.n_views, (wanted.width, wanted.height), rng)
 
 
 def photo_cameras(n: int, size: tuple[int, int], rng: np.random.Generator) -> tuple[Camera, ...]:

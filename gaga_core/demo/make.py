@@ -9,7 +9,7 @@ import numpy as np
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.demo.build import STAGE, Model, build_stage
-from gaga_core.demo.cameras import photo_cameras, split
+from gaga_core.demo.cameras import demo_cameras, split
 from gaga_core.demo.config import DemoConfig
 from gaga_core.demo.masks import segmenter_masks
 from gaga_core.io.colmap import write_colmap
@@ -33,8 +33,7 @@ def _photographed(
     folder: Path, config: DemoConfig, model: Model
 ) -> Generator[Progress, None, tuple[Camera, ...]]:
     """Photos, true instances and a segmenter's masks of every view."""
-    rng = np.random.default_rng((config.seed, 1))
-    cameras = photo_cameras(config.n_views, (config.width, config.height), rng)
+    cameras = demo_cameras(config)
     rasterizer = choose("cpu")
     total = model.steps + len(cameras) + 1
     for k, camera in enumerate(cameras):

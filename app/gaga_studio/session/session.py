@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
+from gaga_core.demo.cameras import demo_cameras
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.objects import ObjectTable, muted_colors
 from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.picking import Pick, pick
 from gaga_studio.session import next_stage, saving, stages, upright
@@ -59,6 +61,7 @@ class Session:
         self.live: BankSnapshot | None = None  # while an association runs
         self.photos: PhotoFind | None = None  # opened, but without splats
         self.training: TrainingPreview | None = None  # while splats are made of them
+        self.first_splats: Scene | None = None  # of the demo, while it is made
         self.filter = ""  # of the object list
         self.hint = ""  # about the last click, until the next one
         self.images: ImageSource | None = None
@@ -119,8 +122,10 @@ class Session:
 
     @property
     def shown(self) -> Scene | None:
-        """What the picture shows: the open scene, or splats that are being trained."""
-        return self.training.scene if self.training is not None else self.scene
+        """What the picture shows: the open scene, or splats that are being trained or made."""
+        if self.training is not None:
+            return self.training.scene
+        return self.scene if self.scene is not None else self.first_splats
 
     @property
     def history(self) -> History | None:
@@ -211,7 +216,18 @@ class Session:
                 self.change_settings(self.settings.opened(path))
             self.jobs.start_quiet("Prepare kernels", stages.kernels_stage())
 
-        self.jobs.start(title, stage, on_done=opened)
+        def end() -> None:
+            self.first_splats = None
+
+        self.jobs.start(title, stage, self._show_first, opened, end)
+
+    def _show_first(self, payload: object) -> None:
+        """Show what there is of a demo that is made, unless something is open."""
+        if not isinstance(payload, Gaussians) or self.document or self.photos:
+            return
+        is_new, self.first_splats = self.first_splats is None, Scene.of(payload)
+        if is_new:
+            self.rig.frame_scene(*splat_box(self.first_splats), demo_cameras())
 
     def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""
@@ -285,6 +301,13 @@ class Session:
     def objects(self) -> ObjectTable:
         """Return the object list, of the growing bank while an association runs."""
         return self.need().read.objects(self.live, self.is_previewing)
+
+    def muted_colors(self) -> dict[int, RGB]:
+        """Colors of groups that differ from the palette's: large surfaces, at rest."""
+        if self.document is None or self.live is not None:
+            return {}
+        table = self.document.read.objects(None, self.is_previewing)
+        return self.document.read.once("muted", table, lambda: muted_colors(table))
 
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""

@@ -25,6 +25,7 @@ from gaga_core.demo.sampling import lay_discs
 from gaga_core.demo.shadow import cone, lit_share
 from gaga_core.demo.surface import Item, Material, Surface, cover, moved, parts
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.colmap import read_colmap
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import read_labels
@@ -59,6 +60,17 @@ def test_the_same_seed_gives_the_same_bytes(demo: Path, tmp_path: Path) -> None:
     assert _contents(again) == _contents(demo)
     assert all(a.done < b.done for a, b in pairwise(seen))
     assert {p.total for p in seen} == {seen[-1].done + 2}  # the photo begun, and writing the model
+
+
+def test_splats_are_shown_while_the_rest_is_made(model: Model) -> None:
+    """The first before any object is covered, each time more, at last all; where they will be."""
+    stage = build_stage(SMALL.n_splats, SMALL.seed, 0)
+    shown = [p.payload for p in stage if isinstance(p.payload, Gaussians)]
+    assert len(shown) >= 6
+    assert all(len(a) < len(b) for a, b in pairwise(shown))
+    np.testing.assert_array_equal(shown[-1].means, model.gaussians.means)
+    first = next(iter(build_stage(SMALL.n_splats, SMALL.seed, 0)))
+    assert isinstance(first.payload, Gaussians)
 
 
 def test_another_seed_gives_another_scene() -> None:
