@@ -9,7 +9,7 @@ uniform usampler2D u_state;
 uniform isampler2D u_labels;
 uniform usampler2D u_placement;
 uniform usampler2D u_confidence;   // 0..255, in mode 3 only
-uniform usampler2D u_identity;     // 3 x 8 bit: rgb of the encoding, in mode 7 only
+uniform usampler2D u_identity;     // 3 x 8 bit: rgb of the encoding, in mode 7 and in mode 4
 uniform usampler2D u_tint;         // 4 x 8 bit: rgb over the splat's own color, and its share
 uniform sampler2D u_placements;    // 16 texels a row, 128 rows a line
 uniform sampler2D u_palette;       // color of each label
@@ -25,7 +25,7 @@ uniform int u_mode;                // 0 color, 1 groups, 2 depth, 3 confidence, 
 uniform int u_hovered;             // label, 0 = none
 uniform int u_focus;               // label that is white in mode 6
 uniform int u_tinted;              // 1: there is a u_tint
-uniform int u_group_centres;       // 1: centres have the colors of their groups
+uniform int u_centre_colors;       // of centres: 0 their own, 1 of groups, 2 of identities
 uniform int u_antialiased;         // 1: the blur of a picture takes as much opacity as it adds area
 uniform float u_threshold;         // see importance() in sort_kernels.py
 uniform float u_point;             // radius of a centre in pixels
@@ -215,13 +215,13 @@ void main()
         color.g > 0.0 && color.g < 1e30 ? color.g : 0.0,
         color.b > 0.0 && color.b < 1e30 ? color.b : 0.0);
     float light = clamp(dot(color, vec3(0.299, 0.587, 0.114)), 0.0, 1.0);
-    bool by_group = u_mode == 1 || (u_mode == 4 && u_group_centres != 0);
+    bool by_group = u_mode == 1 || (u_mode == 4 && u_centre_colors == 1);
     if (by_group) color = texelFetch(u_palette, texel_of(label), 0).rgb * (0.62 + 0.62 * light);
     if (u_mode == 3) {
         float sure = float(texelFetch(u_confidence, at, 0).r) / 255.0;
         color = (label > 0 ? heat(sure) : vec3(0.42)) * (0.62 + 0.62 * light);
     }
-    if (u_mode == 7) {
+    if (u_mode == 7 || (u_mode == 4 && u_centre_colors == 2)) {
         uint word = texelFetch(u_identity, at, 0).r;
         color = vec3(uvec3(word, word >> 8, word >> 16) & 255u) / 255.0;
     }

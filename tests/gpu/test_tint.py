@@ -7,7 +7,7 @@ import pytest
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.color import group_palette
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Identities, Scene
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view_state import CentreColors, Mode, ViewState
@@ -52,6 +52,18 @@ def test_a_tint_of_other_rows_is_left_out(viewport: Viewport, scene: Scene) -> N
     plain = _picture(viewport, scene, VIEW)
     wrong = np.full((len(scene) - 1, 4), 255, np.uint8)
     assert np.array_equal(_picture(viewport, scene, VIEW, wrong), plain)
+
+
+def test_centres_have_the_colors_of_their_identities(viewport: Viewport, scene: Scene) -> None:
+    colors = np.zeros((len(scene), 3), np.uint8)
+    colors[scene.labels == 2] = (0, 255, 0)
+    view = replace(VIEW, mode=Mode.CENTRES, centre_colors=CentreColors.IDENTITY)
+    own = _picture(viewport, scene, replace(VIEW, mode=Mode.CENTRES))
+    assert np.array_equal(_picture(viewport, scene, view), own)  # they are not known
+    scene.identities = Identities(colors=colors)
+    shown = _picture(viewport, scene, view).astype(int)
+    assert shown[..., 1].max() > 240
+    assert shown[..., [0, 2]].max() < 10
 
 
 def test_centres_have_the_colors_of_their_groups(viewport: Viewport, scene: Scene) -> None:

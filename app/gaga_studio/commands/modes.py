@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from gaga_studio.commands.availability import no_confidence, no_groups, no_identity_colors, no_scene
-from gaga_studio.commands.base import Command
+from gaga_studio.commands.base import Command, Reason
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import CentreColors, Mode, SplatLook
 
@@ -27,13 +27,21 @@ def next_background(session: Session) -> None:
     session.change_settings(replace(session.settings, background=color))
 
 
-def toggle_group_centres(session: Session) -> None:
-    """Show the centres in the colors of their groups, or in their own."""
-    view = session.view
-    is_on = view.centre_colors is CentreColors.GROUPS
-    view.centre_colors = CentreColors.OWN if is_on else CentreColors.GROUPS
-    if not is_on:
-        view.mode = Mode.CENTRES
+def _centres(colors: CentreColors, title: str, enabled: Reason) -> Command:
+    def run(session: Session) -> None:
+        view = session.view
+        is_on = view.centre_colors is colors
+        view.centre_colors = CentreColors.OWN if is_on else colors
+        if not is_on:
+            view.mode = Mode.CENTRES
+
+    return Command(
+        f"view.{colors}_centres",
+        title,
+        run,
+        enabled=enabled,
+        is_on=lambda session: session.view.centre_colors is colors,
+    )
 
 
 def _mode(mode: Mode, title: str) -> Command:
@@ -81,12 +89,9 @@ _MODES = (
 MODE_COMMANDS: tuple[Command, ...] = (
     *_MODES,
     Command("view.next_mode", "Next render mode", next_mode, "M", enabled=no_scene),
-    Command(
-        "view.group_centres",
-        "Centres in the colors of their groups",
-        toggle_group_centres,
-        enabled=no_groups,
-        is_on=lambda session: session.view.centre_colors is CentreColors.GROUPS,
+    _centres(CentreColors.GROUPS, "Centres in the colors of their groups", no_groups),
+    _centres(
+        CentreColors.IDENTITY, "Centres in the colors of their identities", no_identity_colors
     ),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),

@@ -13,10 +13,11 @@ from gaga_studio.gpu.buffers import SceneBuffers, texture_bytes, write_rows
 from gaga_studio.gpu.context import bind_textures, load_program, set_uniforms
 from gaga_studio.gpu.packing import WIDTH, sh_layers
 from gaga_studio.gpu.targets import Target
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view_state import CentreColors, Mode
 
 _QUADS = 128  # quads an instance: one alone keeps graphics cards idle
 _MODES = {mode: number for number, mode in enumerate(Mode)}  # as project.frag numbers them
+_CENTRES = {colors: number for number, colors in enumerate(CentreColors)}  # and centres' colors
 _POINT = 1.6  # pixels: radius of a centre
 
 
@@ -32,7 +33,7 @@ class Look:
     antialiased: bool = False  # the mip look (Yu 2024): what the blur widens, it thins out
     pixel_scale: float = 1.0  # of lines and points
     threshold: float = -np.inf  # of importance: those above it stand for those that are left out
-    group_centres: bool = False  # Mode.CENTRES: in the colors of their groups
+    centre_colors: CentreColors = CentreColors.OWN  # in Mode.CENTRES
 
 
 class SplatRenderer:
@@ -163,7 +164,7 @@ class SplatRenderer:
                 "u_focus": look.focus,
                 "u_antialiased": int(look.antialiased),
                 "u_tinted": int(buffers.is_tinted),
-                "u_group_centres": int(look.group_centres),
+                "u_centre_colors": _CENTRES[look.centre_colors],
                 "u_threshold": max(look.threshold, -1e9),
                 "u_point": _POINT * look.pixel_scale,
             },

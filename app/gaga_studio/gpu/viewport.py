@@ -164,7 +164,7 @@ class Viewport:
             scene,
             overlays.labels,
             with_confidence=is_heat,
-            with_identity=view.mode is Mode.IDENTITY and scene.identities.colors is not None,
+            with_identity=_shows_identity(scene, view),
             tint=overlays.tint,
             muted=overlays.muted,
         )
@@ -243,7 +243,7 @@ class Viewport:
                 view.is_antialiased(scene),
                 overlays.pixel_scale * view.resolution_scale,
                 order.threshold,
-                view.centre_colors is CentreColors.GROUPS,
+                _centre_colors(scene, view),
             )
             small = scaled(camera, view.resolution_scale)
             blended = yield from self._splats.draw_parts(
@@ -254,6 +254,21 @@ class Viewport:
         self._picture.resize(camera.width, camera.height)
         self._compositor.draw(blended, self._picture, finish)
         self._lines.draw(camera, overlays)
+
+
+def _shows_identity(scene: Scene, view: ViewState) -> bool:
+    """Whether colors of identities are drawn, and known."""
+    if scene.identities.colors is None:
+        return False
+    is_of_centres = view.mode is Mode.CENTRES and view.centre_colors is CentreColors.IDENTITY
+    return view.mode is Mode.IDENTITY or is_of_centres
+
+
+def _centre_colors(scene: Scene, view: ViewState) -> CentreColors:
+    """What the colors of centres mean: their own where identities are not known."""
+    wanted = view.centre_colors
+    is_unknown = wanted is CentreColors.IDENTITY and scene.identities.colors is None
+    return CentreColors.OWN if is_unknown else wanted
 
 
 def scaled(camera: Camera, scale: float) -> Camera:

@@ -36,6 +36,7 @@ class CentreColors(StrEnum):
 
     OWN = "own"  # the splats' own colors
     GROUPS = "groups"
+    IDENTITY = "identity"  # principal components of the encodings
 
 
 class ToolName(StrEnum):

@@ -237,8 +237,9 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> Non
 def mode_badge(session: Session) -> str:
     """What the colors of the picture say, when they are not the scene's own."""
     mode = session.view.mode
-    if mode is Mode.CENTRES and session.view.centre_colors is CentreColors.GROUPS:
-        return "Centres of the splats, in the colors of their groups"
+    if mode is Mode.CENTRES and session.view.centre_colors is not CentreColors.OWN:
+        is_of_groups = session.view.centre_colors is CentreColors.GROUPS
+        return f"Centres, in the colors of their {'groups' if is_of_groups else 'identities'}"
     if mode is Mode.MASK:
         name = session.document.name_of(session.focus) if session.document is not None else ""
         return f"Mask of {name}" if session.focus else "Mask: click an object"
