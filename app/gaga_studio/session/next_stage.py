@@ -62,8 +62,8 @@ def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
     folder, scene = project.folder, project.scene
     if folder is None:
         return StageOffer(
-            "A single splat file has no photos, so there are no masks to make groups from. "
-            "Open its scene folder for that."
+            "A single splat file has no photos to find objects in. Make them by clicks with the "
+            "tool Object (O), or open the scene folder of the file."
         )
     if not folder.mask_folders:
         return _no_masks(folder)
