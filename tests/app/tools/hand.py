@@ -15,10 +15,10 @@ _PLAIN = KeyState()
 class Hand:
     """Plays frames of the mouse on a session."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, size: tuple[int, int] = (W, H)) -> None:
         self.session = session
         self.controller = ToolController()
-        self.pointer = PointerState(5, 5, W, H)
+        self.pointer = PointerState(5, 5, *size)
         self.play()
 
     def play(self, keys: KeyState = _PLAIN, **changes: Any) -> None:
