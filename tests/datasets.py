@@ -1,7 +1,7 @@
 """Miniature data sets of every layout, made from one tiny true scene: cameras, photos, maps and
 splats are known, so whatever a reader or a benchmark says can be checked."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -99,34 +99,43 @@ def _numbers(path: Path, values: DoubleArray) -> None:
     np.savetxt(path, values)
 
 
-def semantic_nerf(root: Path, *, masks: bool = True) -> dict[int, str]:
-    """Replica as Semantic-NeRF has it: frames 10, 15, ... and 12, 17, ...; view k's name."""
-    frames = {k: 10 + 5 * (k // 2) + 2 * (k % 2) for k in range(N_VIEWS)}
+def semantic_nerf(
+    root: Path, *, masks: bool = True, first: int = 10, digits: int = 0
+) -> dict[int, str]:
+    """Replica as Semantic-NeRF has it: frames 10, 15, ... and 12, 17, ...; view k's name.
+
+    Frames may begin at another ``first``, and be padded with zeros to ``digits``.
+    """
+    frames = {k: first + 5 * (k // 2) + 2 * (k % 2) for k in range(N_VIEWS)}
+    names = {k: f"rgb_{i:0{digits}d}" for k, i in frames.items()}
     sequence = root / "Sequence_1"
     n_frames = max(frames.values()) + 1
     poses = np.tile(np.eye(4), (n_frames, 1, 1))
     for k, i in frames.items():
         poses[i] = tiny().cameras[k].world_from_cam
-        write_map(sequence / "semantic_instance" / f"semantic_instance_{i}.png", tiny().labels[k])
+        tail = f"semantic_instance_{i:0{digits}d}.png"
+        write_map(sequence / "semantic_instance" / tail, tiny().labels[k])
     view_of = {i: k for k, i in frames.items()}
-    for i in range(10, n_frames):
-        write_photo(sequence / "rgb" / f"rgb_{i}.png", tiny().photos[view_of.get(i, 0)])
+    for i in range(first, n_frames):
+        photo = tiny().photos[view_of.get(i, 0)]
+        write_photo(sequence / "rgb" / f"rgb_{i:0{digits}d}.png", photo)
     _numbers(sequence / "traj_w_c.txt", poses.reshape(n_frames, 16))
     write_model(root)
     if masks:
-        write_raw_masks(root, {k: f"rgb_{i}" for k, i in frames.items()})
-    return {k: f"rgb_{i}.png" for k, i in frames.items()}
+        write_raw_masks(root, names)
+    return {k: f"{name}.png" for k, name in names.items()}
 
 
-def gaga_replica(root: Path, *, masks: bool = True) -> dict[int, str]:
-    """Replica as Gaga's script has it."""
-    tags = {k: ("test" if k % 2 else "train", k // 2) for k in range(N_VIEWS)}
-    names = {k: f"{part}_rgb_{i:04d}.png" for k, (part, i) in tags.items()}
+def gaga_replica(
+    root: Path, *, masks: bool = True, numbers: Sequence[int] = range(N_VIEWS), digits: int = 4
+) -> dict[int, str]:
+    """Replica as Gaga's script has it; pairs of views have ``numbers``, padded to ``digits``."""
+    tags = {k: ("test" if k % 2 else "train", numbers[k // 2]) for k in range(N_VIEWS)}
+    names = {k: f"{part}_rgb_{i:0{digits}d}.png" for k, (part, i) in tags.items()}
     for k, (part, i) in tags.items():
         write_photo(root / "images" / names[k], tiny().photos[k])
-        write_map(
-            root / "semantic_instance" / f"{part}_semantic_instance_{i:04d}.png", tiny().labels[k]
-        )
+        tail = f"{part}_semantic_instance_{i:0{digits}d}.png"
+        write_map(root / "semantic_instance" / tail, tiny().labels[k])
     write_sparse(root, names)
     write_model(root)
     if masks:

@@ -233,6 +233,12 @@ class CompareCommand:
     ablations: bool = False
     """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
     depth, order of the views."""
+    thresholds: bool = False
+    """The paper at overlap thresholds from 0.01 to 0.5 instead, next to the published figures."""
+    lift: Literal["none", "preset", "vote", "refine", "paper"] = "none"
+    """Score identities of the rows that have a memory bank, in this mode (see gaga lift); none:
+    their groups. preset: paper for preset paper (10,000 steps a row), vote for robust."""
+    identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
     lifting_iterations: int = 10_000
     """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
     video_model: str | None = None
@@ -243,19 +249,27 @@ class CompareCommand:
 
     def run(self) -> int:
         """Print one table and write SCENE/gaga/variants.json."""
-        from gaga_core.evaluate.compare import ABLATIONS, CompareConfig, compare_variants
+        from gaga_core.evaluate.compare import (
+            ABLATIONS,
+            THRESHOLDS,
+            CompareConfig,
+            compare_variants,
+        )
         from gaga_core.io.scene_folder import open_scene_folder
         from gaga_core.models.catalogue import KNOWN
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.query.models import folder_of
 
         folder = open_scene_folder(self.scene)
-        if self.variants and self.ablations:
-            raise GagaError("--variants and --ablations both say which rows. Choose one.")
-        rows = tuple(ABLATIONS) if self.ablations else self.variants
+        if bool(self.variants) + self.ablations + self.thresholds > 1:
+            text = "--variants, --ablations and --thresholds each say which rows. Choose one."
+            raise GagaError(text)
+        rows = THRESHOLDS if self.thresholds else self.variants
+        rows = tuple(ABLATIONS) if self.ablations else rows
         steps = self.lifting_iterations
         video = None if self.video_model is None else folder_of(self.video_model, KNOWN)
         config = CompareConfig(seeds=self.seeds, lifting_iterations=steps, video_model=video)
+        config = replace(config, lift=self.lift, identities=self.identities.config())
         if rows:
             config = replace(config, variants=rows, sparse=())
         stage = compare_variants(folder, self.gt, self.masks, config)

@@ -3,8 +3,9 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from PIL import Image
@@ -20,11 +21,14 @@ from gaga_core.evaluate.tables import VariantRow, VariantTable
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.identity.field import IdentityField
+from gaga_core.identity.lift import LiftConfig, lift_groups, mode_of_preset, task_of_association
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import mask_folder
 from gaga_core.io.scene_folder import SceneFolder, mask_path_of, read_model, select_views
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.masks import MaskSet
+from gaga_core.pipeline.lift import decode_groups
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -48,7 +52,7 @@ _PAPER = AssociateConfig()
 ABLATIONS: Mapping[str, AssociateConfig] = {
     **{
         f"threshold {value:g}": replace(_PAPER, threshold=value)
-        for value in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+        for value in (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
     },
     **{
         f"f = {value:g}": replace(_PAPER, gate=replace(_PAPER.gate, iqr_factor=value))
@@ -58,6 +62,8 @@ ABLATIONS: Mapping[str, AssociateConfig] = {
     "no depth": replace(_PAPER, depth="none"),
     "widest views first": replace(_PAPER, order="coverage"),
 }
+THRESHOLDS: tuple[str, ...] = tuple(name for name in ABLATIONS if name.startswith("threshold"))
+Lift = Literal["none", "preset", "vote", "refine", "paper"]  # of the rows that have a memory bank
 _TITLES = {**TITLES, **{name: f"paper, {name}" for name in ABLATIONS}}
 _BANKS: Mapping[str, AssociateConfig] = {
     "robust": AssociateConfig.of("robust"),
@@ -75,6 +81,8 @@ class CompareConfig:
     sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
     shares: tuple[float, ...] = SHARES  # of the train views
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
+    lift: Lift = "none"  # none: groups are scored; preset: paper by training, robust by vote
+    identities: LiftConfig = field(default_factory=LiftConfig)
     lifting_iterations: int = 10_000  # of variant "lifting", as identities are trained
     video_model: Path | None = None  # folder of a SAM 2 video model, for variant "sam2"
 
@@ -83,6 +91,8 @@ class CompareConfig:
         if unknown:
             known = ", ".join(_TITLES)
             raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
+        if self.lift not in get_args(Lift):
+            raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
         if "per-frame" in self.sparse:
             raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
 
@@ -120,9 +130,11 @@ def compare_variants(
 
     Each variant labels the Gaussians from the masks of the train views; the labels are splatted
     into the test views (all views when none is set apart) and scored with Algorithm 1 against the
-    true maps in ``gt``. Written: ``folder.work / "variants.json"``. Nothing else of the scene's
-    groups changes. A row that needs what is not there (masks of test views, true maps of train
-    views, a video model and photos) is left out. Raises ``GagaError`` when nothing can be scored.
+    true maps in ``gt``. With ``config.lift`` the rows that have a memory bank are lifted, and what
+    their rendered encodings decode to is scored; their titles say so. Written:
+    ``folder.work / "variants.json"``. Nothing else of the scene's groups changes. A row that needs
+    what is not there (masks of test views, true maps of train views, a video model and photos) is
+    left out. Raises ``GagaError`` when nothing can be scored.
     """
     config = config or CompareConfig()
     if gaussians is None:
@@ -190,16 +202,19 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
         chosen = set(sparse_views([camera.name for camera in cameras], share, seed))
         cameras = [camera for camera in cameras if camera.name in chosen]
     start = time.perf_counter()
-    labels = yield from _labels_of(task, variant, cameras)
+    labels, codes, mode = yield from _answer(task, variant, cameras)
     seconds = time.perf_counter() - start
     predicted = []
     for i, camera in enumerate(task.scored):
         yield Progress("Score", i, len(task.scored), camera.name)
-        predicted.append(splat_groups(task.rasterizer, task.gaussians, camera, labels))
+        if codes is not None:
+            predicted.append(decode_groups(task.rasterizer, task.gaussians, camera, codes))
+        else:
+            predicted.append(splat_groups(task.rasterizer, task.gaussians, camera, labels))
     with_void, without_void = score_pairs(zip(_true_maps(task), predicted, strict=True))
     return VariantRow(
         variant=variant,
-        title=_TITLES[variant],
+        title=_TITLES[variant] + (f", identities by {mode}" if mode else ""),
         with_void=with_void,
         without_void=without_void,
         n_groups=len(np.unique(labels[labels > 0])),
@@ -210,14 +225,28 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
     )
 
 
-def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[IntArray]:
-    """Labels (N,) of the Gaussians that one variant gives."""
+def _answer(
+    task: _Task, variant: str, cameras: Sequence[Camera]
+) -> Stage[tuple[IntArray, IdentityField | None, str]]:
+    """Labels (N,) of the Gaussians that one variant gives; lifted, their encodings and how."""
     config = _BANKS.get(variant)
-    if config is not None:
-        result = yield from associate_stage(
-            task.gaussians, cameras, task.masks, task.rasterizer, config
-        )
-        return result.labels
+    if config is None:
+        return (yield from _labels_of(task, variant, cameras)), None, ""
+    found = yield from associate_stage(task.gaussians, cameras, task.masks, task.rasterizer, config)
+    lift = task.config.lift
+    if lift == "none":
+        return found.labels, None, ""
+    mode = mode_of_preset(config.preset) if lift == "preset" else lift
+    grouping = found.labels, found.confidence, found.bank
+    lifting = task_of_association(
+        task.gaussians, cameras, task.masks, grouping, task.rasterizer, task.config.identities
+    )
+    identity, _ = yield from lift_groups(lifting, mode)
+    return identity.labels, identity.field, mode
+
+
+def _labels_of(task: _Task, variant: str, cameras: Sequence[Camera]) -> Stage[IntArray]:
+    """Labels (N,) of the Gaussians that one baseline gives."""
     masks = baselines.true_maps(task.truth) if variant == "true-maps" else task.masks
     inputs = Inputs.of(task.gaussians, cameras, masks, task.rasterizer)
     if variant == "lifting":

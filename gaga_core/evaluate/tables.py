@@ -1,11 +1,12 @@
 """One table of several variants of the method on one scene."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from gaga_core.evaluate.metrics import Score
+from gaga_core.evaluate.published import ABLATION, THRESHOLD_MIOU, THRESHOLD_TABLE
 from gaga_core.evaluate.sparse import iou_drop
 
 HEADINGS = (
@@ -19,6 +20,7 @@ HEADINGS = (
     "R, void",
     "groups",
     "seconds",
+    "published",
     "IoU drop",
 )
 
@@ -70,7 +72,7 @@ class VariantTable:
             for variant, share in self._keys()
             if share != 1.0
         ]
-        rows = [asdict(row) for row in self.rows]
+        rows = [asdict(row) | _published(row) for row in self.rows]
         return {"scene": self.scene, "images": list(self.images), "rows": rows, "drops": drops}
 
     def table(self) -> list[list[str]]:
@@ -86,12 +88,48 @@ class VariantTable:
                     text.append(f"{100 * _mean([getattr(s, name) for s in scores]):.1f}")
             text.append(f"{_mean([row.n_groups for row in rows]):.0f}")
             text.append(f"{_mean([row.seconds for row in rows]):.1f}")
+            text.append(published_text(variant) if share == 1.0 else "")
             text.append("" if drop is None else f"{100 * drop:.1f} %")
             result.append(text)
         return result
 
     def _keys(self) -> list[tuple[str, float]]:
         return list(dict.fromkeys(row.key for row in self.rows))
+
+
+def published_text(variant: str) -> str:
+    """What the paper prints for a variant: on its own scenes, with masks of SAM, void as a label.
+
+    "46.2/39.5/50.6 (ablation on Replica)"; empty where it prints nothing.
+    """
+    of_threshold = _miou_at(variant)
+    if of_threshold:
+        values = "/".join(f"{value:.1f}" for value in of_threshold.values())
+        return f"{values} (mIoU of {', '.join(of_threshold)})"
+    found = ABLATION.get(variant)
+    if found is None:
+        return ""
+    return f"{'/'.join(f'{value:.1f}' for value in found.values)} ({found.table})"
+
+
+def _published(row: VariantRow) -> dict[str, object]:
+    """The published figures of a row, for machines; nothing where there are none."""
+    if row.share != 1.0:
+        return {}
+    of_threshold, found = _miou_at(row.variant), ABLATION.get(row.variant)
+    if of_threshold:
+        return {"published": {"table": THRESHOLD_TABLE, "miou": dict(of_threshold)}}
+    if found is None:
+        return {}
+    iou, precision, recall = found.values
+    scores = {"iou": iou, "precision": precision, "recall": recall}
+    return {"published": {"table": found.table, "masks": found.masks, **scores}}
+
+
+def _miou_at(variant: str) -> Mapping[str, float]:
+    """Published mIoU by scene at the overlap threshold of a variant "threshold 0.2"."""
+    kind, _, value = variant.partition(" ")
+    return THRESHOLD_MIOU.get(float(value), {}) if kind == "threshold" else {}
 
 
 def _mean(values: Sequence[float]) -> float:

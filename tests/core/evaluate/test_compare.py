@@ -28,8 +28,9 @@ from gaga_core.evaluate.baselines import (
 )
 from gaga_core.evaluate.compare import ABLATIONS, TITLES, CompareConfig, compare_variants
 from gaga_core.evaluate.sparse import iou_drop, sparse_views
-from gaga_core.evaluate.tables import VariantTable
+from gaga_core.evaluate.tables import VariantRow, VariantTable
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.identity.lift import LiftConfig
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
@@ -285,3 +286,33 @@ def test_sam_2_follows_masks_through_the_photos(root: Path, tmp_path: Path) -> N
     table = run_stage(compare_variants(few, gt, config=config))
     assert [row.title for row in table.rows] == ["SAM 2 tracks"]
     assert table.rows[0].n_groups >= 1
+
+
+def test_published_figures_stand_next_to_the_same_variant(root: Path) -> None:
+    config = CompareConfig(variants=("threshold 0.2", "threshold 0.4", "none"), sparse=())
+    found = run_stage(compare_variants(open_scene_folder(root), root / "gt/instance", None, config))
+    headings, *rows = found.table()
+    texts = [row[headings.index("published")] for row in rows]
+    assert texts[0] == "85.8/51.3/71.7 (mIoU of figurines, ramen, teatime)"
+    assert texts[1] == ""  # the paper ends at 0.3
+    assert texts[2] == "8.8/3.2/2.2 (ablation on Replica)"
+    saved = json.loads((root / "gaga" / "variants.json").read_text())["rows"]
+    assert saved[0]["published"]["miou"]["ramen"] == 51.3
+    assert "published" not in saved[1]
+
+
+def test_rows_with_a_bank_can_be_lifted(root: Path) -> None:
+    identities = LiftConfig().switched(iterations=300)
+    rows: dict[str, list[VariantRow]] = {}
+    for lift in ("none", "preset"):
+        config = CompareConfig(("paper", "robust", "none"), (), lift=lift, identities=identities)
+        stage = compare_variants(open_scene_folder(root), root / "gt/instance", None, config)
+        rows[lift] = list(run_stage(stage).rows)
+    titles = [row.title for row in rows["preset"]]
+    assert titles == ["paper, identities by paper", "robust, identities by vote", "no association"]
+    for plain, lifted in zip(rows["none"], rows["preset"], strict=True):
+        assert abs(plain.without_void.iou - lifted.without_void.iou) < 0.05
+    assert rows["none"][0].without_void.iou != rows["preset"][0].without_void.iou
+    assert rows["none"][2].without_void == rows["preset"][2].without_void
+    with pytest.raises(GagaError, match="no lift"):
+        CompareConfig(lift="magic")  # type: ignore[arg-type]
