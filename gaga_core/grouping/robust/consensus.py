@@ -53,6 +53,8 @@ class ConsensusConfig:
     min_support: float = 0.25  # share of the views that see a group in which it leads a mask
     rare: float = 0.05  # groups that lead masks in a lesser share of all views are noise, ...
     rare_views: int = 3  # ... but not those of so many views
+    whole_groups: int = 4  # a mask that shows so many clusters is of many things at once
+    whole_share: float = 0.04  # ... each with this share of its points
     merged_share: float = 0.15  # a mask whose second group has this share of points holds both
 
     def __post_init__(self) -> None:
@@ -61,6 +63,8 @@ class ConsensusConfig:
             raise ValueError("agreements, min_support and merged_share must be between 0 and 1")
         if self.per_mask < 1 or self.max_points < 2 or self.min_points < 1:
             raise ValueError("per_mask, max_points and min_points: too small")
+        if self.whole_groups < 3 or not 0 < self.whole_share < 1 / self.whole_groups:
+            raise ValueError("whole_groups: at least 3, each with less than 1 of so many parts")
         if self.doubt < 0 or self.min_views <= 0 or self.min_voice <= 0:
             raise ValueError("doubt must not be negative, min_views and min_voice positive")
 
@@ -74,19 +78,23 @@ def consensus_stage(
     first points.
     """
     sample = sample_points(views, load_masks, depths, config.per_mask, config.max_points)
-    points = yield from part(sample, 0, 4, STAGE)
-    mask_of = yield from part(masks_of_points(points, views, load_masks, depths), 1, 4, STAGE)
+    points = yield from part(sample, 0, 5, STAGE)
+    mask_of = yield from part(masks_of_points(points, views, load_masks, depths), 1, 5, STAGE)
     normal = surface_normals(points, mask_of, views, load_masks, depths)
-    contacts = contacts_of(points, (yield from part(normal, 2, 4, STAGE)))
+    contacts = contacts_of(points, (yield from part(normal, 2, 5, STAGE)))
     sizes = [load_masks(camera).ids.size for camera in views]
-    cluster = yield from part(_linked(mask_of, config), 3, 4, STAGE)
+    cluster = yield from part(_linked(mask_of, config), 3, 5, STAGE)
+    evidence = without_wholes(mask_of, cluster, sizes, config)
+    if not np.array_equal(evidence, mask_of):
+        cluster = yield from part(_linked(evidence, config), 4, 5, STAGE)
     while True:
         yield Progress(STAGE, 1, 1, f"{cluster.max(initial=0)} clusters")
-        tables = point_tables(mask_of, cluster, sizes)
+        tables = point_tables(evidence, cluster, sizes)
         joined = _join_best(tables, contacts.prior(cluster), config)
         if joined is None:
             break
         cluster = _renumbered(joined[cluster])
+    tables = point_tables(mask_of, cluster, sizes)
     kept = _supported(tables, np.bincount(cluster, minlength=1), config)
     return point_tables(mask_of, kept[cluster], sizes)
 
@@ -105,6 +113,26 @@ def point_tables(
         table[0], table[:, 0] = 0, 0
         tables.append(table)
     return tables
+
+
+def without_wholes(
+    mask_of: IntArray,  # (S, V)
+    cluster: IntArray,  # (S,) 1..
+    sizes: Sequence[int],  # rows of each view's table: masks + 1
+    config: ConsensusConfig,
+) -> IntArray:
+    """``mask_of`` without masks of many things at once: a table with all that stands on it.
+
+    Segment Anything gives such wholes, and where few views see two things next to each other, one
+    or two of them would outvote the rest. (Dropping under-segmented masks before clustering is from
+    MaskClustering, Yan et al., CVPR 2024.)
+    """
+    evidence = mask_of.copy()
+    for v, table in enumerate(point_tables(mask_of, cluster, sizes)):
+        least = np.maximum(config.min_points, config.whole_share * table.sum(axis=1))
+        wholes = np.flatnonzero((table >= least[:, None]).sum(axis=1) >= config.whole_groups)
+        evidence[np.isin(evidence[:, v], wholes), v] = 0
+    return evidence
 
 
 def merged_masks(table: LongArray, config: ConsensusConfig) -> LongArray:

@@ -10,7 +10,7 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
+from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
 from gaga_core.grouping.robust.consensus_kernels import count_pairs, find_partners, merge_clusters
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.masks import MaskSet
@@ -60,6 +60,32 @@ def test_two_things_that_30_percent_of_the_views_merge_stay_two(scene: Synthetic
     assert 0 not in groups
     paper = _groups_of_objects(scene, _associate(scene, masks, "paper"))
     assert len(set(paper)) < 6  # the first view decides
+
+
+def test_wholes_of_many_things_in_half_of_the_views_join_nothing(scene: Synthetic) -> None:
+    """Every second view shows the floor with all that stands on it as one mask."""
+
+    def whole(i: int, labels: IntArray) -> None:
+        if i % 2 == 0:
+            labels[labels > 0] = 1
+
+    result = _associate(scene, _spoilt(scene, whole), "robust")
+    groups = _groups_of_objects(scene, result)
+    assert len(set(groups)) == result.bank.n_groups == 6
+
+
+def test_a_whole_is_a_mask_of_four_clusters_that_each_show_well_in_it() -> None:
+    cluster = np.repeat(np.arange(1, 7), 20).astype(np.int32)
+    mask_of = np.zeros((120, 3), np.int32)
+    mask_of[:80, 0], mask_of[80:, 0] = 1, 2  # four clusters, two clusters
+    mask_of[:60, 1] = 1  # three
+    mask_of[:62, 1] = 1  # ... and two points of a fourth one
+    mask_of[:, 2] = 1  # all six
+    found = without_wholes(mask_of, cluster, [3, 2, 2], ConsensusConfig())
+    assert (found[:80, 0] == 0).all()
+    assert (found[80:, 0] == 2).all()
+    assert (found[:, 1] == mask_of[:, 1]).all()
+    assert (found[:, 2] == 0).all()
 
 
 def test_a_thing_that_40_percent_of_the_views_cut_is_one(scene: Synthetic) -> None:
@@ -175,7 +201,7 @@ def test_merged_masks_hold_two_groups() -> None:
 
 
 def test_settings_are_checked() -> None:
-    for bad in ({"per_mask": 0}, {"max_points": 1}, {"doubt": -1.0}, {"min_voice": 0.0}):
+    for bad in ({"per_mask": 0}, {"max_points": 1}, {"doubt": -1.0}, {"whole_groups": 2}):
         with pytest.raises(ValueError, match=next(iter(bad))):
             ConsensusConfig(**bad)
     with pytest.raises(ValueError, match="agreements"):
