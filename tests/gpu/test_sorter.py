@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.sort_kernels import N_KEYS
-from gaga_studio.gpu.sorter import Sorter, SortJob, sort
+from gaga_studio.gpu.sorter import SortColumns, Sorter, SortJob, plain_order, sort
 from tests.scenes import orbit_cameras, random_gaussians
 
 CAMERA = orbit_cameras(1)[0]
@@ -157,6 +158,29 @@ def test_the_coarse_order_is_the_order_of_its_budget() -> None:
 @pytest.mark.parametrize("n", [0, 1])
 def test_tiny_scenes(n: int) -> None:
     assert len(sort(_job(Scene.of(random_gaussians(n)))).order) == n
+
+
+def test_the_plain_order_is_the_order_of_all_that_is_in_front() -> None:
+    scene = _placed_scene()
+    scene.state = np.random.default_rng(1).choice([0, 2, 4, 8], 5000).astype(np.uint8)
+    scene.gaussians.means[:10] = np.nan
+    scene.placement[20:30] = 7  # a row that the table lacks
+    plain, found = plain_order(_job(scene)), sort(_job(scene))
+    assert np.array_equal(np.sort(plain.order), np.sort(found.order))  # all are in view
+    scene.placement[20:30] = 0
+    assert (np.diff(_depths(scene)[plain.order]) <= 0).all()
+    np.testing.assert_allclose([plain.near, plain.far], [found.near, found.far], rtol=0.02)
+
+
+def test_something_is_drawn_while_kernels_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = _job(_placed_scene())
+    assert [is_last for _, is_last in SortColumns().orders(job)] == [True]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # nothing is known to be compiled
+    columns = SortColumns()
+    assert [is_last for _, is_last in columns.orders(job)] == [False, True]
+    assert [is_last for _, is_last in columns.orders(job)] == [True]
 
 
 def test_the_latest_camera_wins() -> None:

@@ -1,6 +1,7 @@
 """Depth order of the splats, made in a thread of its own: drawing never waits for it."""
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
+from gaga_core.kernels import is_compiled
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.scene import Placements
 from gaga_studio.gpu import sort_kernels
@@ -96,10 +98,11 @@ class Sorter:
     def _work(self) -> None:
         try:
             while (job := self._next()) is not None:
-                result = self._columns.sort(job)
-                with self._changed:
-                    self._result, self._done = result, job.ticket
-                    self._changed.notify_all()
+                for result, is_last in self._columns.orders(job):
+                    with self._changed:
+                        self._result = result
+                        self._done = job.ticket if is_last else self._done
+                        self._changed.notify_all()
         finally:  # however the worker ended, nobody may wait for it
             with self._changed:
                 self._ended = True
@@ -110,6 +113,21 @@ class Sorter:
             self._changed.wait_for(lambda: self._job is not None or self._ended)
             job, self._job = self._job, None
             return None if self._ended else job
+
+
+def plain_order(job: SortJob) -> DepthOrder:
+    """The order of all splats in front of the camera, by numpy: what is drawn on a machine's first
+    start while the kernels are compiled. Nothing is culled, so it will do as the camera moves.
+    """
+    poses = _poses(job.placements, job.camera)[0]
+    known = (job.placement >= 0) & (job.placement < len(poses))
+    forward = poses[np.where(known, job.placement, 0), 2]  # (N, 4)
+    depths = (job.gaussians.means * forward[:, :3]).sum(axis=1) + forward[:, 3]
+    seen = known & (job.state & sort_kernels.SKIPPED == 0) & (depths >= NEAR) & np.isfinite(depths)
+    rows = np.flatnonzero(seen).astype(np.int32)
+    order = rows[np.argsort(-depths[rows], kind="stable")]
+    ends = np.percentile(depths[rows], [0.5, 99.5]) if len(rows) else (1.0, 1.0)
+    return DepthOrder(job.ticket, order, len(job.gaussians), float(ends[0]), float(ends[1]))
 
 
 def sort(job: SortJob) -> DepthOrder:
@@ -140,6 +158,16 @@ class SortColumns:
         self._depths: FloatArray = np.zeros(0, np.float32)
         self._ids: IntArray = np.zeros(0, np.int32)
         self._counts = np.zeros(sort_kernels.N_KEYS + 1, np.int32)
+        self._is_quick = is_compiled()
+
+    def orders(self, job: SortJob) -> Iterator[tuple[DepthOrder, bool]]:
+        """The order of ``job`` and True; before it, while the kernels have to be compiled, which
+        takes seconds, the plain one and False."""
+        if not self._is_quick:
+            with np.errstate(all="ignore"):
+                yield plain_order(job), False
+        yield self.sort(job), True
+        self._is_quick = True
 
     def sort(self, job: SortJob) -> DepthOrder:
         """Cull and sort."""
