@@ -7,7 +7,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
 from gaga_core.segmentation.regions import FURTHER_STEPS, NAME, RegionsConfig, regions_at
 
-_VERSION = 3  # grows whenever the same picture and settings get other regions
+_VERSION = 4  # grows whenever the same picture and settings get other regions
 
 
 @dataclass(frozen=True)
