@@ -7,6 +7,11 @@ al., CVPR 2014). Where the surface is even, views say nothing against one thing:
 texture part regions as well. Two pieces that both stand on a plane and meet in a crease are two
 things, too.
 
+A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
+pieces asks the views about all samples near it on either side. And splats that a training left
+rough have creases and steps everywhere: what pieces of one plane show of them is noise, and what of
+it goes beyond the scenes that the weights were fitted to is taken off.
+
 The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
 demo scene and of one generated room, from regions of two widths each
 (`tests.bench.bench_objects` reports other widths and scenes).
@@ -15,13 +20,15 @@ demo scene and of one generated room, from regions of two widths each
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.grouping.hierarchy.linkage import SignedGraph
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood
 from gaga_core.grouping.hierarchy.surfels import Surfels
 
+_STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
+_KNOWN = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
 _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
 _HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
 _SMOOTHED = 2  # rounds of averaging over neighbours within a piece
@@ -52,10 +59,19 @@ class Agreement:
     voice: DoubleArray  # (B,) summed voice of the views that see both
 
     @staticmethod
-    def of(surfels: Surfels, near: Neighbourhood, piece: LongArray) -> "Agreement":
-        """Agreement about all borders of pieces (S,)."""
+    def of(
+        surfels: Surfels,
+        near: Neighbourhood,
+        piece: LongArray,
+        cluster: LongArray | None = None,
+    ) -> "Agreement":
+        """Agreement about all borders of pieces (S,).
+
+        Each piece speaks for itself, or with what is near it in its ``cluster`` (S,) of pieces.
+        """
         first, second, cell = _pairs(piece[near.first], piece[near.second])
         n = int(piece.max()) + 1
+        together = None if cluster is None else _near_in_cluster(first, second, piece, cluster)
         same, voice = np.zeros(len(first)), np.zeros(len(first))
         for region in surfels.all_regions.T:
             rows = np.flatnonzero(region)
@@ -63,6 +79,7 @@ class Agreement:
                 continue
             shape = (n, int(region.max()) + 1)
             table = coo_matrix((np.ones(len(rows)), (piece[rows], region[rows])), shape).tocsr()
+            table = table if together is None else (together @ table).tocsr()
             total = np.asarray(table.sum(axis=1)).ravel()
             both = np.flatnonzero((total[first] > 0) & (total[second] > 0))
             a, b = first[both], second[both]
@@ -97,6 +114,7 @@ def coarse_graph(
     piece: LongArray,  # (S,) small pieces
     views: Agreement,
     cluster: LongArray,  # (S,) of small pieces
+    noise: DoubleArray | None = None,  # (2,) as `noise_of` finds it; None = as in the fit
 ) -> SignedGraph:
     """Clusters of pieces (S,) and the evidence about their borders.
 
@@ -111,9 +129,11 @@ def coarse_graph(
     length = np.bincount(cell, minlength=len(first)).astype(np.float64)
     bend, step = _shape(points, normals, a, b)
     count = np.maximum(length, 1)
+    excess = np.maximum((_KNOWN if noise is None else noise) - _KNOWN, 0)
     crease = np.bincount(cell, np.maximum(-bend, 0), len(first)) / count
+    crease = np.maximum(crease - excess[0], 0)
     bend = np.bincount(cell, bend, len(first)) / count
-    step = np.bincount(cell, step, len(first)) / count
+    step = np.maximum(np.bincount(cell, step, len(first)) / count - excess[1], 0)
     size = np.bincount(cluster).astype(np.float64)
     supports, on_plane = _supports(plane, cluster, near.spacing)
     coplanar = (on_plane[first] == on_plane[second]) & (on_plane[first] > 0)
@@ -129,6 +149,23 @@ def coarse_graph(
     return SignedGraph(size, first, second, length, np.stack(features, axis=1) @ _COARSE)
 
 
+def noise_of(
+    surfels: Surfels, near: Neighbourhood, plane: IntArray, cluster: LongArray
+) -> DoubleArray:
+    """Mean crease and step (2,) at borders of clusters (S,) that run across one plane (S,).
+
+    What `coarse_graph` would see there is noise, as a plane has neither. Those of the fit where no
+    border runs across a plane.
+    """
+    a, b = near.first, near.second
+    flat = (cluster[a] != cluster[b]) & (plane[a] == plane[b]) & (plane[a] > 0)
+    if not flat.any():
+        return _KNOWN
+    normals, points = _smoothed(surfels, near, cluster)
+    bend, step = _shape(points, normals, a[flat], b[flat])
+    return np.array([np.maximum(-bend, 0).mean(), step.mean()])
+
+
 def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]:
     """The distinct pairs of different ids, lower first, and the pair of each entry that has one."""
     apart = a != b
@@ -136,6 +173,24 @@ def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]
     key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
     keys, cell = np.unique(key, return_inverse=True)
     return keys // n, keys % n, cell.astype(np.int64)
+
+
+def _near_in_cluster(
+    first: LongArray, second: LongArray, piece: LongArray, cluster: LongArray
+) -> csr_matrix:
+    """Which pieces (n, n) are within `_STEPS` borders (B,) of each other inside one cluster."""
+    n = int(piece.max()) + 1
+    cluster_of = np.zeros(n, np.int64)
+    cluster_of[piece] = cluster
+    inside = cluster_of[first] == cluster_of[second]
+    a, b, every = first[inside], second[inside], np.arange(n)
+    rows, columns = np.concatenate([a, b, every]), np.concatenate([b, a, every])
+    step = coo_matrix((np.ones(len(rows)), (rows, columns)), (n, n)).tocsr()
+    reach = step
+    for _ in range(_STEPS - 1):
+        reach = reach @ step
+    reach.data[:] = 1
+    return reach
 
 
 def _means(values: DoubleArray, cluster: LongArray) -> DoubleArray:

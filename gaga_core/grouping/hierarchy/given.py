@@ -69,16 +69,16 @@ def _nested_clusters(
     near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
     piece = _dense(piece * (int(given.max()) + 1) + given)
-    agreement = Agreement.of(surfels, near, piece)
     plane = planes_of(surfels, near)
     shown = surfels.n_views / n_views
 
     def judged(cluster: LongArray) -> Clusters:
-        graph = coarse_graph(surfels, near, plane, piece, agreement, cluster)
+        views_say = Agreement.of(surfels, near, piece, cluster)
+        graph = coarse_graph(surfels, near, plane, piece, views_say, cluster)
         size = np.bincount(cluster, shown).astype(np.float64)
         return Clusters(cluster, replace(graph, size=size))
 
-    fine = fine_graph(surfels, near, piece, agreement)
+    fine = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
     inside = _of_one_group(piece, given, fine.first, fine.second)
     now = judged(joined(fine.only(inside), config.pieces)[piece])
     inside = _of_one_group(now.cluster, given, now.graph.first, now.graph.second)

@@ -11,7 +11,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_graph
+from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_graph, noise_of
 from gaga_core.grouping.hierarchy.linkage import Clusters, joined
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
@@ -127,13 +127,16 @@ def _nested_clusters(
     yield Progress(STAGE, 2, 4, "parts")
     shown = surfels.n_views / len(views)
 
+    fine = joined(fine_graph(surfels, near, piece, agreement), config.pieces)[piece]
+    noise = noise_of(surfels, near, plane, fine)
+
     def judged(cluster: LongArray) -> Clusters:
-        graph = coarse_graph(surfels, near, plane, piece, agreement, cluster)
+        views_say = Agreement.of(surfels, near, piece, cluster)
+        graph = coarse_graph(surfels, near, plane, piece, views_say, cluster, noise)
         size = np.bincount(cluster, shown).astype(np.float64)
         return Clusters(cluster, replace(graph, size=size))
 
-    fine = fine_graph(surfels, near, piece, agreement)
-    now = judged(joined(fine, config.pieces)[piece])
+    now = judged(fine)
     fine_to_coarse = []
     for i, evidence in enumerate(config.finer):
         now = now.joined(evidence)

@@ -8,7 +8,7 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.geometry import look_at
 from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph
+from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, noise_of
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
 from gaga_core.grouping.hierarchy.surfels import Surfels
@@ -123,3 +123,54 @@ def test_what_lies_outside_and_is_cut_is_background() -> None:
         for c in views
     ]
     assert not is_background(surfels, outwards, cluster).any()
+
+
+def test_a_piece_that_regions_miss_is_judged_with_its_cluster() -> None:
+    """Regions part two sheets but for a strip on either side of the border."""
+    points = _sheet(0.0, 40, 1.0)
+    right = points[:, 0] > 0
+    strip = np.abs(points[:, 0]) < 0.12
+    surfels = _surfels(points, np.tile([0, 0, 1.0], (len(points), 1)))
+    regions = np.where(strip, 1, 2 + right)[:, None].repeat(4, axis=1).astype(np.int32)
+    surfels = replace(surfels, regions=regions)
+    near = Neighbourhood.of(points)
+    column = np.floor((points[:, :2] + 1) / 0.1).astype(np.int64) @ np.array([21, 1])
+    piece = np.unique(column, return_inverse=True)[1].astype(np.int64)
+    alone = Agreement.of(surfels, near, piece)
+    together = Agreement.of(surfels, near, piece, right.astype(np.int64))
+    sides = np.zeros(piece.max() + 1, np.bool_)
+    sides[piece] = right
+    across = sides[alone.first] != sides[alone.second]
+    assert (alone.same[across] / alone.voice[across]).mean() > 0.9
+    assert (together.same[across] / together.voice[across]).mean() < 0.6
+
+
+def test_creases_that_noise_makes_are_taken_off() -> None:
+    """Two halves of a plane whose normals are noisy, and a wall; views part all."""
+    rng = np.random.default_rng(0)
+    floor = _sheet(0.0, 40, 1.0)
+    wall = floor[:, [2, 1, 0]] + np.array([1.03, 0, 1.03])
+    points = np.concatenate([floor, wall]) + rng.normal(0, 0.02, (2 * len(floor), 3))
+    normals = np.repeat([[0, 0, 1.0], [-1.0, 0, 0]], len(floor), axis=0)
+    normals += rng.normal(0, 1.0, normals.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    surfels, near = _surfels(points, normals), Neighbourhood.of(points)
+    plane = np.repeat([1, 2], len(floor)).astype(np.int32)
+    cluster = np.repeat([0, 2], len(floor)) + (np.arange(len(points)) % len(floor) % 40 > 20)
+    each = np.arange(len(points))
+    surfels = replace(surfels, regions=(cluster + 1)[:, None].repeat(4, axis=1).astype(np.int32))
+    views = Agreement.of(surfels, near, each, cluster)
+    noise = noise_of(surfels, near, plane, cluster)
+    assert (noise > 0.16).all()
+
+    def evidence(known: DoubleArray | None) -> dict[tuple[int, int], float]:
+        graph = coarse_graph(surfels, near, plane * 0, each, views, cluster, known)
+        pairs = zip(graph.first.tolist(), graph.second.tolist(), strict=True)
+        return dict(zip(pairs, graph.evidence.tolist(), strict=True))
+
+    before, after = evidence(None), evidence(noise)
+    assert after[0, 1] > before[0, 1]
+    assert after[1, 2] < after[0, 1]
+    flat = _surfels(floor, np.tile([0, 0, 1.0], (len(floor), 1)))
+    quiet = noise_of(flat, Neighbourhood.of(floor), plane[: len(floor)], cluster[: len(floor)])
+    assert (quiet < 0.05).all()
