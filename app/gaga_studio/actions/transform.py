@@ -31,6 +31,12 @@ def preview_move(session: Session, matrix: DoubleArray, verb: str = "Move") -> N
 
 
 @notifies
+def reset(session: Session) -> bool:
+    """Put the selection back to where the file has it."""
+    return session.need().edit_selected("Reset placement of", edits.reset_placement)
+
+
+@notifies
 def mirror(session: Session, axis: int) -> bool:
     """Mirror the selection in the plane through its middle, across world axis 0, 1 or 2."""
     document = session.need()

@@ -11,6 +11,7 @@ Reason = Callable[[Session], str]
 ViewSwitch = Literal[
     "show_frusta",
     "show_outline",
+    "show_box",
     "show_panels",
     "show_info",
     "show_cube",

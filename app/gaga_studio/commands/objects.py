@@ -14,6 +14,7 @@ from gaga_studio.actions import (
     quality,
     search,
     selection,
+    transform,
 )
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import (
@@ -141,6 +142,7 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
     ),
     Command("object.lock", "Lock", objects.lock, enabled=no_selection),
     Command("object.unlock_all", "Unlock all", objects.unlock_all, enabled=nothing_locked),
+    Command("object.reset_placement", "Reset placement", transform.reset, enabled=no_selection),
     Command("object.rename", "Rename", ask(Request.RENAME), "F2", enabled=not_one_object),
     Command(
         "object.make", "Make an object of the clicks", click_object.make_object, enabled=no_clicks

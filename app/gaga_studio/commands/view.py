@@ -58,6 +58,7 @@ VIEW_COMMANDS: tuple[Command, ...] = (
     ),
     switch("view.frusta", "Cameras of the photos", "show_frusta", "C", enabled=no_photos),
     switch("view.outline", "Outline of the selection", "show_outline", enabled=no_scene),
+    switch("view.box", "Box of the selection", "show_box", enabled=no_scene),
     switch(
         "view.lights_masks",
         "Light up the splats of the chosen mask",

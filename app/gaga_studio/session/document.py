@@ -1,6 +1,7 @@
 """The open scene: its history, previews, its selection, and what panels read of it."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,10 @@ from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras, inverse
 from gaga_core.scene.objects import group_name
+from gaga_core.scene.pose import Pose
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.oriented_box import OrientedBox
 from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.save_state import SaveState
@@ -215,6 +218,33 @@ class Document:
         if len(self.read.selected_indices()) == 0:
             return None
         return self.read.selected_box(self.history.is_previewing)
+
+    def selected_pose(self) -> Pose | None:
+        """Where the selection stands, about the middle of its box; None when nothing is selected.
+
+        Of several placements: as if nothing was turned or scaled. During a drag: as before it.
+        """
+        box = self.selected_box()
+        if box is None:
+            return None
+        centre = (box[0] + box[1]) / 2
+        pose = self.read.selected_pose(self.history.is_previewing, centre)
+        return pose if pose.is_one else replace(pose, turn=np.eye(3), scale=np.ones(3))
+
+    def selected_sizes(self, *, local: bool) -> DoubleArray | None:
+        """Sides (3,) of the selection's box along the world's axes, or its own; None without."""
+        box, pose = self.selected_box(), self.selected_pose()
+        if box is None or pose is None:
+            return None
+        if not local:
+            return box[1] - box[0]
+        return self.read.selected_sizes(self.history.is_previewing, pose.axes)
+
+    def selected_oriented_box(self) -> OrientedBox | None:
+        """The smallest box around the selection; None when nothing is selected."""
+        if len(self.read.selected_indices()) == 0:
+            return None
+        return self.read.selected_oriented_box(self.history.is_previewing)
 
     def selected_axes(self) -> DoubleArray:
         """How the first selected splat's object was turned (3, 3): its own axes as columns."""

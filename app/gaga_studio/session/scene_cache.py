@@ -8,18 +8,23 @@ from typing import Literal, TypeVar, cast
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
 from gaga_core.scene.confidence import confidence_histogram
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.pose import Pose, pose_of
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.bounds import robust_box, splat_box
+from gaga_core.scene.selection.oriented_box import OrientedBox, oriented_box
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
+_SAMPLE = 50_000  # splats looked at for a box
+SHARE = 0.98  # of the splats that a box of the selection holds, along each axis
 SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 
@@ -87,12 +92,51 @@ class SceneCache:
 
     def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
         """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
-        kept = self._kept.get("box")
+
+        def compute() -> tuple[DoubleArray, DoubleArray]:
+            return splat_box(self._scene, self.selected_indices(), SHARE)
+
+        return self._placed("box", is_previewing, (), compute)
+
+    def selected_pose(self, is_previewing: bool, centre: DoubleArray) -> Pose:
+        """Pose of the selection, at least one splat, about ``centre`` (3,); as before a drag."""
+        return self._placed(
+            "pose",
+            is_previewing,
+            centre.tobytes(),
+            lambda: pose_of(self._scene, self.selected_indices(), centre),
+        )
+
+    def selected_sizes(self, is_previewing: bool, axes: DoubleArray) -> DoubleArray:
+        """Sides (3,) of the selection's box along ``axes`` (3, 3), columns; as before a drag."""
+
+        def compute() -> DoubleArray:
+            lo, hi = robust_box(self._selected_means() @ axes, SHARE)
+            return hi - lo
+
+        return self._placed("sizes", is_previewing, axes.tobytes(), compute)
+
+    def selected_oriented_box(self, is_previewing: bool) -> OrientedBox | None:
+        """The smallest box around the selection; during a drag: as before it."""
+
+        def compute() -> OrientedBox | None:
+            return oriented_box(self._selected_means(), SHARE)
+
+        return self._placed("oriented box", is_previewing, (), compute)
+
+    def _selected_means(self) -> FloatArray:
+        """Centres (K, 3) of the selection, world; of a part that says as much when it is large."""
+        rows = self.selected_indices()
+        return world_means(self._scene, rows[:: max(1, len(rows) // _SAMPLE)])
+
+    def _placed(self, name: str, is_previewing: bool, more: object, compute: Callable[[], T]) -> T:
+        """Return what is computed once for where the selection stands; during a drag: before it."""
+        kept = self._kept.get(name)
         if is_previewing and kept is not None:
-            return cast(tuple[DoubleArray, DoubleArray], kept[1])
+            return cast(T, kept[1])
         revision = self._scene.revision
-        key = (revision.splats, revision.state, revision.placement, revision.placements)
-        return self.once("box", key, lambda: splat_box(self._scene, self.selected_indices(), 0.98))
+        key = (revision.splats, revision.state, revision.placement, revision.placements, more)
+        return self.once(name, key, compute)
 
     def selected_color(self) -> DoubleArray:
         """Mean color (3,) of the selection, 0..1, as it is drawn."""

@@ -118,6 +118,7 @@ class ViewState:
     centre_colors: CentreColors = CentreColors.OWN
     show_frusta: bool = False
     show_outline: bool = True
+    show_box: bool = False  # around the selection
     splat_budget: int = 0  # 0 = no limit
     coarse_budget: int = 0  # that a motion would begin with: its depth order is kept ready
     resolution_scale: float = 1.0  # of the viewport's own pixels

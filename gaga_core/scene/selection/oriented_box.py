@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from gaga_core.arrays import AnyArray, DoubleArray, check_shape
 
@@ -61,6 +60,8 @@ def _trimmed(points: DoubleArray, axes: DoubleArray, share: float) -> DoubleArra
 
 def _calipers(points: DoubleArray, normal: DoubleArray) -> list[DoubleArray]:
     """Axes (3, 3) with one along ``normal``: of the smallest rectangle around the points."""
+    from scipy.spatial import ConvexHull, QhullError  # a good part of the launch time
+
     side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     side /= np.linalg.norm(side)
     across = np.cross(normal, side)

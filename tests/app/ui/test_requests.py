@@ -44,7 +44,7 @@ def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> N
 def test_another_scene_forgets_what_belonged_to_the_former() -> None:
     ui = UiState()
     ui.scene.film_strip = FilmStripState(shows_masks=True, seen=3)
-    ui.scene.inspector.scale, ui.scene.bookmarks.text = 2.0, "half typed"
+    ui.scene.inspector.placement.each_axis, ui.scene.bookmarks.text = True, "half typed"
     ui.film.fps, before = 12.0, ui.scene
     ui.forget_scene()
     assert ui.scene is not before
@@ -52,7 +52,7 @@ def test_another_scene_forgets_what_belonged_to_the_former() -> None:
         film_strip=FilmStripState(shows_masks=True), select_by=ui.scene.select_by,
         inspector=ui.scene.inspector,
     )  # fmt: skip
-    assert (ui.scene.inspector.scale, ui.scene.bookmarks.text) == (1.0, "")
+    assert (ui.scene.inspector.placement.each_axis, ui.scene.bookmarks.text) == (False, "")
     assert ui.film.fps == 12.0, "what was chosen for a film stays"
 
 

@@ -16,14 +16,15 @@ from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window
+_PICTURES = os.environ.get("GAGA_TEST_PICTURES")  # a folder: pictures are taken, at more sizes
+_SIZES = [(800, 500), (1440, 900), (2560, 1440)]
 
 
-@pytest.mark.parametrize("size", [(800, 500), (1440, 900)], ids=str)
+@pytest.mark.parametrize("size", _SIZES if _PICTURES else _SIZES[:1], ids=str)
 def test_a_length_is_clicked_and_made_a_metre(
     display: str, tmp_path: Path, size: tuple[int, int]
 ) -> None:
     write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
-    shots = os.environ.get("GAGA_TEST_PICTURES")
 
     def walk(d: Driver) -> None:
         session = d.session
@@ -41,8 +42,8 @@ def test_a_length_is_clicked_and_made_a_metre(
             d.click_picture(*spot)
             assert len(session.view.measured) == n
         d.settle()
-        if shots:
-            d.capture(Path(shots) / f"measure_{size[0]}.png")
+        if _PICTURES:
+            d.capture(Path(_PICTURES) / f"measure_{size[0]}.png")
         d.keys(KEY.backspace)
         assert len(session.view.measured) == 2
         d.type_into("**/##Known length", "2.5")
@@ -51,8 +52,8 @@ def test_a_length_is_clicked_and_made_a_metre(
         assert session.need().history.undo_title == "Set scale"
         assert measure.reading(session).lengths == pytest.approx((2.5,), rel=1e-4)
         assert session.need().scene.frame.is_metric
-        if shots:
-            d.capture(Path(shots) / f"measure_metres_{size[0]}.png")
+        if _PICTURES:
+            d.capture(Path(_PICTURES) / f"measure_metres_{size[0]}.png")
         d.keys(KEY.mod_ctrl, KEY.z)
         d.settle()
         assert scale_of(session.need().world) == pytest.approx(1.0)

@@ -2,20 +2,18 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import color_grade, history, transform
-from gaga_studio.session import motion
+from gaga_studio.actions import color_grade, history
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import cleaning, grade, quality
+from gaga_studio.ui.panels import cleaning, grade, inspector_placement, quality
+from gaga_studio.ui.panels.inspector_placement import PlacementState
 
 _COLOR_FLAGS = (
     imgui.ColorEditFlags_.no_inputs
@@ -30,15 +28,9 @@ _COLOR_FLAGS = (
 class InspectorState:
     """Numbers and colors that are being dragged, not applied yet."""
 
-    move: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    turn: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # degrees
-    scale: float = 1.0
+    placement: PlacementState = field(default_factory=PlacementState)
     color: tuple[float, float, float] | None = None
     grade: color_grade.GradeSliders = field(default_factory=color_grade.GradeSliders)
-
-    def clear_placement(self) -> None:
-        """Forget the numbers that were being dragged."""
-        self.move, self.turn, self.scale = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1.0
 
 
 def draw(session: Session, state: InspectorState) -> None:
@@ -104,7 +96,7 @@ def _buttons(session: Session) -> None:
 
 
 def _color(session: Session, document: Document, state: InspectorState) -> None:
-    _row("Color", "Recolor the selection; shading and reflections stay")
+    inspector_placement.row("Color", "Recolor the selection; shading and reflections stay")
     imgui.table_next_column()
     color = list(state.color or (float(c) for c in document.read.selected_color()))
     side = imgui.get_frame_height()
@@ -144,7 +136,7 @@ def _picker(session: Session, state: InspectorState, color: list[float]) -> None
 
 
 def _properties(session: Session, document: Document, state: InspectorState) -> None:
-    """Color and position; turn and scale count from how the selection is now."""
+    """Color, position, rotation, scale and size."""
     imgui.dummy(ImVec2(0, theme.scaled(2)))
     box = document.selected_box()
     if box is None or not imgui.begin_table("Properties", 4, imgui.TableFlags_.no_saved_settings):
@@ -153,66 +145,6 @@ def _properties(session: Session, document: Document, state: InspectorState) -> 
     for letter in "xyz":
         imgui.table_setup_column(letter, imgui.TableColumnFlags_.width_stretch)
     _color(session, document, state)
-    centre = (box[0] + box[1]) / 2
-    extent = max(float(np.linalg.norm(box[1] - box[0])), 1e-6)
-    _row("Position", "Centre of the selection, in scene units")
-    for axis, letter in enumerate("XYZ"):
-        value = float(centre[axis]) + state.move[axis]
-        changed, value = _number(f"Position {letter}", value, extent * 0.005, "%.3f")
-        if changed:
-            state.move[axis] = value - float(centre[axis])
-        _after(session, document, state, changed)
-    _row("Turn by", "Degrees around each axis, through the centre")
-    for axis, letter in enumerate("XYZ"):
-        changed, state.turn[axis] = _number(f"Turn {letter}", state.turn[axis], 0.5, "%.1f°")
-        _after(session, document, state, changed)
-    _row("Scale by", "Larger or smaller, about the centre")
-    changed, state.scale = _number("Scale", state.scale, 0.005, "%.2f×", (0.01, 100.0))
-    _after(session, document, state, changed)
+    inspector_placement.draw_rows(session, document, state.placement)
     imgui.end_table()
-
-
-def _row(name: str, hint: str) -> None:
-    imgui.table_next_row()
-    imgui.table_next_column()
-    imgui.align_text_to_frame_padding()
-    widgets.dim(name)
-    widgets.tooltip(hint)
-
-
-def _number(
-    name: str, value: float, speed: float, form: str, limits: tuple[float, float] = (0.0, 0.0)
-) -> tuple[bool, float]:
-    imgui.table_next_column()
-    imgui.set_next_item_width(-1)
-    flags = imgui.SliderFlags_.always_clamp if limits[1] > 0 else imgui.SliderFlags_.none
-    result = imgui.drag_float(f"##{name}", value, speed, *limits, form, flags)
-    widgets.tooltip(f"{name}: drag, or click to type")
-    return result
-
-
-def _after(session: Session, document: Document, state: InspectorState, changed: bool) -> None:
-    """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
-    ended = imgui.is_item_deactivated_after_edit()
-    if changed or ended:
-        transform.preview_move(session, _motion(document, state), _verb(state))
-    if ended:
-        history.commit_preview(session)
-        state.clear_placement()
-
-
-def _verb(state: InspectorState) -> str:
-    if any(state.turn):
-        return "Turn"
-    return "Scale" if state.scale != 1.0 else "Move"
-
-
-def _motion(document: Document, state: InspectorState) -> DoubleArray:
-    box = document.selected_box()
-    pivot = (box[0] + box[1]) / 2 if box is not None else np.zeros(3)
-    return motion.motion(
-        pivot,
-        (state.move[0], state.move[1], state.move[2]),
-        (state.turn[0], state.turn[1], state.turn[2]),
-        state.scale,
-    )
+    inspector_placement.draw_below(session, document, state.placement)

@@ -17,6 +17,7 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import (
+    box_overlay,
     ground_overlay,
     mask_evidence,
     measure_overlay,
@@ -107,6 +108,7 @@ class ViewportPanel:
         self._shapes(corner, density)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         ground_overlay.draw(session, camera, corner, follows=follows)
+        box_overlay.draw(session, camera, corner)
         measure_overlay.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.controller.is_dragging)
         _on_the_picture(session, state, area)
