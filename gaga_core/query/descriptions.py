@@ -22,7 +22,8 @@ _LARGE, _SMALL = 2.2, 0.45  # sizes against the median of the objects
 _LEADS = 0.25  # share of the foremost color below which a thing of many hues is "colorful"
 _HUE, _MANY_HUES = 0.09, 4  # share of a hue that counts, and how many of them are many
 _WHITE = 0.27  # of the grey: so much white, and the grey is its shade
-_BESIDES_GREY = 0.4  # of the grey: so much of a hue tells more, as on a can with a label
+_MOSTLY = 0.5  # share of both from which on a thing is called white
+_BESIDES_GREY = 0.32  # of both: so much of a hue tells more, as on a can with a label
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
 _STILL_SIDE = 0.5  # the same for words that were given before
 _FEWEST_PLACED = 4  # objects in the view from which on there are sides
@@ -139,10 +140,11 @@ def _besides_grey(facts: GroupFacts, row: int) -> str:
     """What people call a thing that is grey for the most part: "white" in shade, or the hue that
     tells more of it; else "grey"."""
     share = dict(zip(NAMES, facts.colors[row].tolist(), strict=True))
-    if share["white"] > _WHITE * share["grey"]:
+    both = share["grey"] + share["white"]
+    if share["white"] > _WHITE * share["grey"] and both > _MOSTLY:
         return "white"
     hue = max(HUES, key=share.__getitem__)
-    return hue if share[hue] > _BESIDES_GREY * share["grey"] else "grey"
+    return hue if share[hue] > _BESIDES_GREY * both else "grey"
 
 
 def _support(facts: GroupFacts, row: int) -> str:

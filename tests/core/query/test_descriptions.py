@@ -59,7 +59,7 @@ def test_a_place_tells_apart_what_would_be_called_the_same() -> None:
 @pytest.mark.parametrize(
     ("part", "share", "word"),
     [("f4f4f4", 0.3, "white"), ("f4f4f4", 0.05, "grey"), ("c81414", 0.4, "red"),
-     ("c81414", 0.1, "grey")],
+     ("c81414", 0.1, "grey"), ("1e50c8", 0.4, "blue")],
 )  # fmt: skip
 def test_white_in_shade_is_white_and_a_label_tells_more_than_its_can(
     part: str, share: float, word: str
