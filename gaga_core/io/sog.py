@@ -10,7 +10,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -169,7 +169,8 @@ def _decoded(sog: _Sog) -> Stage[Gaussians]:
         for part in _parts(n):
             yield step(4)
             out.sh[part, 1:] = rest.of_labels(pixels[part])
-    return out
+    is_antialiased = sog.meta.get("model") == "antialiased"
+    return replace(out, comments=("antialiased 1",)) if is_antialiased else out
 
 
 def _parts(n: int) -> list[slice]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from scipy.spatial import cKDTree
+from scipy.sparse import csr_array
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array
 from gaga_core.errors import GagaError
@@ -27,9 +27,10 @@ MOST_DEGREE = 3  # of SH
 _N_CODES = 256
 _CODE_ROUNDS = 12  # of Lloyd's algorithm for a table of numbers
 _PER_ROW = 64  # palette entries in a row of pixels
-_PALETTE = 8192  # entries at most
-_PALETTE_ROUNDS = 3
-_PALETTE_DIMS = 12  # directions in which SH are compared while the palette is made
+_PALETTE = 65536  # entries at most: labels have 16 bits
+_COARSE = 256  # clusters of the first level
+_ROUNDS = 4  # of Lloyd's algorithm in each
+_CELLS = 1 << 22  # distances that are held at once
 _SAMPLE = 1 << 18  # numbers or splats that tables are made from
 _MOST = 16383  # pixels of a side of a WebP
 
@@ -168,35 +169,56 @@ def _nearest(table: FloatArray, values: FloatArray) -> UInt8Array:
 
 
 def _palette(rest: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Entries (E, S - 1, 3) and the one (N,) of each splat, by k-means.
+    """Entries (E, S - 1, 3) and the one (N,) of each splat.
 
-    Splats with few different SH keep them all.
+    Splats with few different SH keep them all. Else k-means in two levels: each of a few coarse
+    clusters is divided into its share of the entries, so that the time grows with N alone.
     """
     flat = np.ascontiguousarray(rest.reshape(len(rest), -1), np.float32)
-    sample = _sampled(flat)
-    entries = np.unique(sample, axis=0)
-    if len(entries) > _PALETTE or len(sample) < len(flat):
-        size = min(_PALETTE, max(len(sample) // 4, 1))
-        entries = sample[np.random.default_rng(0).permutation(len(sample))[:size]]
-        axes = _main_axes(sample)
-        seen = sample @ axes
-        for _ in range(_PALETTE_ROUNDS):
-            _, near = cKDTree(entries @ axes).query(seen)
-            counts = np.bincount(near, minlength=len(entries))
-            sums = np.zeros((len(entries), flat.shape[1]))
-            np.add.at(sums, near, sample)
-            means = sums / np.maximum(counts, 1)[:, None]
-            entries = np.where(counts[:, None] > 0, means, entries).astype(np.float32)
-    axes = _main_axes(entries)
-    _, labels = cKDTree(entries @ axes).query(flat @ axes)
-    return entries.reshape(len(entries), *rest.shape[1:]), np.asarray(labels, np.int32)
+    entries, labels = np.unique(flat, axis=0, return_inverse=True)
+    if len(entries) <= _PALETTE:
+        return entries.reshape(-1, *rest.shape[1:]), labels.reshape(-1).astype(np.int32)
+    rng = np.random.default_rng(0)
+    coarse = _closest(_means_of(_sampled(flat), _COARSE, rng), flat)
+    order = np.argsort(coarse, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(coarse, minlength=_COARSE))[:-1])
+    room = _PALETTE - _COARSE  # a cluster has one entry at least
+    found: list[FloatArray] = []
+    labels, n_before = np.zeros(len(flat), np.int64), 0
+    for part in (part for part in parts if len(part)):
+        means = _means_of(flat[part], 1 + room * len(part) // len(flat), rng)
+        labels[part] = n_before + _closest(means, flat[part])
+        found.append(means)
+        n_before += len(means)
+    return np.concatenate(found).reshape(-1, *rest.shape[1:]), labels.astype(np.int32)
 
 
-def _main_axes(rows: FloatArray) -> FloatArray:
-    """Directions (D, K) in which rows (R, D) differ most."""
-    _, vectors = np.linalg.eigh(np.cov(rows.astype(np.float64), rowvar=False))
-    axes: FloatArray = np.ascontiguousarray(vectors[:, -_PALETTE_DIMS:], np.float32)
-    return axes
+def _means_of(rows: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
+    """At most ``k`` rows (K, D) near which the rows (R, D) lie: Lloyd's algorithm."""
+    if len(rows) <= k:
+        return rows
+    means = rows[rng.permutation(len(rows))[:k]]
+    for _ in range(_ROUNDS):
+        near = _closest(means, rows)
+        counts = np.bincount(near, minlength=k)
+        belongs = csr_array((np.ones(len(rows), np.float32), (near, np.arange(len(rows)))))
+        sums = belongs @ rows
+        sums = np.pad(sums, ((0, k - len(sums)), (0, 0)))
+        means = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], means)
+        means = means.astype(np.float32)
+    return means
+
+
+def _closest(means: FloatArray, rows: FloatArray) -> IntArray:
+    """The nearest of ``means`` (K, D) to each row (R, D)."""
+    lengths = (means * means).sum(axis=1)
+    step = max(_CELLS // len(means), 1)
+    pieces = [
+        (lengths - 2 * (rows[at : at + step] @ means.T)).argmin(axis=1)
+        for at in range(0, len(rows), step)
+    ]
+    nearest: IntArray = np.concatenate([*pieces, np.zeros(0, np.int64)]).astype(np.int32)
+    return nearest
 
 
 def _sampled(rows: AnyArray) -> AnyArray:

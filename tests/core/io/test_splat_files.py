@@ -147,7 +147,9 @@ def test_every_axes_show_the_same_scene(axes: str) -> None:
         assert matrix[row, file_axis] == sign
 
 
-@pytest.mark.parametrize("form", [SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.COMPRESSED_PLY])
+@pytest.mark.parametrize(
+    "form", [SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.COMPRESSED_PLY, SplatFormat.SOG]
+)
 def test_the_antialiased_look_survives(tmp_path: Path, form: SplatFormat) -> None:
     mip = replace(random_gaussians(20), comments=("SplatRenderMode: mip",))
     assert round_trip(tmp_path, mip, form).is_antialiased
