@@ -63,10 +63,12 @@ class ExportCommand:
     scene: Positional[Path]
     """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     out: Path
-    """A .ply, .compressed.ply, .splat, .spz, .sog or .glb for --what scene, a folder otherwise."""
-    what: Literal["scene", "objects", "masks"] = "scene"
+    """A .ply, .compressed.ply, .splat, .spz, .sog or .glb for --what scene, a .json for cameras, a
+    folder otherwise."""
+    what: Literal["scene", "objects", "masks", "cameras"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
-    masks: a 16-bit map of group ids for every view."""
+    masks: a 16-bit map of group ids for every view. cameras: a cameras.json of the photos, in the
+    world of the scene that the same switches export."""
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
@@ -114,6 +116,8 @@ class ExportCommand:
         scene = project.scene
         if self.what == "masks":
             return self._masks(project)
+        if self.what == "cameras":
+            return self._cameras(project)
         if self.identity and form is not SplatFormat.PLY:
             raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
         options = self._options(project)
@@ -166,6 +170,13 @@ class ExportCommand:
             )
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error
+
+    def _cameras(self, project: Project) -> int:
+        from gaga_core.pipeline.export_cameras import export_cameras
+
+        n = export_cameras(project, self.out, self._options(project))
+        out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
+        return 0
 
     def _masks(self, project: Project) -> int:
         if self.format == "png":

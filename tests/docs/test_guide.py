@@ -26,3 +26,15 @@ def test_a_page_says_what_to_do_when_it_goes_wrong(page: Path) -> None:
 def test_every_page_of_the_guide_is_in_the_contents() -> None:
     listed = re.findall(r"^guide/(\w+)$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M)
     assert sorted(listed) == [page.stem for page in _PAGES]
+
+
+def test_every_test_that_the_page_on_reliability_names_exists() -> None:
+    page = (DOCS / "reliability.md").read_text(encoding="utf-8")
+    paths = set(re.findall(r"`(tests/[\w/.]+)`", page))
+    root = DOCS.parent
+    assert [path for path in sorted(paths) if not (root / path).exists()] == []
+    files = [root / path for path in paths if path.endswith(".py")]
+    texts = "".join(file.read_text(encoding="utf-8") for file in files)
+    named = set(re.findall(r"`(test_\w+)`", page))
+    assert len(named) > 10
+    assert {name for name in named if f"def {name}(" not in texts} == set()
