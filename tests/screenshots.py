@@ -22,7 +22,7 @@ from PIL import Image
 from gaga_core.demo.folder import ensure_demo
 from gaga_core.progress import run_stage
 from gaga_studio import commands
-from gaga_studio.actions import camera_path, color_grade, files, objects, quality
+from gaga_studio.actions import bank_timeline, camera_path, color_grade, files, objects, quality
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
@@ -199,6 +199,22 @@ def _memory_bank(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _timeline(d: Driver, shot: Shot) -> None:
+    """The replay of the bank after its third view."""
+    commands.run("view.timeline", d.session)
+    timeline = bank_timeline.timeline_of(d.session)
+    d.until(lambda: timeline.is_open, "the growth is known")
+    d.on_main(lambda: bank_timeline.toggle_playing(d.session))
+    d.on_main(lambda: bank_timeline.go_to_step(d.session, 3))
+    shot.window(d)
+
+
+def _split_view(d: Driver, shot: Shot) -> None:
+    """A photo left of the line, the groups right of it."""
+    commands.run("camera.split_photo_groups", d.session)
+    shot.window(d)
+
+
 def _select(d: Driver, shot: Shot) -> None:
     """A lasso on its way, over what another one selected."""
     d.session.tool = ToolName.LASSO
@@ -312,6 +328,8 @@ PICTURES = (
     Picture("models", "the sheet of models", _models, opens="nothing"),
     Picture("find_objects", "the memory bank while it grows", _find_objects, opens="masks"),
     Picture("memory_bank", "an object, its masks, and one of them on its photo", _memory_bank),
+    Picture("timeline", "the replay of the memory bank", _timeline),
+    Picture("split_view", "a photo and the groups with a line between them", _split_view),
     Picture("select", "a lasso on its way, and the panel Select by", _select),
     Picture("click", "a thing selected by one click, without groups", _click, opens="masks"),
     Picture("click_real", "a real guitar by one click, not its stand", _click_real, opens="guitar"),

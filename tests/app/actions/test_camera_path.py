@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.video_out import VideoConfig
+from gaga_core.pipeline.split_picture import Split
 from gaga_core.pipeline.video import FilmConfig
 from gaga_studio.actions import camera_path
+from gaga_studio.commands import run
 from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
@@ -109,6 +112,12 @@ def test_a_film_is_a_job_that_can_be_cancelled(walked: Session, tmp_path: Path) 
     assert walked.jobs.wait()
     assert target.stat().st_size > 500
     assert str(target) in walked.notices[-1].text
+    before = replace(_SMALL, split=Split("rgb", 0.5))
+    walked.need().select(np.arange(100, dtype=np.int32))
+    assert run("object.hide", walked)
+    assert camera_path.export_film(walked, tmp_path / "before" / "b.mp4", before, before=True)
+    assert walked.jobs.wait()
+    assert (tmp_path / "before" / "b.mp4").is_file(), walked.notices
     long = FilmConfig(video=VideoConfig(320, 240, fps=120))
     assert camera_path.export_film(walked, tmp_path / "long.mp4", long)
     walked.jobs.cancel()

@@ -1,15 +1,18 @@
 """The paper's figures in the window: the splats of a mask, the growth of the bank, two pictures."""
 
+import gzip
 from pathlib import Path
 
 import numpy as np
 import pytest
 from imgui_bundle import ImVec2
 
+from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_studio.actions import mask_splats, selection
 from gaga_studio.commands import run
 from gaga_studio.session.view_state import CentreColors, Mode
 from tests.app.window.driver import KEY, Driver, drive
+from tests.scenes import random_gaussians
 
 pytestmark = pytest.mark.window
 
@@ -110,3 +113,23 @@ def _split(d: Driver, plain: np.ndarray) -> None:
     d.frames(3)
     assert d.studio.left is None
     d.on_main(lambda: run("edit.undo", d.session))
+
+
+def test_a_file_that_may_stand_on_its_head_offers_to_turn_it(
+    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+    path = tmp_path / "toy.spz"
+    write_splats(path, random_gaussians(200, seed=4), SplatFormat.SPZ)
+    data = bytearray(gzip.decompress(path.read_bytes())[:-12])
+    data[14] &= ~2  # the flag of extensions: nothing says which way is up
+    path.write_bytes(gzip.compress(bytes(data)))
+
+    def walk(d: Driver) -> None:
+        before = d.pixels().astype(int)
+        d.click("Notice 0/###Turn upright")
+        assert np.abs(d.pixels().astype(int) - before).mean() > 1
+        assert d.session.settings.upright == (str(path),)
+        assert not d.exists("Notice 0/###Turn upright")
+
+    drive(walk, path=path)

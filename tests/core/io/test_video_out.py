@@ -212,6 +212,15 @@ def test_the_command_films_a_splat_file(tmp_path: Path, capsys: pytest.CaptureFi
     assert "no camera path" in capsys.readouterr().err
     assert main(["render", str(splats)]) == 1
     assert "--out" in capsys.readouterr().err
+    split = tmp_path / "split.mp4"
+    words = ["render", str(splats), "--path", str(path), "--video", str(split), "--fps", "5"]
+    words += ["--size", "64", "48", "--what", "depth", "--split", "rgb", "--split-at", "1.0"]
+    assert main(words) == 0
+    whole = tmp_path / "whole.mp4"
+    words = ["render", str(splats), "--path", str(path), "--video", str(whole), "--fps", "5"]
+    assert main([*words, "--size", "64", "48"]) == 0
+    assert np.array_equal(_read(split, (64, 48)), _read(whole, (64, 48)))  # all left of the line
+    assert main([*words, "--split", "rgb", "--split-at", "2"]) == 1
 
 
 def test_an_orthographic_shot_is_drawn_alike_near_and_far() -> None:
