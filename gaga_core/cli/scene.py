@@ -273,5 +273,8 @@ class CompareCommand:
         if rows:
             config = replace(config, variants=rows, sparse=())
         stage = compare_variants(folder, self.gt, self.masks, config)
-        out.scores(out.follow(after_warm_up(stage)), as_json=self.json)
+        table = out.follow(after_warm_up(stage))
+        out.scores(table, as_json=self.json)
+        for note in table.notes():
+            out.say(note)
         return 0

@@ -76,7 +76,10 @@ class VariantTable:
         return {"scene": self.scene, "images": list(self.images), "rows": rows, "drops": drops}
 
     def table(self) -> list[list[str]]:
-        """Rows of text, headings first; several seeds of a choice of views are averaged."""
+        """Rows of text, headings first; several seeds of a choice of views are averaged.
+
+        Columns "published" and "IoU drop" are left out where no row has them.
+        """
         result = [list(HEADINGS)]
         for variant, share in self._keys():
             rows, drop = self.of(variant, share), self.drop(variant, share)
@@ -91,7 +94,24 @@ class VariantTable:
             text.append(published_text(variant) if share == 1.0 else "")
             text.append("" if drop is None else f"{100 * drop:.1f} %")
             result.append(text)
-        return result
+        kept = [
+            column
+            for column, heading in enumerate(HEADINGS)
+            if heading not in ("published", "IoU drop") or any(row[column] for row in result[1:])
+        ]
+        return [[row[column] for column in kept] for row in result]
+
+    def notes(self) -> list[str]:
+        """What the column "published" means here, in sentences; none where there is none."""
+        variants = [variant for variant, share in self._keys() if share == 1.0]
+        found = []
+        if any(published_text(v) and not _miou_at(v) for v in variants):
+            found.append(
+                "Published: IoU/P/R of the paper's ablation on Replica, with SAM, void as a label."
+            )
+        if any(_miou_at(v) for v in variants):
+            found.append("Published at thresholds: mIoU of figurines/ramen/teatime (LERF-Mask).")
+        return found
 
     def _keys(self) -> list[tuple[str, float]]:
         return list(dict.fromkeys(row.key for row in self.rows))
@@ -100,16 +120,12 @@ class VariantTable:
 def published_text(variant: str) -> str:
     """What the paper prints for a variant: on its own scenes, with masks of SAM, void as a label.
 
-    "46.2/39.5/50.6 (ablation on Replica)"; empty where it prints nothing.
+    IoU/P/R, "46.2/39.5/50.6"; at an overlap threshold mIoU of three scenes; empty where it prints
+    nothing.
     """
-    of_threshold = _miou_at(variant)
-    if of_threshold:
-        values = "/".join(f"{value:.1f}" for value in of_threshold.values())
-        return f"{values} (mIoU of {', '.join(of_threshold)})"
     found = ABLATION.get(variant)
-    if found is None:
-        return ""
-    return f"{'/'.join(f'{value:.1f}' for value in found.values)} ({found.table})"
+    values = found.values if found is not None else tuple(_miou_at(variant).values())
+    return "/".join(f"{value:.1f}" for value in values)
 
 
 def _published(row: VariantRow) -> dict[str, object]:

@@ -57,8 +57,11 @@ def duration_text(seconds: float) -> str:
     return f"about {round(seconds / 60)} min"
 
 
-def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
-    """Return the stage that a scene without groups needs. ``n_masks``: views with masks."""
+def stage_offer(project: Project, n_masks: int, preset: str, training_s: float = 0.0) -> StageOffer:
+    """Return the stage that a scene without groups needs.
+
+    ``n_masks``: views with masks; ``training_s``: what identities take after the groups.
+    """
     folder, scene = project.folder, project.scene
     if folder is None:
         return StageOffer(
@@ -72,6 +75,7 @@ def stage_offer(project: Project, n_masks: int, preset: str) -> StageOffer:
         return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
     millions = len(scene) / 1e6
     seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
+    seconds += training_s
     return StageOffer(
         f"{n_masks} photos have masks but no objects yet.",
         "Find objects",

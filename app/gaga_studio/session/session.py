@@ -25,7 +25,7 @@ from gaga_core.scene.selection.picking import Pick, pick
 from gaga_studio.session import next_stage, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
-from gaga_studio.session.find_options import FindOptions
+from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.models_state import ModelsState
@@ -325,7 +325,10 @@ class Session:
         """Return the stage that the open scene needs next; None if none, or while a job runs."""
         if self.document is None or self.jobs.running or self.document.read.has_groups():
             return None
-        return next_stage.stage_offer(self.document.project, len(self.masks), self.settings.preset)
+        trains = lift_mode(self.settings) == "paper"
+        training = next_stage.training_seconds(self.find_options.lift) if trains else 0.0
+        preset, n_masks = self.settings.preset, len(self.masks)
+        return next_stage.stage_offer(self.document.project, n_masks, preset, training)
 
     def need(self) -> Document:
         """Return the open document; ``GagaError`` when there is none."""

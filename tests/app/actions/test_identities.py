@@ -40,6 +40,12 @@ def test_what_the_presets_ask_for() -> None:
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:
+    groups_only = session.stage_offer()
+    _quickly(session, 10_000)
+    whole = session.stage_offer()
+    assert groups_only is not None
+    assert whole is not None
+    assert whole.seconds == groups_only.seconds + 200  # the training is in the estimate
     _quickly(session)
     files.associate(session)
     assert session.jobs.wait(), session.notices
