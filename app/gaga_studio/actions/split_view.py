@@ -66,7 +66,7 @@ def why_not(session: Session, side: Side) -> str:
         return f"There are no true maps: put them into {_TRUTH.as_posix()} of the scene folder."
     if side in (Side.GROUPS, Side.ERRORS) and not document.read.has_groups():
         return NO_GROUPS
-    if side is Side.BEFORE and before(session) is None:
+    if side is Side.BEFORE and not _contents(document.history):
         return "Nothing has been edited yet."
     if side is Side.PRESET and (document.scene.bank is None or len(session.masks) == 0):
         return "There are no masks and groups to compare. Use Find objects first."
@@ -120,8 +120,7 @@ def before(session: Session) -> Scene | None:
 
 def _undone(scene: Scene, history: History) -> Scene | None:
     """A copy of the scene with its last edit undone; columns that it did not change are shared."""
-    entries = history.entries()[: history.cursor]
-    contents = [at for at, entry in enumerate(entries) if not entry.is_selection]
+    contents = _contents(history)
     if not contents:
         return None
     trial = replace(scene, revision=Revision())
@@ -129,6 +128,12 @@ def _undone(scene: Scene, history: History) -> Scene | None:
     copied.resume(history.record())
     copied.go_to(contents[-1])
     return trial
+
+
+def _contents(history: History) -> list[int]:
+    """Places of the edits that are done and no selections."""
+    entries = history.entries()[: history.cursor]
+    return [at for at, entry in enumerate(entries) if not entry.is_selection]
 
 
 # --- another preset

@@ -112,7 +112,7 @@ def _left(session: Session, choices: FilmChoices) -> None:
             imgui.end_disabled()
             widgets.tooltip(reason)
         imgui.end_combo()
-    if choices.left == "before" and split_view.before(session) is None:
+    if choices.left == "before" and split_view.why_not(session, Side.BEFORE):
         choices.left = ""
     if choices.left:
         widgets.under_fields(em(_NAMES))
