@@ -53,6 +53,7 @@ __all__ = [
     "train_scene",
 ]
 
+_RANDOM_POINTS = 100_000  # of cameras that come without points, as published
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
 
 
@@ -132,11 +133,12 @@ def train_scene(
 
     Views of neither part of the split are left out. Started by torchrun, all workers train together
     and the first one writes. For a folder without a COLMAP model ``out`` has to be named: its
-    cameras come from elsewhere, and points are found by stereo.
+    cameras come from elsewhere, and the training begins with random points.
     """
     # Loaded when there is something to train: the kernels take a good part of the launch time.
     from gaga_core.reconstruct.distributed import joined_team
     from gaga_core.reconstruct.first_splats import first_splats_stage
+    from gaga_core.reconstruct.initial import random_points
     from gaga_core.reconstruct.report import Cost, report_of
     from gaga_core.reconstruct.train import train_stage
     from gaga_core.reconstruct.views import load_views_stage
@@ -149,10 +151,12 @@ def train_scene(
     cameras = tuple(camera for camera in folder.cameras if camera.name in wanted)
     folder.require_image((cameras or folder.cameras)[0].name)
     start, cpu_start, settings = time.perf_counter(), time.process_time(), config.train()
-    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     if sparse is not None:
         model = read_colmap(sparse)
         points, colors = model.points, model.point_colors
+    else:
+        points = random_points(cameras, _RANDOM_POINTS, config.seed)
+        colors = np.full((len(points), 3), 128, np.uint8)
     engine = rasterizer or choose()
     views = yield from load_views_stage(cameras, folder.image_paths, test, settings.longest_side)
     initial = yield from first_splats_stage(points, colors, views.train, settings, engine)

@@ -1,9 +1,12 @@
 """The first Gaussians of a training: one for each point that structure from motion found."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array, check_shape
+from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -57,3 +60,13 @@ def round_gaussians(
         logit_opacities=np.full(n, np.log(opacity / (1 - opacity)), np.float32),
         sh=dc_from_rgb(rgb)[:, None],
     )
+
+
+def random_points(cameras: Sequence[Camera], n: int, seed: int) -> DoubleArray:
+    """Points (n, 3) world for cameras that come without any: uniform in a box three times the
+    extent of the cameras (Kerbl et al. 2023, section 7.4)."""
+    positions = np.array([camera.position for camera in cameras])
+    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    half = 1.5 * max(float(np.ptp(positions, axis=0).max()), 1e-6)
+    points: DoubleArray = middle + np.random.default_rng(seed).uniform(-half, half, (n, 3))
+    return points

@@ -540,3 +540,16 @@ def test_masks_and_photos_of_test_views_take_no_part(
     (scene,) = run_stage(run_benchmark(data, tmp_path / "out", config)).scenes
     assert scene.runs[0].scores == report.scenes[0].runs[0].scores
     assert scene.runs[0].n_groups == report.scenes[0].runs[0].n_groups
+
+
+def test_poses_without_points_are_trained_from_random_ones(tmp_path: Path) -> None:
+    """Semantic-NeRF's Replica has a trajectory and no COLMAP model."""
+    semantic_nerf(tmp_path / "data" / "room_0")
+    shutil.rmtree(tmp_path / "data" / "room_0" / "point_cloud")
+    settings = ReconstructConfig(quality="draft", iterations=3, max_side=64, max_splats=1000)
+    config = BenchmarkConfig(preset="paper", lift="none", train=settings)
+    data = open_dataset("replica", tmp_path / "data")
+    report = run_stage(run_benchmark(data, tmp_path / "out", config))
+    assert report.failed == {}
+    made = json.loads((tmp_path / "out" / "room_0" / "splats" / "splats.json").read_text())
+    assert made["views"] == ["rgb_10.png", "rgb_15.png", "rgb_20.png", "rgb_25.png"]
