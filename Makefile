@@ -1,6 +1,6 @@
 # make studio  sets everything up and opens the window on the demo scene
 # make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
-# make screenshots  takes the pictures of README and guide again (docs/images)
+# make screenshots  takes the pictures of README and guide again (docs/images), and at two other sizes (build/screenshots)
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
@@ -71,7 +71,7 @@ bench: setup
 	@$(BIN)/python -m tests.bench
 
 screenshots: setup
-	@$(BIN)/python -m tests.screenshots
+	@$(BIN)/python -m tests.screenshots --sizes build/screenshots
 
 clean:
 	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache build dist docs/_build docs/api .peers

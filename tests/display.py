@@ -7,8 +7,11 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def xvfb() -> Iterator[str]:
-    """Start Xvfb on a free display number and point DISPLAY at it. ``OSError`` without Xvfb."""
+def xvfb(size: tuple[int, int] = (1920, 1080)) -> Iterator[str]:
+    """Start Xvfb of ``size`` pixels on a free display number and point DISPLAY at it.
+
+    ``OSError`` without Xvfb.
+    """
     read_end, write_end = os.pipe()
     server = subprocess.Popen(
         [
@@ -17,7 +20,7 @@ def xvfb() -> Iterator[str]:
             str(write_end),
             "-screen",
             "0",
-            "1920x1080x24",
+            f"{size[0]}x{size[1]}x24",
             "-noreset",
             "-nolisten",
             "tcp",

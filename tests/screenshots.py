@@ -39,6 +39,11 @@ _PATIENCE_S = 900.0
 _SIZE = (1440, 900)  # pixels of the window
 _MOST_BYTES = 450_000  # of a picture's file
 _COLORS = (256, 192, 128, 96, 64, 48)  # of its palette; the first that keeps to the size
+_FILM_WIDTH, _FILM_COLORS = 960, 96  # pixels; of its palette
+_SIZES = {  # of the window and scale of its text, by name of the folder
+    "800x500": ((800, 500), 1.0),
+    "2560x1440": ((2560, 1440), 2.0),
+}
 _TEAPOT = (0.44, 0.57)  # where the demo's first view shows it, parts of the picture's size
 
 
@@ -67,11 +72,15 @@ class Shot:
 
     def now(self, d: Driver) -> None:
         """The whole window as it is."""
+        self.save(self.image(d))
+
+    def image(self, d: Driver) -> Image.Image:
+        """The whole window as it is, not saved."""
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "window.png"
             testing.capture(d.engine, str(file))
             with Image.open(file) as image:
-                self.save(image.convert("RGB"))
+                return image.convert("RGB")
 
     def save(self, image: Image.Image) -> None:
         """``image`` with as many colors as fit into the size that a page can carry."""
@@ -86,29 +95,72 @@ class Shot:
         self.path.write_bytes(file.getvalue())
 
 
+class Film:
+    """Pictures of a walk, one after the other, as one small moving picture."""
+
+    def __init__(self, d: Driver, shot: Shot) -> None:
+        self.d, self.shot = d, shot
+        self.images: list[Image.Image] = []
+        self.seconds: list[float] = []
+
+    def see(self, seconds: float = 0.9) -> None:
+        """Add the window as it is, for so long."""
+        whole = self.shot.image(self.d)
+        height = round(whole.height * _FILM_WIDTH / whole.width)
+        self.images.append(whole.resize((_FILM_WIDTH, height), Image.Resampling.LANCZOS))
+        self.seconds.append(seconds)
+
+    def save(self, path: Path) -> None:
+        """Write it as a .gif with one palette for all pictures."""
+        strip = Image.new("RGB", (_FILM_WIDTH, sum(image.height for image in self.images)))
+        for i, image in enumerate(self.images):
+            strip.paste(image, (0, i * image.height))
+        palette = strip.quantize(_FILM_COLORS)
+        # Without diffused errors: noise that changes from picture to picture packs badly.
+        frames = [
+            image.quantize(palette=palette, dither=Image.Dither.NONE) for image in self.images
+        ]
+        times = [round(1000 * seconds) for seconds in self.seconds]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=times, loop=0)
+
+
 def main() -> None:
     """Take the pictures that are asked for."""
     parser = argparse.ArgumentParser(description="Take the pictures of README and guide.")
     parser.add_argument("names", nargs="*", help=", ".join(p.name for p in PICTURES))
     parser.add_argument("--out", type=Path, default=IMAGES)
     parser.add_argument("--home", type=Path, help="keeps the demo scene between runs")
+    parser.add_argument(
+        "--sizes", type=Path, help=f"also take them at {', '.join(_SIZES)}, into this folder"
+    )
     chosen = parser.parse_args()
     unknown = set(chosen.names) - {picture.name for picture in PICTURES}
     if unknown:
         parser.error(f"no such picture: {', '.join(sorted(unknown))}")
-    with tempfile.TemporaryDirectory() as folder, xvfb():
+    with tempfile.TemporaryDirectory() as folder, xvfb((2560, 1440)):
         home = (chosen.home or Path(folder)).resolve()
         out = chosen.out.resolve()
-        os.environ["GAGA_HOME"] = str(home)
+        sizes = chosen.sizes.resolve() if chosen.sizes else None
+        os.environ["HOME"] = str(home)
+        os.environ.pop("GAGA_HOME", None)  # paths are shown as users see them, from ~ on
+        os.environ["XDG_DATA_HOME"] = str(home / ".local")
+        (home / "Documents").mkdir(parents=True, exist_ok=True)
         os.environ["GAGA_MODELS"] = "models"  # the dialogs of masks and models show this path
         os.chdir(home)
         here = [p.name for p in PICTURES if p.opens != "guitar" or _GUITAR.is_file()]
         names = chosen.names or here
         by_name = {picture.name: picture for picture in PICTURES}
-        take([by_name[name] for name in names], out)
+        pictures = [by_name[name] for name in names]
+        take(pictures, out)
+        if sizes is not None:
+            for name, (size, scale) in _SIZES.items():
+                take(pictures, sizes / name, size, scale)
 
 
-def take(pictures: Iterable[Picture], out: Path) -> None:
+def take(
+    pictures: Iterable[Picture], out: Path, size: tuple[int, int] = _SIZE, scale: float = 1.0
+) -> None:
     """Take ``pictures``, each in a window of its own."""
     scenes = paths.home()
     run_stage(ensure_demo(scenes / "demo"))
@@ -118,7 +170,13 @@ def take(pictures: Iterable[Picture], out: Path) -> None:
         def walk(d: Driver, picture: Picture = picture, shot: Shot = shot) -> None:
             picture.take(d, shot)
 
-        drive(walk, path=_opened(picture.opens, scenes), size=_SIZE, patience_s=_PATIENCE_S)
+        drive(
+            walk,
+            path=_opened(picture.opens, scenes),
+            size=size,
+            settings=Settings(first_steps_done=True, ui_scale=scale),
+            patience_s=_PATIENCE_S,
+        )
 
 
 def _opened(what: Opens, scenes: Path) -> Path | None:
@@ -305,6 +363,45 @@ def _quality(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _six_clicks(d: Driver, shot: Shot) -> None:
+    """Open, find, click, isolate, export: what the guide's film shows."""
+    film, session = Film(d, shot), d.session
+    shutil.rmtree(paths.exports(), ignore_errors=True)
+    width, height = d.size
+    d.move_to(0.5 * width, 0.85 * height)
+    d.frames()
+    film.see()
+    for ref in ("Viewport/Try the demo", "**/###Find objects"):
+        d.engine.mouse_move(f"//{ref}")
+        d.frames()
+        film.see()
+        d.engine.mouse_click(0)
+        d.frames(3)
+        for share in (0.25, 0.6) if "Find" in ref else ():
+            d.until(lambda share=share: _fraction(session) > share, "objects")  # type: ignore[misc]
+            d.frames()
+            film.see(0.6)
+        d.settle()
+        session.notices = ()
+        film.see()
+    width, height = d.size
+    d.move_to(width * _TEAPOT[0], height * _TEAPOT[1])
+    d.settle()
+    film.see()
+    d.engine.mouse_click(0)
+    d.settle()
+    film.see()
+    for ref in ("Inspector/###Isolate", "Inspector/###Export…", "Export/###Export now"):
+        d.engine.mouse_move(f"//{ref}")
+        d.frames()
+        film.see()
+        d.engine.mouse_click(0)
+        d.frames(3)
+        d.settle()
+        film.see(2.5 if "now" in ref else 0.9)
+    film.save(shot.path.with_suffix(".gif"))
+
+
 def _rest(d: Driver) -> None:
     """Nothing is hovered, and no notice is shown: those are read once and fade."""
     d.move_to(d.size[0] * 0.99, -20)  # an empty part of the tool bar
@@ -336,7 +433,8 @@ PICTURES = (
     Picture("edit", "an object with another color and the handles that move it", _edit),
     Picture("search", "the search box and what it found", _search),
     Picture("camera_path", "a camera path of four places", _camera_path),
-    Picture("export", "the dialog that exports objects", _export),
+    Picture("export", "the sheet that exports the scene, the selection or objects", _export),
+    Picture("six_clicks", "the way from nothing to a file, moving", _six_clicks, opens="nothing"),
     Picture("modes", "groups, depth and confidence of one view", _modes),
     Picture("quality", "how well objects agree with their masks", _quality),
 )

@@ -27,6 +27,7 @@ from gaga_core.scene.export import export_objects_stage, export_scene_stage, lis
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
+from gaga_studio.system import paths
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.photo_source import PhotoFind
@@ -194,7 +195,8 @@ def export_stage(
         def objects() -> Stage[str]:
             manifest = yield from stage
             n_files = len(listed_files(manifest))
-            return f"Exported objects to {manifest.parent} ({n_files} files and {manifest.name})."
+            where = paths.shown(manifest.parent)
+            return f"Exported objects to {where} ({n_files} files and {manifest.name})."
 
         return objects()
     kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
@@ -202,6 +204,6 @@ def export_stage(
 
     def splats() -> Stage[str]:
         n = yield from whole
-        return f"Exported {n:,} splats to {path}."
+        return f"Exported {n:,} splats to {paths.shown(path)}."
 
     return splats()

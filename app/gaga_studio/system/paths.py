@@ -49,3 +49,10 @@ def _documents() -> Path:
     if found is None:
         return Path.home() / "Documents"
     return Path(found[1].replace("$HOME", str(Path.home())))
+
+
+def shown(path: Path) -> str:
+    """``path`` as people write it: ``~`` for their own folder."""
+    home = Path.home()
+    inside = path.is_relative_to(home) and path != home
+    return str(Path("~") / path.relative_to(home)) if inside else str(path)

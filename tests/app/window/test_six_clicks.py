@@ -35,7 +35,7 @@ def test_open_find_click_isolate_export(
         n_clicks += 1
         click("Inspector/###Isolate")
         click("Inspector/###Export…")
-        written = Path(d.studio.ui.export.path)
+        written = Path(d.studio.ui.export.path).expanduser()
         assert not written.exists()
         click("Export/###Export now")
         assert n_clicks == 6

@@ -49,7 +49,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     state.closed &= {id(notice) for notice in session.notices}
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
-    at = ImVec2(right, area.top + em(0.7))
+    at = ImVec2(right, max(area.top, area.chip_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         at.y = _card(session, state, notice, slot, (at, width)) + em(0.4)

@@ -15,6 +15,7 @@ from gaga_studio.actions.export import ExportPlan, ExportSummary
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
+from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height
@@ -117,7 +118,7 @@ def _plan(sheet: ExportSheet) -> ExportPlan:
 
 
 def _propose(session: Session, sheet: ExportSheet) -> None:
-    sheet.path = str(export.proposed(session, sheet.what, sheet.form))
+    sheet.path = paths.shown(export.proposed(session, sheet.what, sheet.form))
 
 
 def _what_and_form(session: Session, sheet: ExportSheet) -> None:
@@ -239,7 +240,7 @@ def _ask(sheet: ExportSheet, files: FilePicker) -> None:
     dialog.action = "Choose"
 
     def chosen(path: Path) -> None:
-        sheet.path = str(path)
+        sheet.path = paths.shown(path)
         sheet.form = export.form_of_name(path.name) or sheet.form
 
     files.ask(dialog, chosen)

@@ -12,6 +12,7 @@ class PictureArea:
     width: float = 400.0
     height: float = 300.0
     offer_top: float = float("inf")  # y of the upper edge of the offer of the next stage
+    chip_bottom: float = 0.0  # lower edge of the button at its head; 0: there is none
     cube_height: float = 0.0  # of the view cube in the upper right corner
     steps_height: float = 0.0  # of the first steps at the foot of an empty picture
 

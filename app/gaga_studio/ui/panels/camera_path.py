@@ -81,7 +81,7 @@ def _marks(path: CameraPath) -> None:
         imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
 
 
-_ROW = 19.6  # width of a keyframe's row, ems
+_ROW = 20.2  # width of a keyframe's row, ems
 
 
 def _table(session: Session, path: CameraPath) -> None:
@@ -104,15 +104,16 @@ def _table(session: Session, path: CameraPath) -> None:
 def _row(session: Session, path: CameraPath, index: int) -> None:
     chosen, times, key = session.view.playback.chosen, path.times(), path.keyframes[index]
     imgui.push_id(index)
-    width = em(6.4)
+    is_narrow = imgui.get_content_region_avail().x < em(19.4)
+    width, field = (em(5.6), em(4.4)) if is_narrow else (em(6.4), em(6.4))
     text = f"{index + 1}   at {times[index]:.1f} s"
     if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
         camera_path.choose(session, index)
     widgets.tooltip("Click to go there")
     imgui.same_line(width + em(0.4))
     if index or path.is_closed:
-        imgui.set_next_item_width(em(6.4))
-        form = "%.2f s before" if index else "%.2f s back"
+        imgui.set_next_item_width(field)
+        form = "%.2f s" if is_narrow else "%.2f s before" if index else "%.2f s back"
         imgui.begin_disabled(path.even_speed)
         imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
         changed, seconds = imgui.drag_float("##S", key.seconds, 0.02, 0.05, 600, form)
@@ -120,7 +121,7 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
         imgui.end_disabled()
         if changed:
             camera_path.set_seconds(session, index, seconds)
-    imgui.same_line(width + em(7.2))
+    imgui.same_line(width + field + em(0.8))
     _row_buttons(session, index)
     imgui.pop_id()
 

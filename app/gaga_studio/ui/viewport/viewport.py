@@ -216,17 +216,17 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     elif session.view.mode is not Mode.COLOR:
         _badge(mode_badge(session), corner)
     measure_overlay.draw_card(session, state.measure, corner, size)
-    _way_out_of_isolation(session, corner, size)
+    area.chip_bottom = _way_out_of_isolation(session, corner, size)
     next_stage.draw(session, state.offer, area)
     training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, corner, size)
 
 
-def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> None:
-    """A button at the head of the picture while only a few objects are shown."""
+def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> float:
+    """A button at the head of the picture while only a few objects are shown; its lower edge."""
     names = objects.isolated(session)
     if not names or session.is_previewing:
-        return
+        return 0.0
     action = "Show all"
     text = widgets.elided(f"Isolated: {names}", size.x - em(18))
     wide = imgui.calc_text_size(f"{text}  ·  {action}").x + em(1.4)
@@ -234,6 +234,7 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> Non
     face = Face(f"{text}  ·  {action}", width=wide)
     if widgets.button(action, face, hint="Show what is hidden; hidden splats are not exported"):
         objects.show_all(session)
+    return imgui.get_item_rect_max().y
 
 
 def mode_badge(session: Session) -> str:

@@ -1,0 +1,67 @@
+"""Four sizes of the window at three scales of the text: nothing is cut, overlaps or gets lost."""
+
+import shutil
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+from imgui_bundle import imgui
+
+from gaga_studio import commands
+from gaga_studio.actions import camera_path, selection
+from tests.app.window.driver import KEY, Driver, drive
+from tests.app.window.layout_check import TextWatch, findings
+
+pytestmark = pytest.mark.window
+_PANELS = ("Objects", "Inspector", "Memory bank", "History", "Select by", "Views", "Camera path")
+_FRONTS = (("Inspector", "Memory bank", "Views"), ("Select by", "History", "Camera path"))
+_SIZES = {  # of the window, by the scale of the text
+    1.0: ((800, 500), (1280, 720), (1440, 900), (1900, 1060)),
+    1.25: ((800, 500), (1280, 720)),
+    1.5: ((1440, 900), (1900, 1060)),
+}
+_SMALLEST = (800, 500)
+_SHEETS = ("edit.preferences", "file.export_objects", "camera.film")
+
+
+def test_no_text_is_cut_at_any_size(
+    display: str, grouped_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "table"
+    shutil.copytree(grouped_scene, folder)
+    watch = TextWatch()
+    wrong: list[str] = []
+
+    def walk(d: Driver) -> None:
+        d.on_main(partial(selection.select_groups, d.session, (2,)))
+        for _ in range(3):
+            d.on_main(partial(camera_path.add_keyframe, d.session))
+        d.on_main(partial(selection.select_groups, d.session, (2,)))
+        monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
+        monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
+        for scale, sizes in _SIZES.items():
+            settings = replace(d.session.settings, ui_scale=scale)
+            d.on_main(partial(d.session.change_settings, settings))
+            for size in sizes:
+                look(d, size, scale)
+        monkeypatch.undo()
+
+    def look(d: Driver, size: tuple[int, int], scale: float) -> None:
+        d.resize(*size)
+        d.frames(5)
+        watch.found.clear()
+        for panels in _FRONTS:
+            for panel in panels:
+                d.engine.window_focus(f"//{panel}")
+            watch.frame(d)
+        wrong.extend(f"{size} {scale}: {text}" for text in findings(d, _PANELS))
+        for command in _SHEETS if (size, scale) == (_SMALLEST, 1.0) else ():
+            d.on_main(partial(commands.run, command, d.session))
+            watch.frame(d)
+            d.keys(KEY.escape)
+        wrong.extend(f"{size} {scale}: {text}" for text in watch.found)
+
+    drive(walk, path=folder, size=_SMALLEST)
+    assert watch.n_seen > 1000, "the texts were looked at"
+    assert not wrong, "\n".join(wrong)
