@@ -303,10 +303,10 @@ class Session:
         return self.need().read.objects(self.live, self.is_previewing)
 
     def muted_colors(self) -> dict[int, RGB]:
-        """Colors of groups that differ from the palette's: large surfaces, at rest."""
-        if self.document is None or self.live is not None:
+        """Colors of groups that differ from the palette's: large surfaces, also while found."""
+        if self.document is None:
             return {}
-        table = self.document.read.objects(None, self.is_previewing)
+        table = self.objects()
         return self.document.read.once("muted", table, lambda: muted_colors(table))
 
     def selected_indices(self) -> IntArray:

@@ -164,12 +164,15 @@ def _background_row(session: Session, n: int, high: float) -> None:
 
 
 def _columns_for(is_measured: bool, height: float) -> RowColumns:
-    """What fits next to a name of `_NAME`: switches first, then splats, quality and views."""
+    """What fits next to a name of `_NAME`: switches first, then quality, splats and views.
+
+    Quality is there because somebody has asked for it.
+    """
     room = imgui.get_content_region_avail().x / em(1) - _picture_width(height) / em(1) - _NAME
     is_roomy = room > _SHOWN[1] + _SPLATS[1] + is_measured * _QUALITY[1]
     shown, splats, quality = _SHOWN[is_roomy], _SPLATS[is_roomy], _QUALITY[is_roomy]
-    has_splats = room > shown + splats
-    has_quality = is_measured and room > shown + splats + quality
+    has_quality = is_measured and room > shown + quality
+    has_splats = room > shown + has_quality * quality + splats
     has_views = room > shown + splats + is_measured * quality + _VIEWS
     last = 2 + has_splats + has_views
     return RowColumns(
