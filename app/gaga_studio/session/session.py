@@ -238,7 +238,9 @@ class Session:
         self.document.stamps = saving.stamps(project)
         saving.claim(self)
         if self.cameras:
-            self.rig.frame_scene(*splat_box(project.scene), self.cameras)
+            self.rig.frame_scene(
+                *splat_box(project.scene), self.cameras, up=self.document.up_of_photos()
+            )
         else:
             up = guess_up(project.scene.gaussians)
             self.rig.frame_scene(*whole_box(project.scene), up=up)

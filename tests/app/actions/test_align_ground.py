@@ -1,12 +1,16 @@
 """Three clicks lay the scene on the ground: points, their way back, and what follows the scene."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.io.splat_files import write_splats
+from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.actions import (
     align_ground,
@@ -295,3 +299,19 @@ def test_another_scene_begins_without_points(associated: Session) -> None:
     associated.close()
     assert associated.document is None
     assert associated.view.ground == ()
+
+
+def test_a_scene_that_was_laid_level_is_level_when_it_is_opened_again(
+    associated: Session, tmp_path: Path
+) -> None:
+    """The photos are a little askew to the ground; the camera's up is the ground's."""
+    session = associated
+    up = session.rig.up
+    slope = np.array([[0, 0, 0.0], [1, 0, 0.12], [0, 1, 0.05]])
+    assert align_ground.align(session, slope)
+    normal = np.cross(slope[1] - slope[0], slope[2] - slope[0])
+    turned = session.need().world[:3, :3] @ (normal / np.linalg.norm(normal))
+    np.testing.assert_allclose(turned, up, atol=1e-9)
+    saved = save_project(session.need().settled(), tmp_path / "level.gaga")
+    session.take(run_stage(open_path_stage(saved)))
+    np.testing.assert_allclose(session.rig.up, up, atol=1e-9)
