@@ -23,6 +23,7 @@ from gaga_core.io.sog import META, is_sog_meta, read_sog_stage
 from gaga_core.io.sog_writer import write_sog_stage
 from gaga_core.io.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.spz import read_spz_stage, write_spz_stage
+from gaga_core.io.spz_axes import OURS
 from gaga_core.progress import Stage, run_stage
 
 READ_SUFFIXES = (
@@ -76,18 +77,22 @@ def read_splats(path: Path) -> Gaussians:
     return run_stage(read_splats_stage(path))
 
 
-def read_splats_stage(path: Path) -> Stage[Gaussians]:
+def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
     """Read a .ply, compressed .ply, .splat, .spz, .ksplat, .glb or SOG (.sog or folder).
 
-    All give Gaussians in the frame and units of a 3DGS .ply. Raises ``GagaError`` with one sentence
-    when the file is of no known kind, damaged, or larger than memory.
+    All give Gaussians in the frame and units of a 3DGS .ply. ``spz_axes``: of an .spz that does not
+    say its own (`states_axes`). Raises ``GagaError`` with one sentence when the file is of no known
+    kind, damaged, or larger than memory.
     """
     path = Path(path)
     if is_sog_meta(path) or is_sog_meta(path / META):
         return (yield from read_sog_stage(path))
     if path.is_dir():
         raise GagaError(f"{path} is a folder. Choose a file of splats.")
-    return (yield from _reader_of(path)(path))
+    reader = _reader_of(path)
+    if reader is read_spz_stage:
+        return (yield from read_spz_stage(path, spz_axes))
+    return (yield from reader(path))
 
 
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:

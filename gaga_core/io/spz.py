@@ -33,7 +33,7 @@ from gaga_core.io.packing import (
     unit_quats,
 )
 from gaga_core.io.ply import without_broken_rows
-from gaga_core.io.spz_axes import axes_in, extension, turned
+from gaga_core.io.spz_axes import OURS, axes_in, extension, turned
 from gaga_core.progress import Progress, Stage
 
 GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
@@ -91,13 +91,13 @@ class _Head:
 # --- reading
 
 
-def read_spz_stage(path: Path) -> Stage[Gaussians]:
+def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
     Antialiasing becomes the comment ``antialiased 1``, as in a .ply; the axes that an extension
-    names become ours, and without one (`states_axes`) they are taken for ours. Memory grows with
-    what the streams really hold, not with what the header says. ``GagaError`` with one sentence
-    when the file is damaged or newer.
+    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``. Memory
+    grows with what the streams really hold, not with what the header says. ``GagaError`` with one
+    sentence when the file is damaged or newer.
     """
     path = Path(path)
     try:
@@ -108,7 +108,7 @@ def read_spz_stage(path: Path) -> Stage[Gaussians]:
                 raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
             reading = _read_4 if _is_version_4(file) else _read_stream
             head, out, records = yield from reading(path, file)
-            axes = axes_in(records, path.name)
+            axes = axes_in(records, path.name) or silent_axes
     except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     except OSError as error:

@@ -8,6 +8,7 @@ github.com/nianticlabs/spz, extensions/README.md, and its issue 84.
 
 import struct
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,7 +23,9 @@ AXES = (
     *("", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF"),
     *("LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"),
 )
-OURS = "RDF"
+# As which files that do not say it are read: as other programs write them, or as their page says.
+SilentAxes = Literal["RDF", "RUB"]
+OURS: SilentAxes = "RDF"
 _RECORD = struct.Struct("<II")  # type, bytes that follow
 _TYPE = 0xADBE0003
 _UNSPECIFIED = "RUB"  # what the number 0 means: a file that has the extension but does not say

@@ -29,6 +29,7 @@ from gaga_core.io.folder_lock import lock_folder
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.sog import META, is_sog_meta
 from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.io.spz_axes import OURS, SilentAxes
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
@@ -63,6 +64,7 @@ class Project:
     folder: SceneFolder | None = None  # None: a single .ply
     path: Path | None = None  # folder of the saved project; None: never saved
     model_fingerprint: str = ""  # of the model as it was opened
+    model_axes: SilentAxes = OURS  # of an .spz that does not say its own
     # Both in the frame in which the scene was opened, see `gaga_core.scene.frame`.
     bookmarks: tuple[Bookmark, ...] = ()
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
@@ -247,7 +249,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     if root is not None and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
-    gaussians = yield from read_splats_stage(model_path)
+    gaussians = yield from read_splats_stage(model_path, entry.axes)
     added = _added_of(document.added, file.parent, len(gaussians))
     n_opened = len(gaussians)
     gaussians = yield from with_added_stage(gaussians, added)
@@ -263,6 +265,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         folder,
         file.parent,
         entry.fingerprint,
+        entry.axes,
         bookmarks_of(document.bookmarks),
         _film_of(document.path),
         {document.scene},
@@ -292,13 +295,14 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
     if not project.model_fingerprint:
         project.model_fingerprint = fingerprint(project.model_path)
     scene = project.scene
-    opened = Added(str(project.model_path), project.model_fingerprint, 0, scene.n_opened)
+    model = str(project.model_path), project.model_fingerprint
+    opened = Added(*model, 0, scene.n_opened, project.model_axes)
     entries = []
     for item in (opened, *scene.added):
         rows = (item.first, item.first + item.n) if copies_model else None
         wanted = Path(item.path), item.fingerprint
         path, digest = current_file(wanted, target, scene, rows, project.copies)
-        entries.append(FileEntry(_shown(path, target), digest, item.n))
+        entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes))
     return entries
 
 
@@ -308,7 +312,7 @@ def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[
     first = n_opened
     for item in entries:
         path = _resolve(base, item.path)
-        added.append(Added(str(path), item.fingerprint, first, item.gaussians))
+        added.append(Added(str(path), item.fingerprint, first, item.gaussians, item.axes))
         first += item.gaussians
     return tuple(added)
 

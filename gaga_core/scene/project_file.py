@@ -10,6 +10,7 @@ from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.json_file import PathText, read_json
+from gaga_core.io.spz_axes import SilentAxes
 
 FORMAT = 1
 FILE = "project.json"
@@ -26,6 +27,8 @@ class FileEntry(msgspec.Struct, frozen=True):
     path: PathText  # relative to the project's folder, or absolute
     fingerprint: str
     gaussians: Rows = 0
+    # As which an .spz is read that does not say its axes; projects without this took RUB.
+    axes: SilentAxes = "RUB"
 
 
 class ProjectFile(msgspec.Struct, frozen=True):

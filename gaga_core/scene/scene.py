@@ -13,6 +13,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.io.spz_axes import OURS, SilentAxes
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
 
@@ -70,6 +71,7 @@ class Added:
     fingerprint: str  # of the file as it was read
     first: int  # row of its first splat among the rows of all files, see `Scene.source`
     n: int  # splats
+    axes: SilentAxes = OURS  # of an .spz that does not say its own, see `gaga_core.io.spz_axes`
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import fingerprint
 from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.io.spz_axes import OURS
 from gaga_core.progress import Stage
 from gaga_core.scene.edits.append_values import AppendSplats, joined
 from gaga_core.scene.edits.duplicate import free_group
@@ -21,8 +22,12 @@ from gaga_core.scene.scene import Added, Scene
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 
 
-def read_added_stage(path: Path, digest: str = "") -> Stage[tuple[Gaussians, str]]:
+def read_added_stage(
+    path: Path, digest: str = "", axes: str = OURS
+) -> Stage[tuple[Gaussians, str]]:
     """Splats of a file to be added, and its fingerprint; with ``digest``: it must be that one.
+
+    ``axes``: of an .spz that does not say its own.
 
     Raises ``GagaError`` with one sentence when the file is gone, changed or damaged.
     """
@@ -32,7 +37,7 @@ def read_added_stage(path: Path, digest: str = "") -> Stage[tuple[Gaussians, str
     found = fingerprint(path)
     if digest and digest != found:
         raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
-    return (yield from read_splats_stage(path)), found
+    return (yield from read_splats_stage(path, axes)), found
 
 
 def append(
@@ -82,7 +87,7 @@ def with_added_stage(opened: Gaussians, added: Sequence[Added]) -> Stage[Gaussia
     """Rows of the opened file and of all files that were added to it, read again."""
     whole = opened
     for item in added:
-        splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint)
+        splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
         if len(splats) != item.n or len(whole) != item.first:
             raise GagaError(
                 f"{item.path} does not fit the saved project. Put the former file back."

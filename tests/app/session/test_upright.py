@@ -1,6 +1,7 @@
 """Files that do not say how they stand: asked about once, turned from then on."""
 
 import gzip
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.scene.project import save_project
 from gaga_studio.actions import history
 from gaga_studio.commands import run
 from gaga_studio.session import upright
@@ -73,3 +75,20 @@ def test_a_file_that_says_how_it_stands_is_not_asked_about(
         assert not any(notice.command for notice in session.notices)
         assert run(upright.COMMAND, session)  # a scene can be turned all the same
         assert session.settings.upright == ()
+
+
+def test_a_project_saved_before_files_were_read_this_way_opens_as_it_was(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    session = new_session()
+    as_now = _opened(session, silent)
+    where = save_project(session.need().project)
+    note = where / "project.json"
+    entries = json.loads(note.read_text())
+    assert entries["model"].pop("axes") == "RDF"
+    note.write_text(json.dumps(entries))
+    for _ in range(2):  # the second time after it was saved by this version
+        older = new_session()
+        np.testing.assert_allclose(_opened(older, where), as_now * [1, -1, -1], atol=1e-6)
+        save_project(older.need().project)
+    assert json.loads(note.read_text())["model"]["axes"] == "RUB"
