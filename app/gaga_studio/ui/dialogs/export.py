@@ -250,7 +250,8 @@ def _ask(sheet: ExportSheet, files: FilePicker) -> None:
 def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     """How much it is, and what is lost."""
     imgui.dummy(ImVec2(0, em(0.2)))
-    n_files = f" in {summary.n_files:,} files" if sheet.what == "objects" else ""
+    s = "" if summary.n_files == 1 else "s"
+    n_files = f" in {summary.n_files:,} file{s}" if sheet.what == "objects" else ""
     imgui.text_unformatted(
         f"{summary.n_splats:,} splats{n_files}, about {size_text(summary.n_bytes)}"
     )
