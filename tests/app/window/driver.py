@@ -192,7 +192,8 @@ def drive(
     So are errors of panels, which the window itself survives, unless the window ``may_fail``.
     The layout is kept in ``layout_file``, if there is one.
     """
-    session = Session(settings or Settings(first_steps_done=True))
+    # Preset paper trains identities for 10,000 steps unless the settings say otherwise.
+    session = Session(settings or Settings(first_steps_done=True, identities="none"))
     options = WindowOptions(size=size, settings_file=layout_file)
     studio = Studio(path, demo=demo, session=session, options=options)
     studio.ui.files.use_native = False
