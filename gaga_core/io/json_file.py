@@ -62,14 +62,20 @@ def read_foreign_json(path: Path, kind: type[T], *, most_bytes: int = MOST_BYTES
         content = json.loads(raw)
         if _SURROGATE.search(raw):  # half of a pair is no text: nothing could print or write it
             json.dumps(content, ensure_ascii=False).encode()
-        return msgspec.convert(content, kind)
-    except msgspec.ValidationError as error:
-        raise GagaError(
-            f"{path} is damaged ({explain_json_error(error)}). Copy it again."
-        ) from error
     except (ValueError, RecursionError, MemoryError) as error:
         why = explain_json_error(error)
         raise GagaError(f"{path} is damaged: it is not JSON ({why}). Copy it again.") from error
+    return convert_json(content, kind, str(path))
+
+
+def convert_json(content: object, kind: type[T], where: str) -> T:
+    """JSON values as ``kind``; ``GagaError`` in one sentence with ``where`` and the field."""
+    try:
+        return msgspec.convert(content, kind)
+    except (msgspec.ValidationError, OverflowError, RecursionError) as error:
+        raise GagaError(
+            f"{where} is damaged ({explain_json_error(error)}). Copy it again."
+        ) from error
 
 
 def explain_json_error(error: Exception) -> str:

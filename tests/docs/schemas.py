@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import msgspec
 
 from gaga_core.io.cameras_json import CameraEntry
+from gaga_core.io.mask_import_json import MaskEntry
 from gaga_core.io.masks import MaskRecord
 from gaga_core.io.splits import SplitFile
 from gaga_core.models.lock_file import ModelLock
@@ -25,6 +26,7 @@ TYPES: Mapping[str, object] = {
     "cameras": list[CameraEntry],
     "edit_script": list[ObjectOperation | RegionOperation],
     "groups": Manifest,
+    "mask_list": list[MaskEntry],
     "model_lock": ModelLock,
     "project": ProjectFile,
     "provider": MaskRecord,

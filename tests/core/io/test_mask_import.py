@@ -185,7 +185,10 @@ def test_what_is_no_masks_is_refused_in_one_sentence(tmp_path: Path) -> None:
     for content, said in (
         ({"hello": 1}, "neither COCO nor a list"),
         ([{"segmentation": {"size": [H, W], "counts": [1, 2]}}], "covers 3 pixels"),
-        ([{"segmentation": {"counts": [1, 2]}}], "no size"),
+        (
+            [{"segmentation": {"counts": [1, 2]}}],
+            "[0].segmentation: object missing required field size",
+        ),
         ([{"segmentation": [[1, 2, 3, 4, 5, 6]]}], "height and width"),
         ([{"segmentation": _EMPTY, "score": 10**400}], "a score that is no number"),
         ({"images": [{"id": 1}], "annotations": []}, "an id and a file_name"),
