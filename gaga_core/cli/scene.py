@@ -2,13 +2,18 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
 from gaga_core.cli.switches import GroupSwitches, IdentitySwitches
 from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from gaga_core.evaluate.photo_film import PhotoSide
+    from gaga_core.io.video_out import VideoConfig
+    from gaga_core.pipeline.split_picture import What
 
 
 @dataclass(frozen=True)
@@ -102,8 +107,9 @@ class RenderCommand:
     """Write a film instead of pictures: NAME.mp4 (H.264) or NAME.webm (VP9)."""
     path: Path | None = None
     """The film's camera path, as the window saves it; default: the one saved with the project."""
-    split: Literal["", "rgb", "groups", "depth"] = ""
-    """Of a film: what lies left of a line; --what lies right of it."""
+    split: Literal["", "rgb", "groups", "depth", "photo", "truth", "errors"] = ""
+    """Of a film: what lies left of a line; --what lies right of it. With photo, truth (maps in
+    gt/instance) or errors the film goes through the photos --views instead of along a path."""
     split_at: float = 0.5
     """Where the line is, 0 to 1 of the width."""
     sweep: bool = False
@@ -112,6 +118,8 @@ class RenderCommand:
     """Width and height of the film, pixels."""
     fps: float = 30.0
     """Pictures a second of the film."""
+    seconds: float = 2.0
+    """Of each photo, in a film through the photos."""
     quality: int = 75
     """Of the film: 1 (small) to 100."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
@@ -157,6 +165,8 @@ class RenderCommand:
         if self.what == "identity" or self.what == "encodings" or self.model is not None:
             raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
         video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
+        if self.split == "photo" or self.split == "truth" or self.split == "errors":
+            return self._photo_film(target, self.split, self.what, video)
         split = Split(self.split, self.split_at, self.sweep) if self.split else None
         config = FilmConfig(self.what, split=split, video=video)
         path = load_path(self.path) if self.path is not None else None
@@ -168,6 +178,21 @@ class RenderCommand:
         out.follow(after_warm_up(stage))
         shown = {"file": str(target), "seconds": round(path.seconds, 3), "fps": self.fps}
         out.result({**shown, "pictures": len(path.frame_times(self.fps))}, as_json=self.json)
+        return 0
+
+    def _photo_film(
+        self, target: Path, left: "PhotoSide", right: "What", video: "VideoConfig"
+    ) -> int:
+        from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.raster import choose
+        from gaga_core.scene.project import open_path_stage
+
+        config = PhotoFilmConfig(left, right, self.split_at, self.sweep, self.seconds, video)
+        project = out.follow(open_path_stage(self.scene))
+        stage = photo_film_stage(project, target, config, self.views, choose(self.backend))
+        out.follow(after_warm_up(stage))
+        out.result({"file": str(target), "fps": self.fps}, as_json=self.json)
         return 0
 
 

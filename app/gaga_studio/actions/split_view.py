@@ -8,9 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.color import group_palette
-from gaga_core.errors import GagaError
-from gaga_core.io.masks import label_files_of, read_labels
+from gaga_core.evaluate.photo_pictures import TRUTH
 from gaga_core.masks import resize_labels
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
@@ -28,11 +26,6 @@ if TYPE_CHECKING:
 AT_A_PHOTO = frozenset({Side.PHOTO, Side.TRUTH, Side.ERRORS})  # only at the camera of a photo
 LEFT = tuple(Side)
 RIGHT = (Side.PICTURE, Side.GROUPS, Side.TRUTH, Side.ERRORS)
-_TRUTH = Path("gt") / "instance"
-# Right, wrong and missing pixels: told apart by color-blind eyes, too.
-_VERDICTS = np.array([[0, 0, 0], [70, 130, 180], [214, 50, 40], [250, 190, 50]], np.float32)
-_SHARES = np.array([0.0, 0.35, 0.85, 0.85], np.float32)  # of those colors over the gray photo
-_GRAY = 0.6  # brightness of the photo under them
 
 
 def show(session: Session, left: Side, right: Side) -> bool:
@@ -63,7 +56,7 @@ def why_not(session: Session, side: Side) -> str:
     if side in AT_A_PHOTO and not session.cameras:
         return "This scene has no photos."
     if side in (Side.TRUTH, Side.ERRORS) and truth_folder(session) is None:
-        return f"There are no true maps: put them into {_TRUTH.as_posix()} of the scene folder."
+        return f"There are no true maps: put them into {TRUTH.as_posix()} of the scene folder."
     if side in (Side.GROUPS, Side.ERRORS) and not document.read.has_groups():
         return NO_GROUPS
     if side is Side.BEFORE and not _contents(document.history):
@@ -210,27 +203,18 @@ def _renamed(labels: IntArray, scene: Scene) -> IntArray:
 def truth_folder(session: Session) -> Path | None:
     """Return the folder of the true maps of the open scene; None when there is none."""
     folder = session.project.folder if session.project is not None else None
-    path = folder.root / _TRUTH if folder is not None else None
+    path = folder.root / TRUTH if folder is not None else None
     return path if path is not None and path.is_dir() else None
 
 
-def truth_picture(path: Path, name: str, side: int) -> UInt8Array:
-    """Return the true map (H, W, 3) of a view in colors; black where nothing is."""
-    labels = _truth(path, name, side)
-    colors = group_palette(int(labels.max(initial=0)))
-    colors[0] = 0
-    picture: UInt8Array = (colors[labels] * 255).astype(np.uint8)
-    return picture
-
-
-def error_picture(
+def errors_of(
     scene: Scene, camera: Camera, photo: Path, truth: Path, side: int
 ) -> tuple[UInt8Array, float]:
     """Return the photo (H, W, 3) with wrong and missing pixels marked, and the share that is right.
 
     The groups are drawn by the best rasterizer here at the photo's exact camera.
     """
-    from gaga_core.evaluate.error_map import error_map
+    from gaga_core.evaluate.photo_pictures import error_picture, true_labels
     from gaga_core.grouping.votes import splat_groups
     from gaga_core.io.images import read_rgb
     from gaga_core.raster import choose
@@ -238,23 +222,8 @@ def error_picture(
 
     seen = read_rgb(photo, side)
     height, width = seen.shape[:2]
-    labels = resize_labels(_truth(truth, camera.name, side), width, height)
+    labels = resize_labels(true_labels(truth, camera.name, side), width, height)
     shown = np.flatnonzero(scene.visible)
     gaussians = bake(scene, indices=shown)
     view = camera.resized(width, height)
-    groups = splat_groups(choose(), gaussians, view, scene.labels[shown])
-    found = error_map(groups, labels)
-    gray = seen.mean(axis=2, keepdims=True) * _GRAY
-    share = _SHARES[found.verdicts][..., None]
-    picture = gray * (1 - share) + _VERDICTS[found.verdicts] * share
-    return np.clip(picture, 0, 255).astype(np.uint8), found.share_right
-
-
-def _truth(folder: Path, name: str, side: int) -> IntArray:
-    path = label_files_of(folder, [name]).get(name)
-    if path is None:
-        raise GagaError(f"There is no true map of {name} in {folder}.")
-    labels = read_labels(path)
-    height, width = labels.shape
-    scale = min(1.0, side / max(height, width))
-    return resize_labels(labels, max(round(width * scale), 1), max(round(height * scale), 1))
+    return error_picture(seen, splat_groups(choose(), gaussians, view, scene.labels[shown]), labels)

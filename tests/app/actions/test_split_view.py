@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.evaluate.error_map import Verdict
+from gaga_core.evaluate.photo_pictures import _VERDICTS, truth_picture
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.scene.scene import State
@@ -90,16 +91,16 @@ def test_errors_are_where_groups_differ_from_the_truth(associated: Session) -> N
     assert session.active_view is not None
     assert session.scene is not None
     args = (camera, folder.image_paths[camera.name], truth, 512)
-    picture, share = split_view.error_picture(session.scene, *args)
+    picture, share = split_view.errors_of(session.scene, *args)
     assert share > 0.95
     whole = read_rgb(folder.image_paths[camera.name], 512).shape
     assert picture.shape == whole
-    assert split_view.truth_picture(truth, camera.name, 512).shape == whole
+    assert truth_picture(truth, camera.name, 512).shape == whole
     selection.select_groups(session, (3,))
     assert objects.hide(session)
-    worse, less = split_view.error_picture(session.scene, *args)
+    worse, less = split_view.errors_of(session.scene, *args)
     assert less < share
-    yellow = split_view._VERDICTS[Verdict.MISSING] @ [1, 1, -2] > 0
+    yellow = _VERDICTS[Verdict.MISSING] @ [1, 1, -2] > 0
     assert yellow
     assert (worse.astype(int) @ [1, 1, -2] > 150).sum() > (picture @ [1, 1, -2] > 150).sum()
 
@@ -110,5 +111,5 @@ def test_a_photo_that_has_no_true_map_is_named(associated: Session, tmp_path: Pa
     write_labels(tmp_path / "other.png", np.ones((4, 4), np.int32))
     assert read_labels(tmp_path / "other.png").all()
     with pytest.raises(GagaError, match=associated.cameras[0].name):
-        split_view.truth_picture(tmp_path, associated.cameras[0].name, 64)
+        truth_picture(tmp_path, associated.cameras[0].name, 64)
     assert photo_compare.compared(associated) is None or associated.active_view is not None

@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.evaluate.photo_pictures import truth_picture
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import photo_compare, split_view
 from gaga_studio.actions.photo_compare import PhotoPlacement
@@ -127,7 +128,7 @@ def _photo_side(
         return "There are no true maps"
     if side is Side.TRUTH:
         key = f"truth {truth} {photo.name}"
-        load = partial(split_view.truth_picture, truth, photo.name, _SIDE)
+        load = partial(truth_picture, truth, photo.name, _SIDE)
         return "" if _image(images.texture(key, load), place) else "Reading the true map…"
     if path is None:
         return "This photo cannot be read"
@@ -136,7 +137,7 @@ def _photo_side(
     frozen: Scene = photo_compare.snapshot(scene)
 
     def errors() -> UInt8Array:
-        found = split_view.error_picture(frozen, photo, path, truth, _ERROR_SIDE)
+        found = split_view.errors_of(frozen, photo, path, truth, _ERROR_SIDE)
         compared[key] = found[1]
         return found[0]
 
