@@ -105,4 +105,6 @@ def free_group(scene: Scene) -> int:
     """The first id above every group that was ever used."""
     named = max(scene.names, default=0)
     in_bank = scene.bank.n_groups if scene.bank is not None else 0
-    return max(int(scene.labels.max(initial=0)), named, in_bank) + 1
+    other = scene.identities.other  # its groups come back when labels are switched
+    waiting = int(other.labels.max(initial=0)) if other is not None else 0
+    return max(int(scene.labels.max(initial=0)), named, in_bank, waiting) + 1

@@ -69,3 +69,14 @@ def test_a_second_lift_does_not_touch_the_votes() -> None:
     assert np.array_equal(scene.labels, votes)
     history.do(edits.use_labels(scene, "identities"))
     assert (scene.labels == 3).all()
+
+
+def test_new_groups_do_not_take_ids_that_come_back_with_the_other_labels() -> None:
+    scene = walk_scene()
+    history = History(scene)
+    labels = np.full(400, edits.free_group(scene), np.int32)  # a group without a vote
+    sure, colors = np.ones(400, np.float32), np.zeros((400, 3), np.uint8)
+    history.do(edits.set_identities(scene, labels, sure, colors, used=False))
+    history.do(edits.duplicate(scene, np.flatnonzero(scene.labels == 2)))
+    history.do(edits.use_labels(scene, "identities"))
+    assert not np.isin(scene.labels[400:], scene.labels[:400]).any()
