@@ -145,7 +145,9 @@ def _rows(codes: UInt8Array) -> UInt8Array:
 
 def _table(values: FloatArray) -> FloatArray:
     """256 numbers, ascending, near which the values lie: Lloyd's algorithm from quantiles."""
-    flat = np.sort(_sampled(values.reshape(-1)).astype(np.float64))
+    # Sorted first: a step through channels that take turns could meet one of them alone.
+    ordered = np.sort(values, axis=None)
+    flat = np.append(_sampled(ordered), ordered[-1]).astype(np.float64)
     distinct = np.unique(flat)
     if len(distinct) <= _N_CODES:
         return np.pad(distinct, (0, _N_CODES - len(distinct)), mode="edge").astype(np.float32)
