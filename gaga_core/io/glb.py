@@ -66,7 +66,7 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
 
 def _splats_of(buffers: Buffers, name: str) -> Iterator[Gaussians]:
     gltf = buffers.gltf
-    for place, mesh in _placed_meshes(gltf):
+    for place, mesh in list(_placed_meshes(gltf)):  # a circle is found before memory is taken
         for primitive in gltf["meshes"][mesh]["primitives"]:
             extension = primitive.get("extensions", {}).get(_EXTENSION)
             if extension is None:

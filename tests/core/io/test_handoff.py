@@ -85,7 +85,7 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
     path.write_bytes(_glb(gltf, buffers.binary))
     with pytest.raises(GagaError, match="stretches"):
         read_splats(path)
-    gltf["nodes"] = [{"children": [0]}]
+    gltf["nodes"] = [{"children": [0], "mesh": 9}]  # found before a mesh is read
     gltf["scenes"][0]["nodes"] = [0]
     path.write_bytes(_glb(gltf, buffers.binary))
     with pytest.raises(GagaError, match="circle"):
@@ -146,6 +146,19 @@ def test_a_sog_comes_back_within_its_steps(tmp_path: Path, name: str, degree: in
     again.parent.mkdir()
     write_splats(again, g)
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_a_table_of_numbers_is_made_from_all_channels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gaga_core.io import sog_writer
+
+    monkeypatch.setattr(sog_writer, "_SAMPLE", 500)  # of 1500: every third number
+    g = random_gaussians(500, seed=2)
+    g.sh[:, 0] = np.linspace([-0.1, 0, 1], [0.1, 1, 3], 500)
+    g.log_scales[:] = np.linspace([-5, -4, -8], [-4, -2, -6], 500)
+    write_splats(tmp_path / "a.sog", g)
+    _check_close(read_splats(tmp_path / "a.sog"), g, loosely=True)
 
 
 def test_a_palette_is_shared_where_sh_are_many(
