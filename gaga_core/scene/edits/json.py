@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import PathText, explain_json_error
+from gaga_core.io.spz_axes import SilentAxes
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.append import read_added_stage
 from gaga_core.scene.edits.append_values import AppendSplats
@@ -151,10 +152,11 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
     columns: list[str]
     labels: IntsEntry
     state: _Bits
+    axes: SilentAxes = "RUB"  # of an .spz that does not say its own; older scripts took RUB
 
     def decoded(self, most: int) -> Edit:
         path = Path(self.path)
-        splats, _ = run_stage(read_added_stage(path, self.fingerprint))
+        splats, _ = run_stage(read_added_stage(path, self.fingerprint, self.axes))
         labels = self.labels.ints(MOST_ROWS)
         if labels.count != len(splats):
             raise ValueError(f"{labels.count} labels for {len(splats)} splats")
@@ -166,7 +168,7 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
             columns=tuple(self.columns),
             splats=splats,
             labels=labels,
-            added=Added(str(path), self.fingerprint, self.first, len(splats)),
+            added=Added(str(path), self.fingerprint, self.first, len(splats), self.axes),
             state=State(self.state),
         )
 
@@ -299,4 +301,5 @@ def _append_entry(edit: AppendSplats) -> AppendEntry:
         list(edit.columns),
         IntsEntry.of(edit.labels),
         int(edit.state),
+        edit.added.axes,
     )

@@ -1,5 +1,6 @@
 """Splats of other files beside those of the scene: one scene, one undo, one project."""
 
+import gzip
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -179,3 +180,29 @@ def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Pa
     names = {group_name(scene, int(g)) for g in np.unique(scene.labels[10:])}
     assert names == {"room", "room 1", "room 2", "room 3"}
     assert scene.added[0].fingerprint == fingerprint(room)
+
+
+def test_a_script_says_how_an_added_file_was_read_and_an_older_one_took_other_axes(
+    room: Path, tmp_path: Path
+) -> None:
+    lamp = tmp_path / "lamp.spz"
+    write_splats(lamp, random_gaussians(10), SplatFormat.SPZ)
+    raw = bytearray(gzip.decompress(lamp.read_bytes()))[:-12]  # without the record of its axes
+    raw[14] = 0
+    lamp.write_bytes(gzip.compress(raw))
+    scene = opened(room).scene
+    history = History(scene)
+    add(history, scene, lamp)
+    recorded = json.loads(json.dumps(history.recorded()))
+    again = opened(room).scene
+    run_script(again, recorded)
+    assert snapshot(again) == snapshot(scene)
+    for part in recorded[0]["edits"]:
+        part.pop("axes", None)
+    older = opened(room).scene
+    run_script(older, recorded)
+    assert older.added[0].axes == "RUB"
+    means = scene.gaussians.means[200:]
+    np.testing.assert_array_equal(
+        older.gaussians.means[200:], means * np.array([1, -1, -1], np.float32)
+    )
