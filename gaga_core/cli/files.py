@@ -153,12 +153,16 @@ class ExportCommand:
         return 0
 
     def _options(self, project: Project) -> "ExportOptions":
-        """The switches as options; which way is up the cameras say."""
+        """The switches as options; which way is up the cameras say, else the splats."""
         from gaga_core.scene.export_options import ExportOptions, box_of
-        from gaga_core.scene.orientation import estimate_up
+        from gaga_core.scene.orientation import guess_up, up_of_moved
 
-        cameras = project.folder.cameras if project.folder is not None else ()
-        x, y, z = (float(value) for value in estimate_up(cameras))
+        opened, placed = project.folder, project.placed_folder
+        if opened is not None and placed is not None and opened.cameras:
+            up = up_of_moved(opened.cameras, placed.cameras)
+        else:
+            up = guess_up(project.scene.gaussians)
+        x, y, z = (float(value) for value in up)
         try:
             return ExportOptions(
                 sh_degree=self.sh_degree,

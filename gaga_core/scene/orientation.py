@@ -10,6 +10,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
+_NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up
 _COLMAP_UP = np.array([0.0, -1.0, 0.0])  # of models without cameras: OpenCV axes, y down
 
@@ -46,6 +47,17 @@ def estimate_up(cameras: Sequence[Camera]) -> DoubleArray:
     if abs(up[axis]) > _SNAP:
         up = np.eye(3)[axis] * np.sign(up[axis])
     return up
+
+
+def up_of_moved(opened: Sequence[Camera], placed: Sequence[Camera]) -> DoubleArray:
+    """The up direction (3,), unit, world, of a scene that was moved as a whole.
+
+    ``opened`` are its cameras as they were, ``placed`` as they stand now. A scene that was laid
+    level was laid level along the up of the cameras as they were: where both ups nearly agree it is
+    that one, else the one of the cameras as they stand now.
+    """
+    was, now = estimate_up(opened), estimate_up(placed)
+    return was if float(was @ now) > _NEARLY else now
 
 
 def guess_up(gaussians: Gaussians) -> DoubleArray:

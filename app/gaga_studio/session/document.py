@@ -18,7 +18,7 @@ from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras, inverse
 from gaga_core.scene.objects import group_name
-from gaga_core.scene.orientation import estimate_up
+from gaga_core.scene.orientation import up_of_moved
 from gaga_core.scene.pose import Pose
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from gaga_core.grouping.mask_splats import MaskSplats
     from gaga_core.grouping.repair.view_evidence import Evidence
     from gaga_core.scene.cleanup.clean import CleanPreview
-
-
-_NEARLY = float(np.cos(np.radians(30.0)))
 
 
 class Document:
@@ -133,15 +130,9 @@ class Document:
         return self.read.once("cameras", key, lambda: carried_cameras(folder.cameras, world))
 
     def up_of_photos(self) -> DoubleArray:
-        """Up (3,), unit, world, by the photos' cameras.
-
-        A scene that was laid level was laid level along the up of the photos as they were: where
-        both ups nearly agree it is that one, else the one of the photos as they stand now.
-        """
+        """Up (3,), unit, world, by the photos' cameras; see `up_of_moved`."""
         folder = self.project.folder
-        was = estimate_up(folder.cameras if folder is not None else ())
-        now = estimate_up(self.cameras)
-        return was if float(was @ now) > _NEARLY else now
+        return up_of_moved(folder.cameras if folder is not None else (), self.cameras)
 
     def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
         """``shot`` before the scene was moved as a whole: what a project keeps.

@@ -13,6 +13,7 @@ from gaga_core.io.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import open_path_stage, save_project
 from tests.app.folders import write_scene
 
@@ -49,3 +50,19 @@ def test_a_lone_file_has_no_cameras(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["export", str(lone), "--out", str(tmp_path / "a.json"), "--what", "cameras"]) == 1
     assert "scene folder" in capsys.readouterr().err
     assert not (tmp_path / "a.json").exists()
+
+
+def test_the_ground_of_a_scene_that_was_turned_is_below_it(tmp_path: Path) -> None:
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    assert project.folder is not None
+    up = estimate_up(project.folder.cameras)
+    turn = np.eye(3)[[2, 0, 1]]  # axes take each other's places
+    History(project.scene).do(
+        edits.move_scene(project.scene, np.column_stack([turn, [5, 6, 7]]), "x")
+    )
+    save_project(project)
+    target = tmp_path / "moved.ply"
+    assert main(["export", str(tmp_path / "table"), "--out", str(target), "--ground"]) == 0
+    heights = read_ply(target).means.astype(np.float64) @ (turn @ up)
+    assert abs(np.percentile(heights, 0.5)) < 1e-3

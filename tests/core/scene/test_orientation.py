@@ -5,7 +5,8 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.orientation import guess_up
+from gaga_core.scene.frame import carried_cameras
+from gaga_core.scene.orientation import estimate_up, guess_up, up_of_moved
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from tests.scenes import objects_scene
@@ -63,3 +64,18 @@ def test_a_lone_thing_is_shown_whole_and_a_far_background_is_not() -> None:
     assert (hi > 0.98).all()
     scene = Scene.of(_splats(np.concatenate([thing, rng.uniform(-30, 30, (60, 3))])))
     np.testing.assert_array_equal(whole_box(scene), splat_box(scene))
+
+
+def test_the_up_of_cameras_follows_a_scene_that_is_turned_but_not_one_that_is_levelled() -> None:
+    cameras = objects_scene(2, 220, n_cameras=6).cameras
+    up = estimate_up(cameras)
+    for degrees, follows in ((10, False), (90, True)):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        world = np.eye(4)
+        across = np.eye(3)[np.abs(up).argmin()]
+        first = np.cross(up, across) / np.linalg.norm(np.cross(up, across))
+        basis = np.stack([first, np.cross(up, first), up], axis=1)
+        world[:3, :3] = basis @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ basis.T
+        found = up_of_moved(cameras, carried_cameras(cameras, world))
+        expected = world[:3, :3] @ up if follows else up
+        np.testing.assert_allclose(found, expected, atol=1e-6)
