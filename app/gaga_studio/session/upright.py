@@ -9,7 +9,6 @@ import numpy as np
 from gaga_core.errors import GagaError
 from gaga_core.io.spz import states_axes
 from gaga_core.scene import edits
-from gaga_core.scene.selection import algebra
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.notices import Level, notifies
 
@@ -58,9 +57,10 @@ def opened(session: "Session") -> bool:
 def _turn(session: "Session", *, is_content: bool) -> bool:
     document = session.need()
     scene = document.settled().scene
-    edit = edits.transform(scene, algebra.whole(scene), _HALF_TURN, _TITLE)
+    edit = edits.move_scene(scene, _HALF_TURN, _TITLE)
     done = document.do(edit, is_content=is_content)
-    session.rig.frame_scene(*splat_box(scene), session.cameras)
+    up = session.rig.up if session.cameras else None  # photos turn along, up does not
+    session.rig.frame_scene(*splat_box(scene), session.cameras, up=up)
     return done
 
 

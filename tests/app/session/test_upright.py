@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
 from gaga_studio.actions import history
 from gaga_studio.commands import run
@@ -62,6 +63,21 @@ def test_a_turned_file_is_turned_when_it_is_opened_again(
     history.undo(other)
     third = new_session()
     np.testing.assert_allclose(_opened(third, silent), before, atol=1e-6)
+
+
+def test_what_is_reset_stays_upright_in_a_scene_that_was_turned(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    session = new_session()
+    before = _opened(session, silent)
+    assert run(upright.COMMAND, session)
+    scene = session.need().scene
+    session.need().do(edits.transform(scene, np.arange(9), np.eye(3, 4) * 2, "Move"))
+    scene = session.need().scene
+    session.need().do(edits.reset_placement(scene, np.arange(9)))
+    rows = session.need().scene.placements.matrix[session.need().scene.placement]
+    means = np.einsum("nij,nj->ni", rows[:, :, :3], session.need().scene.gaussians.means)
+    np.testing.assert_allclose(means, before * [1, -1, -1], atol=1e-6)
 
 
 def test_a_file_that_says_how_it_stands_is_not_asked_about(
