@@ -35,18 +35,24 @@ def found(session: Session, decision: Decision) -> "MaskSplats | None":
         return None
     document, evidence, camera = view
     if decision.view not in evidence.bounds:
-        if session.jobs.quiet is None:
+        asked = (decision.view, evidence)
+        if session.jobs.quiet is None and asked not in document.looked_at:
+            document.looked_at.add(asked)  # once: a view that cannot be read fails every time
             session.jobs.start_quiet("Look at the view", _look_stage(evidence, camera))
         return None
-    key = (decision.view, decision.mask, id(evidence))
+    key = (decision.view, decision.mask, evidence)
     if document.lit is None or document.lit[0] != key:
-        from gaga_core.grouping.mask_splats import mask_splats  # numba
-
-        try:
-            document.lit = (key, mask_splats(evidence.gated, camera, decision.mask))
-        except GagaError:  # the masks were made again: nothing is lit, and there are no shares
-            return None
+        document.lit = (key, _splats(evidence, camera, decision.mask))
     return document.lit[1]
+
+
+def _splats(evidence: "Evidence", camera: Camera, mask: int) -> "MaskSplats | None":
+    from gaga_core.grouping.mask_splats import mask_splats  # numba
+
+    try:
+        return mask_splats(evidence.gated, camera, mask)
+    except GagaError:  # the masks were made again: nothing is lit, and there are no shares
+        return None
 
 
 def overlaps(
@@ -55,7 +61,7 @@ def overlaps(
     """Return the share of the splats behind a mask that each group holds, descending.
 
     0 are the splats of no group. None until a quiet job has read its view: ask again in a later
-    frame. Empty when the masks are gone.
+    frame. Empty when the masks are gone. The same dict as long as nothing changed.
     """
     splats, document = found(session, decision), session.document
     if splats is None or document is None:
@@ -63,8 +69,11 @@ def overlaps(
         return None if is_pending else {}
     from gaga_core.grouping.mask_splats import shares_of_groups  # numba
 
-    chosen = splats.of(has_gate)
-    return shares_of_groups(document.scene.labels[: len(chosen)], chosen)
+    chosen, scene = splats.of(has_gate), document.scene
+    key = (splats, has_gate, scene.revision.splats, scene.revision.labels)
+    return document.read.once(
+        "shares", key, lambda: shares_of_groups(scene.labels[: len(chosen)], chosen)
+    )
 
 
 def tint(session: Session, decision: Decision | None) -> UInt8Array | None:

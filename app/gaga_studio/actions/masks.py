@@ -231,6 +231,7 @@ def choose(session: Session, name: str) -> bool:
     if name not in mask_folders(session):
         raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
     session.provider, session.masks = stages.masks_of(document.project, name)
+    document.forget_views()  # files of the same names may hold other masks now
     return True
 
 

@@ -48,7 +48,8 @@ class Document:
         self.save_state = SaveState()
         self.focus = 0  # group shown in the inspector; 0 = none
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
-        self.lit: tuple[object, MaskSplats] | None = None  # of one mask, see `mask_splats`
+        self.looked_at: set[tuple[str, Evidence]] = set()  # views, see `mask_splats`
+        self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask, see there
         self.timeline = Timeline()
         self.other_groups: tuple[MemoryBank, IntArray] | None = None  # see `split_view`
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
@@ -133,6 +134,12 @@ class Document:
         """Up (3,), unit, world, by the photos' cameras; see `up_of_moved`."""
         folder = self.project.folder
         return up_of_moved(folder.cameras if folder is not None else (), self.cameras)
+
+    def forget_views(self) -> None:
+        """Forget what was found in the masks of the views: they are read again."""
+        self.evidence.clear()
+        self.looked_at.clear()
+        self.lit = None
 
     def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
         """``shot`` before the scene was moved as a whole: what a project keeps.

@@ -1,10 +1,12 @@
 """The splats of a chosen mask: lit, gated or not, and whose they are."""
 
+import time
+
 import numpy as np
 import pytest
 
 from gaga_core.grouping.memory_bank import Decision
-from gaga_studio.actions import mask_splats, selection
+from gaga_studio.actions import association_repair, mask_splats, masks, selection
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 
@@ -23,6 +25,7 @@ def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) ->
     decision = _mask(associated)
     found = mask_splats.overlaps(associated, decision)
     assert found is not None
+    assert mask_splats.overlaps(associated, decision) is found  # counted once, not every frame
     assert next(iter(found)) == 3
     assert list(found.values()) == sorted(found.values(), reverse=True)
     assert 0.5 < found[3] <= 1
@@ -68,3 +71,31 @@ def test_copies_are_lit_with_their_originals(associated: Session) -> None:
     assert after is not None
     assert len(after) == len(scene) > len(before)
     assert np.array_equal(after, before[scene.source])
+
+
+def test_a_view_that_cannot_be_read_is_tried_once(associated: Session) -> None:
+    session = associated
+    decision = session.decisions(3)[-1]
+    assert session.project is not None
+    assert session.project.folder is not None
+    (folder,) = session.project.folder.mask_folders.values()
+    for path in folder.glob(f"**/{decision.view}*"):
+        path.write_bytes(b"no picture")
+    end = time.monotonic() + 30
+    while (found := mask_splats.overlaps(session, decision)) is None and time.monotonic() < end:
+        session.jobs.poll()
+        time.sleep(0.01)
+    assert found == {}
+    assert mask_splats.tint(session, decision) is None
+    assert session.jobs.quiet is None, "it fails again in every frame"
+
+
+def test_masks_that_were_made_again_are_read_again(associated: Session) -> None:
+    session, document = associated, associated.need()
+    decision = _mask(session)
+    kept = association_repair.evidence_of(session, document)
+    assert mask_splats.found(session, decision) is not None
+    assert masks.choose(session, session.provider)  # as a job that has made masks does
+    assert association_repair.evidence_of(session, document) is not kept
+    assert mask_splats.found(session, decision) is None  # until its view is read again
+    assert mask_splats.overlaps(session, _mask(session))

@@ -5,6 +5,7 @@ While the association runs it shows the view of the moment and what becomes of i
 
 from collections.abc import Sequence
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
@@ -91,7 +92,7 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     if splats is None or shares is None:
         widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
         return
-    n_splats = f"{int(splats.of(view.has_mask_gate).sum()):,} splats"
+    n_splats = f"{np.count_nonzero(splats.of(view.has_mask_gate)):,} splats"
     widgets.next_to(n_splats)
     imgui.align_text_to_frame_padding()
     widgets.dim(n_splats)

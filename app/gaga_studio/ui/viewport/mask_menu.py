@@ -99,8 +99,7 @@ def _objects(
     if state.overlaps[0] != key:
         found = mask_splats.overlaps(session, decision)
         if found is not None:
-            found.pop(0, None)  # no object
-            state.overlaps = (key, found)
+            state.overlaps = (key, {group: share for group, share in found.items() if group})
     is_known = state.overlaps[0] == key
     shares = dict(state.overlaps[1]) if is_known else {}
     if not is_known and decision.runner_up:
