@@ -250,6 +250,10 @@ class Session:
     def _forget(self) -> None:
         if self.document is not None:
             saving.release(self.document.lock)
+            if self.document.timeline.is_open:
+                self.view.mode = self.document.timeline.former_mode
+        # What a notice offers is about the scene that it was made for.
+        self.notices = tuple(notice for notice in self.notices if not notice.command)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self.view.ground = self.view.measured = ()

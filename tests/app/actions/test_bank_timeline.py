@@ -83,3 +83,10 @@ def test_a_replay_ends_with_its_bank_and_survives_copies(associated: Session) ->
     session.scene.bank = bank  # type: ignore[union-attr]
     assert run("view.timeline", session)  # at once: the growth is known
     assert bank_timeline.timeline_of(session).is_open
+
+
+def test_a_replay_ends_with_its_scene(associated: Session) -> None:
+    session = _opened(associated)
+    session.take(session.need().project)
+    assert not bank_timeline.timeline_of(session).is_open
+    assert session.view.mode is Mode.COLOR

@@ -108,3 +108,15 @@ def test_a_project_saved_before_files_were_read_this_way_opens_as_it_was(
         np.testing.assert_allclose(_opened(older, where), as_now * [1, -1, -1], atol=1e-6)
         save_project(older.need().project)
     assert json.loads(note.read_text())["model"]["axes"] == "RUB"
+
+
+def test_what_a_notice_offers_goes_with_its_scene(
+    new_session: Callable[[], Session], silent: Path, tmp_path: Path
+) -> None:
+    session = new_session()
+    _opened(session, silent)
+    assert any(notice.command for notice in session.notices)
+    path = tmp_path / "next.ply"
+    write_splats(path, random_gaussians(60, seed=5), SplatFormat.PLY)
+    _opened(session, path)
+    assert not any(notice.command for notice in session.notices), "it would turn the other scene"
