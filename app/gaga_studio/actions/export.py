@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.errors import GagaError
+from gaga_core.io.files import explain_os_error
 from gaga_core.io.splat_files import SplatFormat, form_of
 from gaga_core.scene.export import (
     export_losses,
@@ -43,7 +45,10 @@ class ExportSummary:
 @notifies
 def start(session: Session, plan: ExportPlan) -> bool:
     """Write it, as a job; a folder that is not there yet is made."""
-    plan.path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        plan.path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, plan.path.parent)) from error
     cleanup.export(session, plan.what, plan.path, form=plan.form, options=plan.options)
     return True
 

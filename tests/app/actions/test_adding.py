@@ -64,6 +64,13 @@ def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -
     assert 0 < export.summary(session, inside).n_splats < told.n_splats
 
 
+def test_an_export_into_what_is_no_folder_is_told(session: Session, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file", encoding="utf-8")
+    assert not export.start(session, ExportPlan(tmp_path / "taken" / "out.ply"))
+    assert str(tmp_path / "taken") in session.notices[-1].text
+    assert session.jobs.running is None
+
+
 def test_exports_of_our_own_scene_go_where_they_are_found(
     session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
