@@ -169,7 +169,19 @@ def associate_other(session: Session) -> bool:
 
     config = session.find_options.association(preset)
     stage = stages.associate_project_stage(document.settled(), session.masks, config)
-    return session.jobs.start(f"Associate with {preset}", stage, on_done=done)
+    return session.jobs.start(_job_title(preset), stage, on_done=done)
+
+
+def missing_text(session: Session) -> str:
+    """Say why the groups of the other preset are not shown, while they are not known."""
+    preset, running = other_preset(session), session.jobs.running
+    if running is not None and running.title == _job_title(preset):
+        return f"The groups of the preset {preset} are on the way"
+    return f"Groups of {preset} not known: close this split, open it again"
+
+
+def _job_title(preset: str) -> str:
+    return f"Associate with {preset}"
 
 
 def _renamed(labels: IntArray, scene: Scene) -> IntArray:

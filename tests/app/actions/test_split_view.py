@@ -67,6 +67,7 @@ def test_the_other_preset_keeps_the_ids_of_what_is_alike(associated: Session) ->
     assert split_view.other_preset(session) == "robust"
     assert run("camera.split_preset", session)
     assert split_view.left_drawn(session, session.view) is None  # on its way
+    assert "on the way" in split_view.missing_text(session)
     assert session.jobs.wait()
     found = split_view.left_drawn(session, session.view)
     assert found is not None, session.notices
@@ -77,6 +78,14 @@ def test_the_other_preset_keeps_the_ids_of_what_is_alike(associated: Session) ->
     both = (other > 0) & (labels > 0)
     assert (other[both] == labels[both]).mean() > 0.9
     assert len(other) == len(scene)
+
+
+def test_a_cancelled_association_is_not_on_the_way(associated: Session) -> None:
+    assert run("camera.split_preset", associated)
+    associated.jobs.cancel()
+    assert associated.jobs.wait()
+    assert split_view.other_labels(associated) is None
+    assert "open it again" in split_view.missing_text(associated)
 
 
 def test_errors_are_where_groups_differ_from_the_truth(associated: Session) -> None:

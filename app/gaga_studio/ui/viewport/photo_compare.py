@@ -109,7 +109,7 @@ def _sides(
             texture = imgui.ImTextureRef(drawn)
             imgui.get_window_draw_list().add_image(texture, corner, end, ImVec2(0, 1), ImVec2(1, 0))
         elif low == whole.x and side is Side.PRESET:
-            sentence = f"The groups of the preset {split_view.other_preset(session)} are on the way"
+            sentence = split_view.missing_text(session)
         imgui.pop_clip_rect()
     return sentence
 
