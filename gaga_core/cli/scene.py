@@ -217,7 +217,7 @@ class EvaluateCommand:
         """Print IoU, precision and recall, with void as a class and without."""
         if self.protocol == "lerf-mask":
             return self._lerf_mask()
-        from gaga_core.evaluate.metrics import evaluate
+        from gaga_core.evaluate.metrics import VOID_LEFT_OUT, evaluate
         from gaga_core.io.scene_folder import open_scene_folder
 
         views = None
@@ -228,6 +228,7 @@ class EvaluateCommand:
         if report.missing:
             out.say(f"{len(report.missing)} predictions are missing and count as 0.")
         out.scores(report, as_json=self.json)
+        out.say(VOID_LEFT_OUT)
         return 0
 
     def _lerf_mask(self) -> int:

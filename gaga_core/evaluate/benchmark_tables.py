@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from gaga_core.evaluate.metrics import Score
+from gaga_core.evaluate.metrics import VOID_LEFT_OUT, Score
 from gaga_core.evaluate.protocol import Conditions, absent_scenes, departures, sentences
 from gaga_core.evaluate.published import (
     INSTANCE,
@@ -24,6 +24,9 @@ class PromptScores:
     miou: float
     mean_boundary_iou: float
     by_prompt: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+_VOID_COUNTS = "Counted: void is a label, and every id is a prediction (the published code)."
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class BenchmarkRun:
 
     @property
     def headline(self) -> float:
-        """The data set's IoU in 0..1, with void where the published code counts it."""
+        """The data set's IoU in 0..1, with void where the published code counts it; 0 where nothing
+        is scored."""
         if self.scores is None:
             return 0.0
         if isinstance(self.scores, PromptScores):
@@ -103,7 +107,11 @@ class BenchmarkReport:
     def to_json(self) -> dict[str, object]:
         """Plain values; scores in 0..1, published figures in percent."""
         values = asdict(self)
-        values["means"] = {str(share): self._mean_headline(share) for share in self._shares()}
+        values["means"] = {
+            str(share): self._mean_of(scored, share)
+            for share in self._shares()
+            if (scored := self._scored(share))
+        }
         values["tables"] = [table.table() for table in self.tables()]
         values["made"] = self.made()
         values["departures"] = self.departures()
@@ -203,7 +211,7 @@ class BenchmarkReport:
         for p in () if self.departures() else INSTANCE.get(self.dataset, ()):
             title = f"published ({p.table}): {p.method}, {p.masks}"
             rows.append([title, *_hundredths(p.values), "", "", ""])
-        return _table(rows)
+        return replace(_table(rows), notes=(_VOID_COUNTS,))
 
     def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """The same without pixels of true label 0."""
@@ -214,7 +222,7 @@ class BenchmarkReport:
         if values:
             mean = np.mean(values, axis=0).tolist()
             rows.append([self._mean_title(len(values)), *_hundredths(mean)])
-        return _table(rows)
+        return replace(_table(rows), notes=(VOID_LEFT_OUT,))
 
     def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
@@ -264,7 +272,8 @@ class BenchmarkReport:
             heads += [f"published, {masks}", "drop"]
         rows = []
         for share in self._shares():
-            both = [s for s in self.scenes if s.run(share) is not None and s.run(1.0) is not None]
+            whole_too = self._scored(1.0)
+            both = [scene for scene in self._scored(share) if scene in whole_too]
             iou, whole = self._mean_of(both, share), self._mean_of(both, 1.0)
             row = [f"{share:.0%}", str(len(both)), f"{100 * iou:.2f}", _drop(whole, iou, share)]
             for figures in published.values():
@@ -274,14 +283,17 @@ class BenchmarkReport:
                 else:
                     row += [f"{theirs:.2f}", _drop(figures[1.0], theirs, share)]
             rows.append(row)
-        return replace(_table([heads, *rows]), notes=(self.sparse_splats,))
+        counted = () if self.protocol in ("lerf-mask", "3d-ovs") else (_VOID_COUNTS,)
+        return replace(_table([heads, *rows]), notes=(*counted, self.sparse_splats))
 
     def _shares(self) -> list[float]:
         found = {run.share for scene in self.scenes for run in scene.runs}
         return sorted(found, reverse=True)
 
-    def _mean_headline(self, share: float) -> float:
-        return self._mean_of([s for s in self.scenes if s.run(share) is not None], share)
+    def _scored(self, share: float) -> list[SceneResult]:
+        """The scenes that have scores of a run with this share of the train views."""
+        runs = [(scene, scene.run(share)) for scene in self.scenes]
+        return [scene for scene, run in runs if run is not None and run.scores is not None]
 
     @staticmethod
     def _mean_of(scenes: Sequence[SceneResult], share: float) -> float:

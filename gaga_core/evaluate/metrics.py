@@ -27,6 +27,10 @@ from gaga_core.progress import Progress, Stage, run_stage
 
 HIT = 0.5  # IoU above which a paired label counts as found
 SMALLEST = 0.0002  # share of a picture of the smallest mask that model providers keep (`min_area`)
+VOID_LEFT_OUT = (
+    "Counted with void left out: an id that found nothing, and lies mostly on void or is smaller "
+    f"than {100 * SMALLEST:g} % of every picture, is no prediction."
+)
 UNANSWERED = -1  # predicted "label" of a whole missing map: pairs with nothing, not even void
 _LARGEST_TABLE = 1 << 22  # ids up to here are counted by table
 

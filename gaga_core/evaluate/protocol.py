@@ -4,12 +4,14 @@ A figure next to a published one says that both were measured the same way. Wher
 `departures` names it, and the tables print the published figures apart.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gaga_core.evaluate.published import PROTOCOLS
 from gaga_core.io.datasets.catalog import DATASETS
 
+MADE_ELSEWHERE = "made elsewhere"  # in the place of a model: masks without a record of it
 PUBLISHED_RULE = "boxes of a detector, masks of SAM in them"  # how prompts were answered
 
 
@@ -36,11 +38,23 @@ def departures(dataset: str, scene: str, of: Conditions) -> tuple[str, ...]:
         found.append(f"split of {scene}: {of.split}")
     if of.truth not in published.truths:
         found.append(f"truth of {scene}: {of.truth}, not {' or '.join(published.truths)}")
-    if of.masks and not any(word in of.masks.lower() for word in published.masks):
+    if of.masks and not _are_of(published.masks, of.masks):
         found.append(f"masks of {scene}: {of.masks}, not SAM's or EntitySeg's")
     if published.queries and of.queries and not of.queries.startswith(PUBLISHED_RULE):
         found.append(f"queries: {of.queries}, not {PUBLISHED_RULE}")
     return tuple(found)
+
+
+def _are_of(segmenters: Sequence[str], masks: str) -> bool:
+    """Whether one of ``segmenters`` made ``masks``, "folder (model)", as far as that is said.
+
+    Where the model is not known, the name of the folder decides. A name counts as a whole word, and
+    SAM 2, SAM 3 and SAM-HQ are other models than SAM.
+    """
+    folder, _, model = masks.removesuffix(")").partition(" (")
+    name = folder if model in ("", MADE_ELSEWHERE) else model
+    words = "|".join(map(re.escape, segmenters))
+    return bool(re.search(rf"(?i)(?<![a-z0-9])({words})(?![a-z0-9]|[ _-]*(hq|\d))", name))
 
 
 def absent_scenes(dataset: str, scenes: Sequence[str]) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ class PublishedProtocol:
 
     truths: tuple[str, ...]  # names of the truth (`io.datasets`)
     splits: tuple[str, ...]  # rules of the split (`io.splits`)
-    masks: tuple[str, ...] = ("sam", "entityseg")  # words in the names of the mask folders
+    masks: tuple[str, ...] = ("sam", "entityseg")  # who made the masks
     queries: bool = False  # prompts are answered by boxes of a detector, and masks of SAM in them
 
 

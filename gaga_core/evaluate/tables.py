@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from gaga_core.evaluate.metrics import Score
+from gaga_core.evaluate.metrics import VOID_LEFT_OUT, Score
 from gaga_core.evaluate.published import ABLATION, THRESHOLD_MIOU, THRESHOLD_TABLE
 from gaga_core.evaluate.sparse import iou_drop
 
@@ -102,12 +102,13 @@ class VariantTable:
         return [[row[column] for column in kept] for row in result]
 
     def notes(self) -> list[str]:
-        """What the column "published" means here, in sentences; none where there is none."""
+        """How predictions are counted, and what the column "published" means where there is one."""
         variants = [variant for variant, share in self._keys() if share == 1.0]
-        found = []
+        found = [VOID_LEFT_OUT, "Columns with void: it is a label, and every id is a prediction."]
         if any(published_text(v) and not _miou_at(v) for v in variants):
             found.append(
-                "Published: IoU/P/R of the paper's ablation on Replica, with SAM, void as a label."
+                "Published: IoU/P/R of the paper's ablation on Replica, void as a label; masks of "
+                "SAM, of SAM 2 for its tracks."
             )
         if any(_miou_at(v) for v in variants):
             found.append("Published at thresholds: mIoU of figurines/ramen/teatime (LERF-Mask).")

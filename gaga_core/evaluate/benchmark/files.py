@@ -10,6 +10,7 @@ import msgspec
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
+from gaga_core.evaluate.protocol import MADE_ELSEWHERE
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.masks import RECORD, MaskRecord
@@ -39,7 +40,7 @@ def made_by(masks: Path) -> str:
         record = read_foreign_json(masks / RECORD, MaskRecord)
     except GagaError:
         record = MaskRecord()
-    return f"{masks.name} ({record.model or 'made elsewhere'})"
+    return f"{masks.name} ({record.model or MADE_ELSEWHERE})"
 
 
 def write_runs(

@@ -18,7 +18,7 @@ from gaga_core.evaluate.benchmark.prompts import Answers, FindConfig, Question
 from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
 from gaga_core.evaluate.benchmark.splats import trained_splats
 from gaga_core.evaluate.benchmark_tables import BenchmarkReport, InstanceScores, PromptScores
-from gaga_core.evaluate.protocol import PUBLISHED_RULE
+from gaga_core.evaluate.protocol import PUBLISHED_RULE, departures
 from gaga_core.evaluate.published import INSTANCE
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
 from gaga_core.evaluate.sparse import sparse_views
@@ -432,6 +432,7 @@ def test_colmap_scenes_with_true_maps_are_scored_and_others_are_shown(tmp_path: 
     with Image.open(root / "contact_sheet.png") as sheet:
         assert sheet.size == (3 * 400, 300)  # photo, picture and groups of the one test view
     assert (root / "film.mp4").stat().st_size > 1000
+    assert report.to_json()["means"] == {"1.0": scored.headline}
     first, *_, last = (table.table() for table in report.tables())
     assert [row[0] for row in first[1:]] == ["a", "mean of 1 of 2 scenes"]
     assert [row[0] for row in last[1:]] == ["b"]
@@ -475,7 +476,13 @@ def test_published_figures_stand_next_to_ours_only_when_measured_alike(
         "split.json": replace(usual, split="split.json"),
         "instance-filt (raw)": replace(usual, truth="instance-filt (raw)"),
         "regions": replace(usual, masks="regions"),
+        "samples": replace(usual, masks="samples (made elsewhere)"),
+        "raw_sam_mask": replace(usual, masks="raw_sam_mask (regions (no model))"),
+        "SAM 2.1": replace(usual, masks="sam (SAM 2.1 Hiera tiny)"),
+        "SAM-HQ": replace(usual, masks="sam (SAM-HQ ViT-H)"),
     }
+    for masks in ("mine (SAM ViT-H)", "raw_entityseg_mask (made elsewhere)"):
+        assert departures("replica", "office_0", replace(usual, masks=masks)) == ()
     for value, conditions in changes.items():
         other = replace(office, conditions=conditions)
         one = replace(whole, scenes=(other, *whole.scenes[1:]))
@@ -493,6 +500,7 @@ def test_every_table_says_how_it_was_made(report: BenchmarkReport) -> None:
         assert "Split: names train_* and test_* (office_0)." in said
         assert "Truth: semantic_instance." in said
         assert "Masks: raw_sam_mask (made elsewhere)." in said
+        assert "Counted" in said
         assert "Scenes: 2 of the 8 of the data set, without office_1" in said
         assert "Splats: as found" in said
     assert "splats of all training views are used" in "\n".join(report.tables()[2].notes)
