@@ -27,7 +27,7 @@ MOST_DEGREE = 3  # of SH
 _N_CODES = 256
 _CODE_ROUNDS = 12  # of Lloyd's algorithm for a table of numbers
 _PER_ROW = 64  # palette entries in a row of pixels
-_PALETTE = 65536  # entries at most: labels have 16 bits
+PALETTE = 65536  # entries at most: labels have 16 bits
 _COARSE = 256  # clusters of the first level
 _ROUNDS = 4  # of Lloyd's algorithm in each
 _CELLS = 1 << 22  # distances that are held at once
@@ -178,13 +178,13 @@ def _palette(rest: FloatArray) -> tuple[FloatArray, IntArray]:
     """
     flat = np.ascontiguousarray(rest.reshape(len(rest), -1), np.float32)
     entries, labels = np.unique(flat, axis=0, return_inverse=True)
-    if len(entries) <= _PALETTE:
+    if len(entries) <= PALETTE:
         return entries.reshape(-1, *rest.shape[1:]), labels.reshape(-1).astype(np.int32)
     rng = np.random.default_rng(0)
     coarse = _closest(_means_of(_sampled(flat), _COARSE, rng), flat)
     order = np.argsort(coarse, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(coarse, minlength=_COARSE))[:-1])
-    room = _PALETTE - _COARSE  # a cluster has one entry at least
+    room = PALETTE - _COARSE  # a cluster has one entry at least
     found: list[FloatArray] = []
     labels, n_before = np.zeros(len(flat), np.int64), 0
     for part in (part for part in parts if len(part)):

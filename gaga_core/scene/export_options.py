@@ -8,6 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.sog_writer import PALETTE
 from gaga_core.io.splat_files import SplatFormat
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
@@ -16,7 +17,9 @@ Point = tuple[float, float, float]
 _LOWEST = 0.5  # percent of the centres may lie under the ground: a few stray ones do not lift it
 _HEADER = 1500  # bytes before the splats of a file, about
 _SPZ = 0.75  # of its bytes are left when it is packed, about
-_SOG = 18.0  # bytes of a splat: WebP shrinks what is alike
+# Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
+# of a splat, and of an SH coefficient in the palette.
+_SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
 _SPLAT = 32  # bytes of a splat in a .splat
 
 
@@ -92,7 +95,8 @@ def estimated_bytes(gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: 
     if form is SplatFormat.GLB:
         return _HEADER + 4 * n * (11 + 3 + n_rest)
     if form is SplatFormat.SOG:
-        return round(_SOG * n)
+        sh = 5_500 + 1.5 * n + _SOG_SH * n_rest * min(n, PALETTE) if n_rest else 0
+        return round(_SOG_HEAD + _SOG * n + sh)
     return round(_SPZ * n * (9 + 1 + 3 + 3 + 4 + n_rest))
 
 

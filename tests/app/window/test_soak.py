@@ -192,6 +192,7 @@ def test_two_thousand_random_commands(associated: Session, gl: Any) -> None:
         memory.append(process.memory_info().rss)
     viewport.release()
     middle = len(memory) // 2  # by then every command has loaded what it needs once
-    assert max(memory[middle:]) - memory[middle - 1] < _MOST_GROWTH, [m >> 20 for m in memory]
+    growth = np.diff(memory[middle - 1 :])  # the median: a leak grows each time, a library once
+    assert np.median(growth) * len(growth) < _MOST_GROWTH, [m >> 20 for m in memory]
     assert len(walk.done) > 0.8 * len(walk.ids)
     assert viewport.n_draws > _COMMANDS / 2

@@ -171,7 +171,7 @@ def test_a_palette_is_shared_where_sh_are_many(
     kinds = rng.normal(0, 0.2, (40, 8, 3))
     chosen = rng.integers(0, 40, 4000)
     rest = (kinds[chosen] + rng.normal(0, 0.002, (4000, 8, 3))).astype(np.float32)
-    monkeypatch.setattr(sog_writer, "_PALETTE", 512)
+    monkeypatch.setattr(sog_writer, "PALETTE", 512)
     monkeypatch.setattr(sog_writer, "_COARSE", 100)
     entries, labels = sog_writer._palette(rest)
     assert 400 < len(entries) <= 512
