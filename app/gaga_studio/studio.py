@@ -71,6 +71,7 @@ class Studio:
         self._requests = request_table(self.ui)
         self.viewport: Viewport | None = None
         self.left: Viewport | None = None  # of a split view whose left side is drawn, too
+        self._shows_left = False  # in this frame
         self._view = self.session.view  # that the picture was drawn with
         self.images: ImageStore | None = None
         self._ctx: moderngl.Context | None = None
@@ -189,6 +190,7 @@ class Studio:
             self._masks = self.session.masks
             if self.images is not None:
                 self.images.clear()
+        self._shows_left = False  # it is away while the camera goes from photo to photo
         if split_view.left_drawn(self.session, self.session.view) is None:
             self._release_left()
         title = self.session.title
@@ -304,13 +306,19 @@ class Studio:
             return 0
         if self.left is None:
             self.left = Viewport(self._ctx)
+        self._shows_left = True
         scene, view, labels = found
         scale = imgui.get_io().display_framebuffer_scale.x
         return self.left.draw(
             scene,
             camera,
             view,
-            Overlays(labels=labels, pixel_scale=scale),
+            Overlays(
+                labels=labels,
+                muted=self.session.muted_colors(),
+                focused_group=self.session.focus if view.mode is Mode.MASK else 0,
+                pixel_scale=scale,
+            ),
             frame_s=_PART_S if self.left.is_software else 0.0,
             is_draft=not self._pacing.is_settled,
         )
@@ -359,7 +367,7 @@ class Studio:
 
     def _is_moving(self) -> bool:
         is_drawn = self.viewport is None or (self.viewport.settled and self._pacing.is_settled)
-        is_drawn &= self.left is None or self.left.settled
+        is_drawn &= self.left is None or not self._shows_left or self.left.settled
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
         is_driven |= bank_timeline.timeline_of(self.session).is_playing

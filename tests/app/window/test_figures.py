@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2
 from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_studio.actions import mask_splats, selection
 from gaga_studio.commands import run
-from gaga_studio.session.view_state import CentreColors, Mode
+from gaga_studio.session.view_state import CentreColors, Mode, Side
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
 
@@ -101,6 +101,11 @@ def _split(d: Driver, plain: np.ndarray) -> None:
     left = d.on_main(d.studio.left.read_pixels).astype(int)
     assert np.abs(left - plain).mean() < 2
     assert np.abs(right - plain).mean() > 5
+    assert d.on_main(d.session.muted_colors)
+    d.on_main(lambda: setattr(d.session.view, "sides", (Side.GROUPS, Side.GROUPS)))
+    d.frames(8)
+    left = d.on_main(d.studio.left.read_pixels).astype(int)
+    assert np.abs(left - right).mean() < 0.1, "groups have the same colors on both sides"
     d.on_main(lambda: selection.select_groups(d.session, (3,)))
     d.on_main(lambda: run("object.hide", d.session))
     d.on_main(lambda: run("select.none", d.session))
