@@ -109,6 +109,11 @@ class ExportCommand:
         )
         from gaga_core.scene.project import open_path_stage
 
+        moves = self.crop is not None or self.centre or self.ground or self.scale != 1.0
+        if self.what == "masks" and moves:
+            raise GagaError(
+                "Masks are those of the photos: leave --crop, --centre, --ground and --scale out."
+            )
         form = SplatFormat(self.form) if self.form else SplatFormat.PLY
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read

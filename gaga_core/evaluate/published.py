@@ -74,7 +74,7 @@ PROMPTS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 }
 
 _ABLATION = "ablation on Replica"
-# By the variant of `evaluate.compare` that is the same thing.
+# By the variant of `evaluate.compare` that is the same thing; two rows have none there.
 ABLATION: Mapping[str, PublishedScores] = {
     "lifting": PublishedScores("linear assignment", "SAM", (1.92, 1.54, 0.58), _ABLATION),
     "sam2": PublishedScores("SAM 2 tracks", "SAM 2", (11.75, 1.45, 1.43), _ABLATION),

@@ -174,6 +174,11 @@ def test_masks_are_exported_as_the_edited_scene_shows_them(
     assert "scene folder" in refusal(
         capsys, "export", lone, "--what", "masks", "--out", str(tmp_path / "n")
     )
+    for moved in (["--centre"], ["--scale", "2"]):
+        said = refusal(
+            capsys, "export", str(scene), "--what", "masks", "--out", str(tmp_path), *moved
+        )
+        assert "--centre" in said
 
 
 def test_info_counts(scene: Path, capsys: Capture) -> None:
