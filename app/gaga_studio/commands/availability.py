@@ -119,9 +119,12 @@ def not_exportable_objects(session: Session) -> str:
 
 def no_masks(session: Session) -> str:
     """Needs masks and the job runner."""
-    reason = not_saveable(session)
-    if reason or len(session.masks):
-        return reason
+    return not_saveable(session) or _no_masks(session)
+
+
+def _no_masks(session: Session) -> str:
+    if len(session.masks):
+        return ""
     return "This scene has no masks. Use Make masks, or Import masks."
 
 
@@ -169,11 +172,16 @@ def not_one_object_with_levels(session: Session) -> str:
 
 def no_bank(session: Session) -> str:
     """Needs a memory bank with masks, and the job runner."""
+    return no_shown_bank(session) or no_masks(session)
+
+
+def no_shown_bank(session: Session) -> str:
+    """Needs a memory bank with masks: enough to look at it, whatever else runs."""
     if session.scene is None:
         return no_scene(session)
     if session.scene.bank is None:
         return "Nothing is known of the masks behind these objects. Use Find objects first."
-    return no_masks(session)
+    return _no_masks(session)
 
 
 def not_replayable(session: Session) -> str:

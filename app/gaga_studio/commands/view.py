@@ -2,7 +2,7 @@
 
 from gaga_studio.actions import bank_timeline, navigation
 from gaga_studio.commands import handlers
-from gaga_studio.commands.availability import no_bank, no_photos, no_scene, not_replayable
+from gaga_studio.commands.availability import no_photos, no_scene, no_shown_bank, not_replayable
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
 
@@ -63,9 +63,11 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         "view.lights_masks",
         "Light up the splats of the chosen mask",
         "lights_masks",
-        enabled=no_bank,
+        enabled=no_shown_bank,
     ),
-    switch("view.mask_gate", "Depth gate of the chosen mask", "has_mask_gate", enabled=no_bank),
+    switch(
+        "view.mask_gate", "Depth gate of the chosen mask", "has_mask_gate", enabled=no_shown_bank
+    ),
     Command(
         "view.timeline",
         "Replay the memory bank",

@@ -189,6 +189,15 @@ def _endless(session: Session) -> None:
     session.jobs.start("Film out.mp4", stage())
 
 
+def test_a_mask_is_lit_while_a_job_runs(associated: Session) -> None:
+    _endless(associated)
+    assert command("object.quality").enabled(associated) == "Film out.mp4 is still running."
+    for name in ("view.lights_masks", "view.mask_gate"):
+        assert not command(name).enabled(associated)
+    associated.close()
+    assert all(command(f"view.{x}").enabled(associated) for x in ("lights_masks", "mask_gate"))
+
+
 def test_saving_works_while_a_job_runs(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
