@@ -25,6 +25,8 @@ def open_image(path: Path) -> Image.Image:
         if error.errno is None:  # pillow's word for a truncated file
             raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
         raise GagaError(explain_os_error(error, path)) from error
+    except MemoryError as error:  # a part of the file says that it has gigabytes
+        raise GagaError(f"{path} is damaged, or too large for this machine.") from error
     except (ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
 

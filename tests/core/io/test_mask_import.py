@@ -191,6 +191,14 @@ def test_what_is_no_masks_is_refused_in_one_sentence(tmp_path: Path) -> None:
         ),
         ([{"segmentation": [[1, 2, 3, 4, 5, 6]]}], "height and width"),
         ([{"segmentation": _EMPTY, "score": 10**400}], "a score that is no number"),
+        ([{"segmentation": {"size": [True, W], "counts": [W]}}], "expected int, got bool"),
+        (
+            {
+                "image": {"height": H, "width": W},
+                "annotations": [{"segmentation": [[1, 2, 3, 4, 5, 10**400]]}],
+            },
+            "no list of numbers",
+        ),
         ({"images": [{"id": 1}], "annotations": []}, "an id and a file_name"),
         ({"images": [], "annotations": [{"image_id": 3, "segmentation": []}]}, "unknown image"),
     ):
