@@ -67,7 +67,7 @@ def read_arrays(
 ) -> dict[str, AnyArray]:
     """The arrays of an ``.npz`` by name, or only those of ``names``; never unpickles.
 
-    Of ``optional`` those that are there come besides ``names``.
+    Those of ``optional`` that are there come, too.
     Sizes that the headers announce are compared with those of the archive before memory is taken.
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
     """

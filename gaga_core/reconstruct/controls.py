@@ -1,6 +1,6 @@
 """Options that messages advise: what they are called in the command and in the window.
 
-The window's names are those of its sheet "Make splats" (Settings beside the offer).
+The window's names are those of its sheet "Make splats" (Settings next to the offer).
 """
 
 IN_WINDOW = {

@@ -58,7 +58,7 @@ class BenchmarkConfig:
     preset: str = "robust"  # of the association
     lift: Lift | None = None  # None = as the preset says: paper of the paper, vote of robust
     masks: str | None = None  # name of the mask folder in every scene; None = the only one
-    shares: tuple[float, ...] = ()  # of the train views, besides all of them
+    shares: tuple[float, ...] = ()  # of the train views, in addition to all of them
     seed: int = 0  # of the choice of those views
     find: FindConfig = field(default_factory=FindConfig)  # who answers text prompts
     pred: Path | None = None  # predictions <scene>/...: they are scored, nothing is run
@@ -268,7 +268,7 @@ def _words_of(find: FindConfig) -> dict[str, str]:
 
 
 def _check(scene: DatasetScene, config: BenchmarkConfig) -> None:
-    """``GagaError`` when nothing can be scored; what is missing besides becomes a note."""
+    """``GagaError`` when nothing can be scored; what else is missing becomes a note."""
     folder = scene.folder
     scored = any(name in scene.truth for name in folder.test) or not scene.truth_from
     hopeless = config.pred is None and not folder.train

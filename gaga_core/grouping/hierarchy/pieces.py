@@ -16,7 +16,7 @@ _EDGES = 10  # nearest samples that a sample has edges to
 _AROUND = 16  # ... that are its surroundings
 _FAR = 3.0  # an edge is at most so many times longer than the spacing around either end
 _TURN, _PARTED = 3.0, 2.0  # cost of an edge that turns by 90 degrees, that all views part ...
-_ALONG = 0.3  # ... beside that of its length
+_ALONG = 0.3  # ... next to that of its length
 _SLICE = 1 << 16  # edges compared at once
 
 

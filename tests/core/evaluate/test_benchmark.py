@@ -468,8 +468,8 @@ def test_published_figures_stand_next_to_ours_only_when_measured_alike(
     whole = replace(report, scenes=tuple(replace(office, scene=name) for name in names))
     assert whole.departures() == []
     title = "published (comparison on Replica): Gaga, SAM"
-    beside = [row[0] for row in whole.tables()[0].table()]
-    assert title in beside
+    first = [row[0] for row in whole.tables()[0].table()]
+    assert title in first
     assert "published, SAM" in whole.tables()[-1].table()[0]
     usual = office.conditions
     changes = {

@@ -1,4 +1,4 @@
-"""Who is trained on and who is tested: one answer, whoever asks."""
+"""Which views are trained on and which are tested: the same for every command and the window."""
 
 import json
 from pathlib import Path

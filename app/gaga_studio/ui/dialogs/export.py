@@ -105,7 +105,7 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     imgui.begin_child("Choices", ImVec2(0, body_height(em(22))))
     _what_and_form(session, sheet)
     _options(session, sheet)
-    _place(session, sheet, files)
+    _place(sheet, files)
     summary = export.summary(session, _plan(sheet))
     _says(sheet, summary)
     imgui.end_child()
@@ -213,7 +213,7 @@ def _point(values: "list[float]") -> Point:
     return float(x), float(y), float(z)
 
 
-def _place(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
+def _place(sheet: ExportSheet, files: FilePicker) -> None:
     is_folder = sheet.what == "objects"
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
@@ -226,7 +226,6 @@ def _place(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     if widgets.button("Choose a place", Face(label, width=-1), hint="Choose another place"):
         imgui.close_current_popup()
         _ask(sheet, files)
-    del session
 
 
 def _ask(sheet: ExportSheet, files: FilePicker) -> None:
