@@ -1,0 +1,110 @@
+"""Several splats become one with the same moments: the step of decimation and of level of detail.
+
+The weights are those of Kerbl 2024 (A Hierarchical 3D Gaussian Representation, section 4.1): a
+splat counts by its opacity times the surface of its ellipsoid, and the merged one is as opaque as
+its surface leaves room for.
+"""
+
+from types import MappingProxyType
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, check_shape
+from gaga_core.gaussians import Gaussians
+from gaga_core.kernels import run_chunks
+
+_CHUNK = 1 << 13  # runs that one thread takes at once
+
+
+def merge_splats(gaussians: Gaussians, parents: IntArray | LongArray) -> Gaussians:
+    """One splat for each value of ``parents`` (N,), in ascending order of these values (P,).
+
+    See `merge_runs`.
+    """
+    check_shape("parents", parents, (len(gaussians),))
+    order = np.argsort(parents, kind="stable")
+    ordered = parents[order]
+    starts = np.flatnonzero(np.r_[len(order) > 0, ordered[1:] != ordered[:-1]])
+    return merge_runs(gaussians, starts, order)
+
+
+def merge_runs(
+    gaussians: Gaussians,
+    starts: LongArray,  # (P,) ascending, the first is 0
+    order: LongArray | None = None,  # (N,) rows, run after run; None: as they lie
+) -> Gaussians:
+    """One splat (P in all) for each run of rows, with the moments of its splats.
+
+    Mean, covariance and SH are averages by weight (opacity times surface); the opacity keeps the
+    summed weight, up to 1. Extra columns of floats are averaged too; of others the heaviest splat's
+    value is taken. A run of one row keeps its exact bits. Memory: the result and a few bytes a row.
+    """
+    n, n_runs = len(gaussians), len(starts)
+    order = np.arange(n) if order is None else np.ascontiguousarray(order, np.int64)
+    ends = np.r_[starts, n].astype(np.int64)
+    if n_runs and (ends[0] != 0 or not (np.diff(ends) > 0).all()):
+        raise ValueError("starts: expected ascending rows from 0 on")
+    # Imported when first needed: importing numba takes a large part of the launch time.
+    from gaga_core.raster.cpu.prepare import for_kernel
+    from gaga_core.scene.merge_splats_kernels import merge_rows
+
+    averaged = [k for k, column in gaussians.extra.items() if column.dtype == np.float32]
+    columns = _stacked([gaussians.extra[name] for name in averaged], n)
+    out = Gaussians(
+        means=np.empty((n_runs, 3), np.float32),
+        quats=np.empty((n_runs, 4), np.float32),
+        log_scales=np.empty((n_runs, 3), np.float32),
+        logit_opacities=np.empty(n_runs, np.float32),
+        sh=np.empty((n_runs, *gaussians.sh.shape[1:]), np.float32),
+        comments=gaussians.comments,
+    )
+    merged = np.empty((n_runs, len(averaged)), np.float32)
+    heaviest = np.empty(n_runs, np.int64)
+    means = for_kernel(gaussians.means, np.float32)
+    quats = for_kernel(gaussians.quats, np.float32)
+    log_scales = for_kernel(gaussians.log_scales, np.float32)
+    logits = for_kernel(gaussians.logit_opacities, np.float32)
+    sh = for_kernel(gaussians.sh, np.float32)
+
+    def work(first: int, last: int) -> None:
+        merge_rows(
+            means,
+            quats,
+            log_scales,
+            logits,
+            sh,
+            columns,
+            order,
+            ends,
+            out.means,
+            out.quats,
+            out.log_scales,
+            out.logit_opacities,
+            out.sh,
+            merged,
+            heaviest,
+            first,
+            last,
+        )
+
+    run_chunks(work, n_runs, _CHUNK)
+    extra: dict[str, AnyArray] = {
+        name: merged[:, averaged.index(name)].copy() if name in averaged else column[heaviest]
+        for name, column in gaussians.extra.items()
+    }
+    return Gaussians(
+        out.means,
+        out.quats,
+        out.log_scales,
+        out.logit_opacities,
+        out.sh,
+        MappingProxyType(extra),
+        out.comments,
+    )
+
+
+def _stacked(columns: "list[AnyArray]", n: int) -> FloatArray:
+    """Columns (N, E) next to each other for the kernel."""
+    if not columns:
+        return np.empty((n, 0), np.float32)
+    return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)

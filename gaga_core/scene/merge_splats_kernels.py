@@ -1,0 +1,202 @@
+"""Moments of runs of splats, and the splat that has them."""
+
+import math
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, LongArray
+from gaga_core.kernels import kernel
+
+_SWEEPS = 12  # of Jacobi rotations; 5 to 7 are enough for 3 x 3
+_TINY = 1e-300
+_MOST_OPACITY = 1 - 1e-6  # where the logit ends
+
+
+@kernel
+def _eigen(c: DoubleArray, axes: DoubleArray) -> None:
+    """Diagonalise the symmetric ``c`` (3, 3) in place; its eigenvectors become columns of ``axes``
+    (Jacobi's method: no differences of squares, so thin splats stay thin)."""
+    for i in range(3):
+        for j in range(3):
+            axes[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_SWEEPS):
+        off = abs(c[0, 1]) + abs(c[0, 2]) + abs(c[1, 2])
+        if not off > 1e-18 * (abs(c[0, 0]) + abs(c[1, 1]) + abs(c[2, 2])):
+            return
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if c[p, q] == 0.0:
+                    continue
+                theta = (c[q, q] - c[p, p]) / (2.0 * c[p, q])
+                if abs(theta) > 1e150:
+                    t = 0.5 / theta
+                else:
+                    t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
+                    if theta < 0.0:
+                        t = -t
+                cosine = 1.0 / math.sqrt(t * t + 1.0)
+                sine = t * cosine
+                h = t * c[p, q]
+                c[p, p] -= h
+                c[q, q] += h
+                c[p, q] = 0.0
+                c[q, p] = 0.0
+                r = 3 - p - q
+                a, b = c[r, p], c[r, q]
+                c[r, p] = cosine * a - sine * b
+                c[p, r] = c[r, p]
+                c[r, q] = sine * a + cosine * b
+                c[q, r] = c[r, q]
+                for i in range(3):
+                    a, b = axes[i, p], axes[i, q]
+                    axes[i, p] = cosine * a - sine * b
+                    axes[i, q] = sine * a + cosine * b
+
+
+@kernel
+def _turn_of(quat: FloatArray, turn: DoubleArray) -> None:
+    """The rotation (3, 3) of a quaternion (4,) wxyz of any length; none of one without length."""
+    w, x, y, z = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    norm = w * w + x * x + y * y + z * z
+    s = 2.0 / norm if norm > 0.0 else 0.0
+    turn[0, 0] = 1 - s * (y * y + z * z)
+    turn[0, 1] = s * (x * y - w * z)
+    turn[0, 2] = s * (x * z + w * y)
+    turn[1, 0] = s * (x * y + w * z)
+    turn[1, 1] = 1 - s * (x * x + z * z)
+    turn[1, 2] = s * (y * z - w * x)
+    turn[2, 0] = s * (x * z - w * y)
+    turn[2, 1] = s * (y * z + w * x)
+    turn[2, 2] = 1 - s * (x * x + y * y)
+
+
+@kernel
+def _quat_of(m: DoubleArray, quat: FloatArray) -> None:
+    """The quaternion (4,) wxyz, w >= 0, of the columns of ``m`` (3, 3), which may be a mirror."""
+    det = (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+    if det < 0.0:
+        for i in range(3):
+            m[i, 2] = -m[i, 2]
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    if trace >= max(m[0, 0], m[1, 1], m[2, 2]):
+        w, x, y, z = 1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    elif m[0, 0] >= m[1, 1] and m[0, 0] >= m[2, 2]:
+        w, x = m[2, 1] - m[1, 2], 1 + 2 * m[0, 0] - trace
+        y, z = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]
+    elif m[1, 1] >= m[2, 2]:
+        w, x = m[0, 2] - m[2, 0], m[0, 1] + m[1, 0]
+        y, z = 1 + 2 * m[1, 1] - trace, m[1, 2] + m[2, 1]
+    else:
+        w, x = m[1, 0] - m[0, 1], m[0, 2] + m[2, 0]
+        y, z = m[1, 2] + m[2, 1], 1 + 2 * m[2, 2] - trace
+    s = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+    if w < 0.0:
+        s = -s
+    quat[0], quat[1], quat[2], quat[3] = s * w, s * x, s * y, s * z
+
+
+@kernel
+def _face(a: float, b: float, c: float) -> float:
+    """What an ellipsoid of these half axes covers, of all directions, up to a constant factor."""
+    return a * b + b * c + c * a + _TINY
+
+
+@kernel
+def merge_rows(
+    means: FloatArray,  # (N, 3)
+    quats: FloatArray,  # (N, 4)
+    log_scales: FloatArray,  # (N, 3)
+    logits: FloatArray,  # (N,)
+    sh: FloatArray,  # (N, S, 3)
+    columns: FloatArray,  # (N, E) averaged like a color
+    order: LongArray,  # (N,) rows, run after run
+    starts: LongArray,  # (P + 1,) of the runs in ``order``
+    out_means: FloatArray,  # (P, 3)
+    out_quats: FloatArray,  # (P, 4)
+    out_log_scales: FloatArray,  # (P, 3)
+    out_logits: FloatArray,  # (P,)
+    out_sh: FloatArray,  # (P, S, 3)
+    out_columns: FloatArray,  # (P, E)
+    heaviest: LongArray,  # (P,) out: the row that covers most
+    first: int,
+    last: int,
+) -> None:
+    """Merge the runs ``first`` to ``last``; a run of one row keeps its bits."""
+    n_sh, n_columns = sh.shape[1], columns.shape[1]
+    turn, cov, axes = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    mean, size, d = np.empty(3), np.empty(3), np.empty(3)
+    color, other = np.empty((n_sh, 3)), np.empty(n_columns)
+    longest = 0
+    for k in range(first, last):
+        longest = max(longest, starts[k + 1] - starts[k])
+    weights = np.empty(longest)
+    for k in range(first, last):
+        lo, n = starts[k], starts[k + 1] - starts[k]
+        top = order[lo]
+        heaviest[k] = top
+        if n == 1:
+            out_means[k], out_quats[k] = means[top], quats[top]
+            out_log_scales[k], out_logits[k] = log_scales[top], logits[top]
+            out_sh[k], out_columns[k] = sh[top], columns[top]
+            continue
+        unit = (
+            -np.inf
+        )  # log of the length in which this run is measured: nothing over- or underflows
+        for m in range(n):
+            i = order[lo + m]
+            unit = max(unit, np.float64(max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2])))
+        total, most = 0.0, -1.0
+        for m in range(n):
+            i = order[lo + m]
+            a = math.exp(log_scales[i, 0] - unit)
+            b = math.exp(log_scales[i, 1] - unit)
+            c = math.exp(log_scales[i, 2] - unit)
+            w = _face(a, b, c) / (1.0 + math.exp(-np.float64(logits[i])))
+            if w > most:
+                most, heaviest[k] = w, i
+            weights[m] = w
+            total += w
+        for a in range(3):
+            mean[a] = 0.0
+        color[:], other[:] = 0.0, 0.0
+        for m in range(n):
+            i = order[lo + m]
+            w = weights[m] / total
+            weights[m] = w
+            for a in range(3):
+                mean[a] += w * (np.float64(means[i, a]) - np.float64(means[top, a]))
+            for s in range(n_sh):
+                for a in range(3):
+                    color[s, a] += w * sh[i, s, a]
+            for s in range(n_columns):
+                other[s] += w * columns[i, s]
+        cov[:] = 0.0
+        shrink = math.exp(-unit)
+        for m in range(n):
+            i = order[lo + m]
+            w = weights[m]
+            _turn_of(quats[i], turn)
+            for a in range(3):
+                size[a] = math.exp(2.0 * (log_scales[i, a] - unit))
+                d[a] = (np.float64(means[i, a]) - np.float64(means[top, a]) - mean[a]) * shrink
+            for a in range(3):
+                for b in range(a, 3):
+                    spread = d[a] * d[b]
+                    for c in range(3):
+                        spread += turn[a, c] * size[c] * turn[b, c]
+                    cov[a, b] += w * spread
+        cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
+        _eigen(cov, axes)
+        for a in range(3):
+            size[a] = math.sqrt(max(cov[a, a], _TINY))
+            out_log_scales[k, a] = unit + math.log(size[a])
+            out_means[k, a] = np.float64(means[top, a]) + mean[a]
+        _quat_of(axes, out_quats[k])
+        opacity = min(total / _face(size[0], size[1], size[2]), _MOST_OPACITY)
+        out_logits[k] = math.log(opacity / (1.0 - opacity))
+        out_sh[k] = color
+        out_columns[k] = other
