@@ -1,0 +1,184 @@
+"""Building the tree: one pass from the opened splats up, a chunk at a time."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.kernels import run_chunks
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.lod.tree import (
+    CHUNK,
+    FAN,
+    FILE,
+    FORMAT,
+    NODE,
+    NODES,
+    ORDER,
+    LodFile,
+    LodTree,
+    first_nodes,
+    level_file,
+    level_sizes,
+    open_lod,
+    read_rows,
+    row_type,
+    union_of_children,
+)
+from gaga_core.scene.merge_splats import merge_runs
+
+STAGE = "Build level of detail"
+_REACH = 3.34  # standard deviations at which a splat ends
+_SAMPLE = 1 << 16  # splats that say how large the scene is
+_MOST_SPREAD = 90.0  # percentile of the sizes of a node's splats that is its detail
+_KEY_CHUNK = 1 << 18
+
+
+def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[LodTree]:
+    """Build the tree of ``gaussians`` in ``folder`` with progress; whole or not at all.
+
+    ``digest`` is that of the model file, by which `open_lod` knows it again. Memory: about 20 bytes
+    a splat more than the splats themselves. Raises ``GagaError`` when it cannot be written.
+    """
+    folder, sizes = Path(folder), level_sizes(len(gaussians))
+    total = sum(sizes)
+    yield Progress(STAGE, 0, total, "order")
+    order = curve_order(gaussians.means)
+    nodes: list[FloatArray] = []
+    low, high = np.inf, -np.inf
+    done = 0
+    # The model's own folder may not be there yet; the tree replaces a former one as a whole.
+    with staging_folder(folder.parent) as staging:
+        target = staging / folder.name
+        target.mkdir()
+        order.astype("<i4").tofile(target / ORDER)
+        for level, size in enumerate(sizes):
+            with (target / level_file(level)).open("wb") if level else _Nothing() as file:
+                for first in range(0, size, CHUNK):
+                    end = min(first + CHUNK, size)
+                    if level == 0:
+                        splats = _plain(gaussians, order[first:end])
+                    else:
+                        splats, rows = _merged(gaussians, order, target, level, first, end, sizes)
+                        file.write(_packed(splats, rows))
+                    nodes.append(_nodes(splats, is_merged=level > 0))
+                    finite = splats.log_scales[np.isfinite(splats.log_scales)]
+                    low = min(low, float(finite.min(initial=np.inf)))
+                    high = max(high, float(finite.max(initial=-np.inf)))
+                    done += end - first
+                    yield Progress(STAGE, done, total, f"level {level}")
+        table = np.concatenate(nodes)
+        union_of_children(table, first_nodes(sizes))
+        np.save(target / NODES, table)
+        n_sh = gaussians.sh.shape[1]
+        stored = LodFile(FORMAT, digest, sizes, n_sh, (min(low, high), max(low, high)))
+        (target / FILE).write_bytes(msgspec.json.encode(stored))
+        publish_all(staging, [folder.name], folder.parent)
+    tree = open_lod(folder, digest, len(gaussians), n_sh)
+    assert tree is not None
+    return tree
+
+
+class _Nothing:
+    """Level 0 has no file: the model is there."""
+
+    def __enter__(self) -> "_Nothing":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def write(self, _: bytes) -> int:
+        raise ValueError("level 0 is not written")
+
+
+def curve_order(means: FloatArray) -> IntArray:
+    """Rows (N,) of ``means`` (N, 3) along a Hilbert curve through the scene."""
+    # Imported when first needed: importing numba takes a large part of the launch time.
+    from gaga_core.scene.lod.curve_kernels import hilbert_keys
+
+    sample = means[:: -(-len(means) // _SAMPLE)].astype(np.float64)
+    low, middle, high = np.percentile(sample, [2, 50, 98], axis=0)
+    half = max(float((high - low).max()) / 2, 1e-12)
+    keys = np.empty(len(means), np.uint64)
+    centre = middle.astype(np.float32)
+
+    def work(start: int, stop: int) -> None:
+        hilbert_keys(means, centre, half, keys, start, stop)
+
+    run_chunks(work, len(means), _KEY_CHUNK)
+    return np.argsort(keys, kind="stable").astype(np.int32)
+
+
+def _plain(gaussians: Gaussians, rows: IntArray) -> Gaussians:
+    return Gaussians(
+        gaussians.means[rows],
+        gaussians.quats[rows],
+        gaussians.log_scales[rows],
+        gaussians.logit_opacities[rows],
+        gaussians.sh[rows],
+    )
+
+
+def _merged(
+    gaussians: Gaussians,
+    order: IntArray,
+    folder: Path,
+    level: int,
+    first: int,
+    end: int,
+    sizes: list[int],
+) -> tuple[Gaussians, IntArray]:
+    """Splats ``first`` to ``end`` of a level, from those of the level below."""
+    start, stop = first * FAN, min(end * FAN, sizes[level - 1])
+    if level == 1:
+        rows = order[start:stop]
+        below = _plain(gaussians, rows)
+    else:
+        below, rows = read_rows(folder, level - 1, start, stop, gaussians.sh.shape[1])
+    return merged_runs(below, rows)
+
+
+def merged_runs(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
+    """Every `FAN` neighbours as one splat, and of their ``rows`` that of the heaviest."""
+    named = Gaussians(
+        below.means,
+        below.quats,
+        below.log_scales,
+        below.logit_opacities,
+        below.sh,
+        {"row": rows},
+    )
+    merged = merge_runs(named, np.arange(0, len(below), FAN, dtype=np.int64))
+    return merged, merged.extra["row"]
+
+
+def _packed(splats: Gaussians, rows: IntArray) -> bytes:
+    packed = np.empty(len(splats), row_type(splats.sh.shape[1]))
+    packed["means"], packed["quats"] = splats.means, splats.quats
+    packed["log_scales"], packed["logit"] = splats.log_scales, splats.logit_opacities
+    packed["sh"], packed["row"] = splats.sh, rows
+    return packed.tobytes()
+
+
+def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:
+    """Box and detail (K, 7) of the nodes of a chunk."""
+    n = len(splats)
+    out = np.zeros((-(-n // NODE), 7), np.float32)
+    longest = np.exp(np.minimum(splats.log_scales.max(axis=1), np.float32(30)))
+    for k in range(len(out)):
+        part = slice(k * NODE, min((k + 1) * NODE, n))
+        out[k, :6] = box_of(splats.means[part], longest[part])
+        if is_merged:
+            out[k, 6] = 2 * np.percentile(longest[part], _MOST_SPREAD)
+    return out
+
+
+def box_of(means: FloatArray, longest: FloatArray) -> DoubleArray | FloatArray:
+    """Box (6,) lo, hi of splats with these largest standard deviations (K,)."""
+    reach = np.float32(_REACH) * longest[:, None]
+    box: FloatArray = np.concatenate([(means - reach).min(axis=0), (means + reach).max(axis=0)])
+    return box

@@ -1,0 +1,217 @@
+"""The tree of merged splats: levels on the disk, nodes in memory.
+
+Level 0 is the opened splats in the order of a Hilbert curve; a splat of level l stands for four
+neighbours of level l - 1 (the last one for fewer). A node is a run of `NODE` splats of a level; its
+children are the four nodes below it. Files in the folder ``lod``:
+
+    lod.json      format, digest of the model, sizes of the levels
+    order.i32     (N,) row of the model at each place of level 0
+    level-1.rows  merged splats, chunk after chunk of `CHUNK`; a row is `row_type`
+    nodes.npy     (M, 7) float32: box lo, hi and detail of each node, level after level
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from gaga_core.arrays import AnyArray, FloatArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.arrays_file import read_array
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.json_file import read_json
+
+FORMAT = 1
+FILE, ORDER, NODES = "lod.json", "order.i32", "nodes.npy"
+FOLDER = "lod"
+FAN = 4  # splats that become one, and children of a node
+NODE = 4096  # splats of a node: two lines of a data texture
+CHUNK = 65536  # splats that are merged, written and read at once
+CURE = "Build the level of detail again."
+
+_Count = Annotated[int, msgspec.Meta(ge=1, lt=1 << 31)]
+
+
+class LodFile(msgspec.Struct, frozen=True):
+    """Content of lod.json."""
+
+    format: int
+    digest: str
+    sizes: list[_Count]  # splats of each level, the opened ones first
+    sh: Annotated[int, msgspec.Meta(ge=1, le=25)]  # coefficients
+    log_scales: tuple[float, float]  # smallest and largest of all levels
+
+
+def row_type(n_sh: int) -> np.dtype[np.void]:
+    """Layout of a merged splat in a file: raw parameters, and the row that counts most in it."""
+    return np.dtype(
+        [
+            ("means", "<f4", 3),
+            ("quats", "<f4", 4),
+            ("log_scales", "<f4", 3),
+            ("logit", "<f4"),
+            ("sh", "<f4", (n_sh, 3)),
+            ("row", "<i4"),
+        ]
+    )
+
+
+def level_sizes(n: int) -> list[int]:
+    """Splats of each level of a tree over ``n``: a quarter of the one below, down to one node."""
+    sizes = [n]
+    while sizes[-1] > NODE:
+        sizes.append(-(-sizes[-1] // FAN))
+    return sizes
+
+
+def first_nodes(sizes: Sequence[int]) -> IntArray:
+    """Number of the first node of each level, and of all nodes (L + 1,)."""
+    return np.cumsum([0, *(-(-size // NODE) for size in sizes)]).astype(np.int32)
+
+
+def union_of_children(boxes: FloatArray, firsts: IntArray) -> None:
+    """Let the box (M, 6 or more) of every node, in place, hold those of its children."""
+    for level in range(len(firsts) - 2):
+        first, last = firsts[level], firsts[level + 1]
+        parents = last + np.arange(last - first) // FAN
+        np.minimum.at(boxes[:, :3], parents, boxes[first:last, :3])
+        np.maximum.at(boxes[:, 3:6], parents, boxes[first:last, 3:6])
+
+
+@dataclass(frozen=True, eq=False)
+class LodTree:
+    """A tree that is on the disk. Rows are read when asked for; they are never mapped: a mapped
+    file that another program truncates would end the process."""
+
+    folder: Path
+    digest: str  # of the model that it was built from
+    sizes: tuple[int, ...]  # splats of each level
+    n_sh: int
+    log_scale_range: tuple[float, float]  # smallest, largest
+    order: IntArray  # (N,) row of the model at each place of level 0
+    boxes: FloatArray  # (M, 6) of each node: lo, hi of what its splats reach, as opened
+    details: FloatArray  # (M,) size of what a node cannot show, scene units; 0 at level 0
+
+    def __len__(self) -> int:
+        return self.sizes[0]
+
+    @cached_property
+    def first_nodes(self) -> IntArray:
+        """Number of the first node of each level, and of all nodes (L + 1,)."""
+        return first_nodes(self.sizes)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all levels."""
+        return int(self.first_nodes[-1])
+
+    def level_of(self, node: int) -> int:
+        """Level of a node."""
+        return int(np.searchsorted(self.first_nodes, node, side="right")) - 1
+
+    def span(self, node: int) -> tuple[int, int]:
+        """Places of its level that a node holds: first and end."""
+        level = self.level_of(node)
+        first = (node - int(self.first_nodes[level])) * NODE
+        return first, min(first + NODE, self.sizes[level])
+
+    def opened_span(self, node: int) -> tuple[int, int]:
+        """Places of level 0 that a node stands for: first and end."""
+        level = self.level_of(node)
+        first = (node - int(self.first_nodes[level])) * NODE * FAN**level
+        return first, min(first + NODE * FAN**level, self.sizes[0])
+
+    def read(self, node: int, opened: Gaussians) -> tuple[Gaussians, IntArray]:
+        """Splats (K,) of a node, and the row of the model (K,) that each is or counts most in.
+
+        ``opened``: the model, whose rows are level 0. Raises ``GagaError`` when a file is damaged.
+        """
+        level, (first, end) = self.level_of(node), self.span(node)
+        if level == 0:
+            rows = self.order[first:end]
+            plain = Gaussians(
+                opened.means[rows],
+                opened.quats[rows],
+                opened.log_scales[rows],
+                opened.logit_opacities[rows],
+                opened.sh[rows],
+            )
+            return plain, rows
+        return read_rows(self.folder, level, first, end, self.n_sh)
+
+
+def level_file(level: int) -> str:
+    """Name of the file of a level."""
+    return f"level-{level}.rows"
+
+
+def read_rows(
+    folder: Path, level: int, first: int, end: int, n_sh: int
+) -> tuple[Gaussians, IntArray]:
+    """Merged splats ``first`` to ``end`` of a level, and their rows; ``GagaError`` if damaged."""
+    path, kind = folder / level_file(level), row_type(n_sh)
+    rows: AnyArray = np.empty(end - first, kind)
+    try:
+        with path.open("rb", buffering=0) as file:
+            file.seek(first * kind.itemsize)
+            n_read = file.readinto(rows.view(np.uint8).data)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    if n_read != rows.nbytes:
+        raise GagaError(f"{path} is truncated or damaged. {CURE}")
+    merged = Gaussians(
+        np.ascontiguousarray(rows["means"]),
+        np.ascontiguousarray(rows["quats"]),
+        np.ascontiguousarray(rows["log_scales"]),
+        np.ascontiguousarray(rows["logit"]),
+        np.ascontiguousarray(rows["sh"]),
+    )
+    return merged, np.ascontiguousarray(rows["row"])
+
+
+def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
+    """The tree in ``folder`` of the model with this digest, ``n`` splats and ``n_sh`` coefficients.
+
+    None where there is none, or one of another model. Raises ``GagaError`` when it is damaged.
+    """
+    file = folder / FILE
+    if not file.is_file():
+        return None
+    stored = read_json(file, LodFile, CURE)
+    same = stored.format == FORMAT and stored.digest == digest and stored.sh == n_sh
+    if not same or stored.sizes != level_sizes(n):
+        return None
+    order = _read_order(folder / ORDER, n)
+    nodes = read_array(folder / NODES, CURE)
+    n_nodes = sum(-(-size // NODE) for size in stored.sizes)
+    if nodes.shape != (n_nodes, 7) or nodes.dtype != np.float32:
+        raise GagaError(f"{folder / NODES} is damaged. {CURE}")
+    for level, size in enumerate(stored.sizes[1:], 1):
+        path = folder / level_file(level)
+        if not path.is_file() or path.stat().st_size != size * row_type(n_sh).itemsize:
+            raise GagaError(f"{path} is truncated or damaged. {CURE}")
+    return LodTree(
+        folder,
+        digest,
+        tuple(stored.sizes),
+        n_sh,
+        stored.log_scales,
+        order,
+        np.ascontiguousarray(nodes[:, :6]),
+        np.ascontiguousarray(nodes[:, 6]),
+    )
+
+
+def _read_order(path: Path, n: int) -> IntArray:
+    try:
+        order = np.fromfile(path, "<i4")
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    if len(order) != n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
+        raise GagaError(f"{path} is truncated or damaged. {CURE}")
+    return order.astype(np.int32, copy=False)
