@@ -1,6 +1,6 @@
 """Commands over single files: edit, export, info, doctor, demo."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -76,6 +76,8 @@ class ExportCommand:
     """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
+    folder: str = ""
+    """Only objects of this folder of the object list, "Kitchen", and of those in it (objects)."""
     groups: bool = False
     """Add a column with the group id of each Gaussian (scene)."""
     sh_degree: int | None = None
@@ -99,7 +101,6 @@ class ExportCommand:
         from gaga_core.identity.classifier_io import FILE as CLASSIFIER
         from gaga_core.identity.classifier_io import write_classifier
         from gaga_core.io.splat_files import SplatFormat, form_of
-        from gaga_core.pipeline.describe import describe_project
         from gaga_core.scene.export import (
             export_losses,
             export_objects_stage,
@@ -139,12 +140,12 @@ class ExportCommand:
             written = out.follow(stage)
             values = {"file": str(self.out), "gaussians": written, **values}
         else:
-            describe_project(project)
-            _say(objects_losses(scene, form, self.only or None, options))
+            only = self._only(project)
+            _say(objects_losses(scene, form, only, options))
             objects = export_objects_stage(
                 scene,
                 self.out,
-                self.only or None,
+                only,
                 source=str(self.scene),
                 form=form,
                 options=options,
@@ -156,6 +157,18 @@ class ExportCommand:
             write_classifier(folder / CLASSIFIER, field.weight, field.bias)
         out.result(values, as_json=self.json)
         return 0
+
+    def _only(self, project: Project) -> Sequence[int] | None:
+        """Groups to write, named after what they look like; None: all."""
+        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.scene.edits.folders import existing
+
+        describe_project(project)
+        if not self.folder:
+            return self.only or None
+        scene = project.scene
+        inside = scene.folders.groups(existing(scene, self.folder))
+        return [group for group in inside if not self.only or group in self.only]
 
     def _options(self, project: Project) -> "ExportOptions":
         """The switches as options; which way is up the cameras say, else the splats."""
@@ -218,6 +231,7 @@ class InfoCommand:
 
         values = out.follow(describe(self.file))
         if not self.json:
+            values["folders"] = out.folder_names(values["folders"], values["objects"])
             values["objects"] = out.object_names(values["objects"])
         out.result(values, as_json=self.json)
         return 0

@@ -26,6 +26,8 @@ def describe(path: Path) -> Stage[dict[str, object]]:
     objects = list_objects(project)
     values["groups"] = len(objects)
     values["objects"] = objects
+    folders = project.scene.folders
+    values["folders"] = {path: list(folders.groups(path)) for path in folders.paths}
     values["saved_project"] = str(project.path) if project.path else "none"
     return values
 

@@ -112,6 +112,18 @@ def object_names(objects: object) -> str:
     return "; ".join(str(entry["name"]) for entry in ordered) or "none"
 
 
+def folder_names(folders: object, objects: object) -> str:
+    """The folders of the object list with the names of their objects."""
+    assert isinstance(folders, dict)
+    assert isinstance(objects, list)
+    names = {entry["group"]: str(entry["name"]) for entry in objects}
+    inside = {
+        path: ", ".join(names[group] for group in groups if group in names) or "empty"
+        for path, groups in folders.items()
+    }
+    return "; ".join(f"{path}: {shown}" for path, shown in inside.items()) or "none"
+
+
 class Scores(Protocol):
     """A report that can be a table or plain values."""
 

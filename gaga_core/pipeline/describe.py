@@ -57,7 +57,7 @@ def describe_project(project: Project) -> Description:
 
 
 def list_objects(project: Project) -> list[dict[str, object]]:
-    """Plain values of each group: id, name, whether a person gave that, splats, background."""
+    """Plain values of each group: id, name, is it a person's, splats, folder, is it background."""
     if not (project.scene.labels > 0).any():
         return []
     found, table = describe_project(project), object_table(project.scene)
@@ -67,6 +67,7 @@ def list_objects(project: Project) -> list[dict[str, object]]:
             "name": name,
             "named": int(group) in project.scene.names,
             "splats": int(count),
+            "folder": project.scene.folders.home.get(int(group), ""),
             "background": int(group) in found.background,
         }
         for group, name, count in zip(table.ids, table.names, table.counts, strict=True)

@@ -53,6 +53,7 @@ class ManifestEntry(msgspec.Struct, frozen=True):
     bbox: list[tuple[float, float, float]]  # two corners of the centres, world; none: no splats
     file: PathText  # next to the manifest
     oriented_box: BoxEntry | None = None  # turned as the object lies; older files lack it
+    folder: str = ""  # of the object list, "Kitchen/Cups"; older files lack it
 
 
 class Manifest(msgspec.Struct, frozen=True):
@@ -165,6 +166,7 @@ class _Object:
     name: str
     color: list[float]
     file: str
+    folder: str
     splats: AnyArray  # (K,)
 
 
@@ -180,11 +182,11 @@ def export_objects_stage(
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
-    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file}]}``, colors
-    0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files appear all
-    together at the end; a cancel or a full disk leaves nothing. ``options`` change what is written,
-    with one origin for all files. Raises ``GagaError`` when none of
-    the groups is visible.
+    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file, folder}]}``,
+    colors 0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files
+    appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
+    what is written, with one origin for all files. Raises ``GagaError`` when none of the groups is
+    visible.
     """
     return _export_objects(replace(scene), folder, groups, (source, form, options))
 
@@ -244,7 +246,8 @@ def _objects(
         name = group_name(scene, int(group))
         color = [round(float(c), 4) for c in group_colors(np.array([group]), scene.colors)[0]]
         file = _unique(slug(name) or f"group-{group}", used) + suffix
-        objects.append(_Object(int(group), name, color, file, splats))
+        folder = scene.folders.home.get(int(group), "")
+        objects.append(_Object(int(group), name, color, file, folder, splats))
     return objects
 
 
@@ -273,6 +276,7 @@ def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
         "bbox": [[float(x) for x in corner] for corner in box],
         "file": item.file,
         "oriented_box": oriented,
+        "folder": item.folder,
     }
 
 

@@ -2,7 +2,7 @@
 
 A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.ply) with
 
-    project.json      which model (with a fingerprint), names of groups, which scene file
+    project.json      which model (with a fingerprint), names of groups, folders, which scene file
     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
 
 The model itself is not copied, unless it changed since it was opened and the caller asks for it. A
@@ -34,6 +34,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
 from gaga_core.scene.edits.append import with_added_stage
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.model_copy import KnownCopies, current_file
 from gaga_core.scene.opened_labels import groups_of_file, groups_of_folder, with_groups
@@ -186,6 +187,8 @@ def _write_project(project: Project, target: Path, entries: Sequence[FileEntry])
         "scene": name,
         "names": {str(group): text for group, text in sorted(scene.names.items())},
         "colors": {str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
+        "folders": list(scene.folders.paths),
+        "in_folder": {str(group): path for group, path in scene.folders.home.items()},
         "sets": list(scene.named_selections),
         "bookmarks": bookmarks_entry(project.bookmarks),
         "path": path_entry(project.film),
@@ -257,6 +260,8 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
     scene.colors = _colors_of(document.colors)
+    homes = {int(group): path for group, path in document.in_folder.items()}
+    scene.folders = Folders.of(document.folders, homes)
     kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
     scene.named_selections = dict(zip(document.sets, kept, strict=False))
     return Project(

@@ -14,6 +14,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8A
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.spz_axes import OURS, SilentAxes
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
 
@@ -142,6 +143,7 @@ class Scene:
     # What other groups are called meanwhile: measured (`query.descriptions`), no edit, never saved.
     described: dict[int, str] = field(default_factory=dict)
     colors: dict[int, RGB] = field(default_factory=dict)  # ... that a person colored in the list
+    folders: Folders = field(default_factory=Folders)  # of the object list
     bank: MemoryBank | None = None  # log of the association that gave the labels
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.
     confidence: UInt8Array | None = None

@@ -15,6 +15,7 @@ from gaga_core.scene.camera_json import PathEntry
 from gaga_core.scene.edits.json import AnyEntry
 from gaga_core.scene.export import Manifest
 from gaga_core.scene.project_file import ProjectFile
+from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import ObjectOperation
 from gaga_core.scene.script.regions import RegionOperation
 from gaga_studio.actions.autosave import RecoveryNote
@@ -24,7 +25,7 @@ from tests.docs.pages import DOCS
 TYPES: Mapping[str, object] = {
     "camera_path": PathEntry,
     "cameras": list[CameraEntry],
-    "edit_script": list[ObjectOperation | RegionOperation],
+    "edit_script": list[ObjectOperation | FolderOperation | RegionOperation],
     "groups": Manifest,
     "mask_list": list[MaskEntry],
     "model_lock": ModelLock,

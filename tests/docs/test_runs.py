@@ -70,7 +70,11 @@ def test_every_example_is_run() -> None:
 
 def test_every_operation_of_edit_scripts_is_listed_with_its_fields() -> None:
     listed = {}
-    for heading in ("Operations on objects", "Operations on regions and whole scenes"):
+    for heading in (
+        "Operations on objects",
+        "Operations on folders",
+        "Operations on regions and whole scenes",
+    ):
         for cells in tables(DOCS / "scripting.md")[heading]:
             listed[cells[0].strip("`")] = tuple(set(re.findall(r"`(\w+)`", c)) for c in cells[1:3])
     assert set(listed) == set(OPERATION_TYPES)

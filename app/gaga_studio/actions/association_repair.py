@@ -73,7 +73,13 @@ def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> ed
     follows = known & (scene.labels == before[rows])
     labels = np.where(follows, repair.labels[rows], scene.labels)
     grouping = edits.set_grouping(
-        scene, labels, repair.bank, scene.names, title, confidence=repair.confidence
+        scene,
+        labels,
+        repair.bank,
+        scene.names,
+        title,
+        confidence=repair.confidence,
+        homes=scene.folders.home,
     )
     if not repair.group:
         return grouping

@@ -47,7 +47,8 @@ def choose(session: Session, level: int) -> None:
     sure = (
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
-    document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure))
+    homes = {group: path for group, path in scene.folders.home.items() if group in there}
+    document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure, homes))
 
 
 @notifies

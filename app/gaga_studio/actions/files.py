@@ -13,7 +13,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
+from gaga_core.scene.edits.append import kept_of_added, read_added_stage, spread
 from gaga_core.scene.export_options import ExportOptions
 from gaga_studio.actions import identities
 from gaga_studio.session import stages
@@ -51,8 +51,13 @@ def take_groups(document: Document, found: Association) -> int:
     """Set the groups of the scene; return how many objects there are now."""
     scene = document.settled().scene
     labels = spread(scene, found.labels)  # duplicates follow their originals
-    names = names_of_added(scene, labels)
-    document.do(edits.set_grouping(scene, labels, found.bank, names, confidence=found.confidence))
+    names = kept_of_added(scene, labels, scene.names)
+    homes = kept_of_added(scene, labels, scene.folders.home)
+    document.do(
+        edits.set_grouping(
+            scene, labels, found.bank, names, confidence=found.confidence, homes=homes
+        )
+    )
     return int((document.read.objects(None, False).ids > 0).sum())
 
 

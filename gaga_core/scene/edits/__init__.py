@@ -7,6 +7,12 @@ ends in ``values`` hold the edits themselves.
 
 from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
+from gaga_core.scene.edits.folders import (
+    delete_folder,
+    new_folder,
+    put_in_folder,
+    rename_folder,
+)
 from gaga_core.scene.edits.frame import move_scene, set_origin, set_scale
 from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
 from gaga_core.scene.edits.identities import set_identities, use_labels
@@ -35,6 +41,7 @@ __all__ = [
     "How",
     "append",
     "delete",
+    "delete_folder",
     "duplicate",
     "forget_selection",
     "free_group",
@@ -46,8 +53,11 @@ __all__ = [
     "merge_groups",
     "move_scene",
     "named_selection",
+    "new_folder",
+    "put_in_folder",
     "recolor",
     "rename",
+    "rename_folder",
     "reset_placement",
     "restore",
     "select",

@@ -1,6 +1,6 @@
 """Builder of the edit that adds the splats of another file, and what reads such scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -96,13 +96,16 @@ def with_added_stage(opened: Gaussians, added: Sequence[Added]) -> Stage[Gaussia
     return whole
 
 
-def names_of_added(scene: Scene, labels: IntArray) -> dict[int, str]:
-    """Names of the groups of added splats by their new ids, see `spread`."""
+def kept_of_added(scene: Scene, labels: IntArray, of: Mapping[int, str]) -> dict[int, str]:
+    """What ``of`` says of the groups of added splats, by their new ids, see `spread`.
+
+    Their names, or folders.
+    """
     if not scene.added:
         return {}
     own = scene.source >= scene.n_opened
     pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
-    return {new: scene.names[old] for old, new in pairs if new and old in scene.names}
+    return {new: of[old] for old, new in pairs if new and old in of}
 
 
 def spread(scene: Scene, values: IntArray) -> IntArray:

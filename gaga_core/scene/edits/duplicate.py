@@ -6,6 +6,7 @@ from collections.abc import Set
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.placement import composed
 from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement, take_rows
 from gaga_core.scene.edits.state import select
@@ -32,9 +33,10 @@ def duplicate(
     if len(splats) == 0:
         return None
     moved = _copied_rows(scene, splats, matrix)
-    labels, names = scene.labels[splats], None
+    labels: IntArray = scene.labels[splats]
+    named: tuple[Edit | None, ...] = ()
     if new_group:
-        labels, names = _copied_groups(scene, splats)
+        labels, named = _copied_groups(scene, splats)
     rows = scene.placement[splats]
     if moved is not None:
         target = np.arange(moved.n_rows, dtype=np.int32)
@@ -44,7 +46,7 @@ def duplicate(
         title, IndexSet.of(splats, len(scene)), PackedInts.of(labels), PackedInts.of(rows)
     )
     unselect = select(scene, np.zeros(0, np.int32))
-    return together(title, (unselect, moved, copies, names))
+    return together(title, (unselect, moved, copies, *named))
 
 
 def _copied_rows(scene: Scene, splats: AnyArray, matrix: AnyArray | None) -> SetPlacement | None:
@@ -67,8 +69,8 @@ def _copied_rows(scene: Scene, splats: AnyArray, matrix: AnyArray | None) -> Set
     )
 
 
-def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, SetNames | None]:
-    """Labels (K,) of the copies, and the names of the new groups."""
+def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, tuple[Edit | None, ...]]:
+    """Labels (K,) of the copies, and the names and folders of the new groups."""
     labels = scene.labels[splats]
     live = scene.labels[~scene.has(State.DELETED)]
     n_labels = int(live.max(initial=0)) + 1
@@ -77,7 +79,7 @@ def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, SetNames |
     whole = np.flatnonzero((n_chosen > 0) & (n_chosen == n_live))
     whole = whole[whole != 0]
     if len(whole) == 0:
-        return labels, None
+        return labels, ()
     fresh = free_group(scene) + np.arange(len(whole), dtype=np.int32)
     target = np.arange(n_labels, dtype=np.int32)
     target[whole] = fresh
@@ -89,7 +91,8 @@ def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, SetNames |
             used.add(name)
             after.append((int(new), name))
     names = SetNames("Rename", tuple((group, None) for group, _ in after), tuple(after))
-    return target[labels], names if after else None
+    origins = dict(zip(fresh.tolist(), whole.tolist(), strict=True))
+    return target[labels], (names if after else None, inherit_folders(scene, origins))
 
 
 def _next_name(name: str, used: Set[str]) -> str:
@@ -103,7 +106,7 @@ def _next_name(name: str, used: Set[str]) -> str:
 
 def free_group(scene: Scene) -> int:
     """The first id above every group that was ever used."""
-    named = max(scene.names, default=0)
+    named = max((*scene.names, *scene.folders.home), default=0)
     in_bank = scene.bank.n_groups if scene.bank is not None else 0
     other = scene.identities.other  # its groups come back when labels are switched
     waiting = int(other.labels.max(initial=0)) if other is not None else 0

@@ -20,6 +20,7 @@ from gaga_core.io.spz_axes import SilentAxes
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.append import read_added_stage
 from gaga_core.scene.edits.append_values import AppendSplats
+from gaga_core.scene.edits.folder_values import SetFolders
 from gaga_core.scene.edits.frame import SetFrame
 from gaga_core.scene.edits.packed_entries import MOST_ROWS, IntsEntry, Row, SetEntry, TableEntry
 from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement
@@ -98,6 +99,17 @@ class ColorEntry(EditEntry, frozen=True, tag="color"):
 
     def decoded(self, most: int) -> Edit:
         return SetColor(self.title, self.group, self.before, self.after)
+
+
+class FoldersEntry(EditEntry, frozen=True, tag="folders"):
+    """All folders, and the groups that go from one to another; null = none."""
+
+    before: list[str]
+    after: list[str]
+    moved: list[tuple[Row, str | None, str | None]]
+
+    def decoded(self, most: int) -> Edit:
+        return SetFolders(self.title, tuple(self.before), tuple(self.after), tuple(self.moved))
 
 
 class PlacementEntry(EditEntry, frozen=True, tag="placement"):
@@ -214,6 +226,7 @@ AnyEntry = (
     | LabelsEntry
     | NamesEntry
     | ColorEntry
+    | FoldersEntry
     | PlacementEntry
     | CopiesEntry
     | AppendEntry
@@ -284,6 +297,8 @@ def _rare_entry(edit: Edit) -> AnyEntry:
         return CopiesEntry(edit.title, SetEntry.of(edit.splats), labels, rows, int(edit.state))
     if isinstance(edit, AppendSplats):
         return _append_entry(edit)
+    if isinstance(edit, SetFolders):
+        return FoldersEntry(edit.title, list(edit.before), list(edit.after), list(edit.moved))
     if isinstance(edit, SetFrame):
         return FrameEntry(edit.title, FrameState.of(edit.before), FrameState.of(edit.after))
     raise TypeError(f"edit: {type(edit).__name__} has no recorded form")

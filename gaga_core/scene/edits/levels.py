@@ -10,6 +10,7 @@ from gaga_core.arrays import IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.levels import Levels
 from gaga_core.scene.edits.duplicate import free_group
+from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.groups import merge_groups, rename, set_labels
 from gaga_core.scene.edits.values import Edit, together
 from gaga_core.scene.objects import group_indices
@@ -43,7 +44,8 @@ def split_here(scene: Scene, group: int, title: str = "Split here") -> Edit | No
     new_id[parts] = ids
     name = scene.names.get(group)
     names = [rename(scene, int(new), f"{name} {i + 2}") for i, new in enumerate(ids) if name]
-    return together(title, (set_labels(scene, rows, new_id[part_of], title), *names))
+    homes = inherit_folders(scene, dict.fromkeys(ids.tolist(), group))
+    return together(title, (set_labels(scene, rows, new_id[part_of], title), *names, homes))
 
 
 def join_here(scene: Scene, group: int, title: str = "Join here") -> Edit | None:
@@ -80,7 +82,7 @@ def _levels(scene: Scene) -> Levels:
 def _free_ids(scene: Scene, levels: Levels, parts: LongArray) -> IntArray:
     """Ids (P,) of new groups: the parts' own ids of the levels where no group has them, so that
     names stay when the level of detail of all changes later."""
-    taken = {*np.unique(scene.labels).tolist(), *scene.names}
+    taken = {*np.unique(scene.labels).tolist(), *scene.names, *scene.folders.home}
     top = max(free_group(scene), int(levels.labels.max()) + 1)
     ids = []
     for part in parts.tolist():

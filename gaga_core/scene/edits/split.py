@@ -5,6 +5,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.edits.duplicate import free_group
+from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.groups import rename, set_labels
 from gaga_core.scene.edits.values import Edit, SetBank, together
 from gaga_core.scene.index_set import sorted_indices
@@ -30,6 +31,7 @@ def separate(scene: Scene, indices: AnyArray, title: str = "Separate") -> Edit |
         (
             set_labels(scene, splats, group, title),
             rename(scene, group, f"{name} part") if name else None,
+            inherit_folders(scene, {group: left}),
         ),
     )
 
@@ -54,7 +56,8 @@ def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Ed
     names = [
         rename(scene, first + i, f"{name} {i + 2}") for i in range(len(parts) - 1 if name else 0)
     ]
-    return together(title, (labels, *names))
+    homes = inherit_folders(scene, dict.fromkeys(range(first, first + len(parts) - 1), group))
+    return together(title, (labels, *names, homes))
 
 
 def split_off(
@@ -72,5 +75,6 @@ def split_off(
             set_labels(scene, chosen, into, title),
             SetBank(title, scene.bank, bank),
             rename(scene, into, f"{name} 2") if name else None,
+            inherit_folders(scene, {into: group}),
         ),
     )

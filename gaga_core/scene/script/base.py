@@ -8,7 +8,9 @@ from msgspec import UNSET, Struct, UnsetType
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.edits.folders import existing
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.folders import SEPARATOR
 from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.fields import Groups, Vector
@@ -54,7 +56,10 @@ def given(value: _T | UnsetType, default: _T) -> _T:
 
 
 def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
-    """Group ids, names looked up; those of the selection when none are given."""
+    """Group ids, names looked up; those of the selection when none are given.
+
+    "Kitchen/" are all groups that lie in the folder "Kitchen".
+    """
     if isinstance(wanted, UnsetType):
         return [int(g) for g in selected_groups(scene)]
     present = {int(g) for g in np.unique(scene.labels)}
@@ -62,6 +67,10 @@ def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
     by_name |= {scene.names[g]: g for g in sorted(present, reverse=True) if g in scene.names}
     found: list[int] = []
     for item in wanted:
+        if isinstance(item, str) and item.endswith(SEPARATOR) and item not in by_name:
+            inside = scene.folders.groups(existing(scene, item))
+            found += [group for group in inside if group in present]
+            continue
         group = by_name.get(item) if isinstance(item, str) else item
         if group not in present:
             raise GagaError(f"there is no group {item!r} here.")

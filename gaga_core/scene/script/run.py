@@ -6,8 +6,9 @@ A script is a list of operations, each an object with ``op`` and its fields::
      {"op": "rotate", "groups": ["mug"], "axis": [0, 0, 1], "degrees": 45},
      {"op": "delete", "groups": [4, 5]}]
 
-``groups`` are ids or names; an operation on splats without it acts on the selection. What the
-window records (`History.recorded`) are operations "edit": exact, for the same file only.
+``groups`` are ids, names or folders ("Kitchen/"); an operation on splats
+without it acts on the selection. What the window records (`History.recorded`) are operations
+"edit": exact, for the same file only.
 """
 
 import re
@@ -29,6 +30,7 @@ from gaga_core.scene.edits.placement_values import AppendCopies
 from gaga_core.scene.edits.values import Edits
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import Operation
+from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import Duplicate, ObjectOperation
 from gaga_core.scene.script.regions import RegionOperation
 
@@ -39,7 +41,11 @@ _AT = re.compile(r"at `\$\.(\w+)")
 _MISSING = re.compile(r"^Object missing required field `(.*)`$", re.DOTALL)
 OPERATION_TYPES: Mapping[str, type[Operation]] = {
     str(kind.__struct_config__.tag): kind
-    for kind in (*get_args(ObjectOperation), *get_args(RegionOperation))
+    for kind in (
+        *get_args(ObjectOperation),
+        *get_args(FolderOperation),
+        *get_args(RegionOperation),
+    )
 }
 OPERATIONS: Sequence[str] = tuple(sorted([*OPERATION_TYPES, "edit"]))
 

@@ -2,12 +2,14 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,10 @@ from gaga_core.cli.output import follow
 from gaga_core.cli.run import RunCommand
 from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.project import open_path_stage, save_project
 from tests.app.folders import write_scene
 from tests.core.cli.calls import Capture, answer, refusal
 
@@ -157,6 +162,39 @@ def test_objects_are_exported_with_a_manifest(scene: Path, tmp_path: Path, capsy
     assert values["files"] == len(manifest["groups"])
     for entry in manifest["groups"]:
         assert len(read_ply(out / entry["file"])) == entry["count"]
+
+
+def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    project = run_stage(open_path_stage(scene))
+    history = History(project.scene)
+    history.do(edits.put_in_folder(project.scene, (1, 3), "Kitchen/Cups"))
+    history.do(edits.put_in_folder(project.scene, (2,), "Kitchen"))
+    saved = str(save_project(project, tmp_path / "saved.gaga"))
+    values = answer(capsys, "info", saved)
+    assert values["folders"] == {"Kitchen": [1, 2, 3], "Kitchen/Cups": [1, 3]}
+    listed: Any = values["objects"]
+    folders = {entry["group"]: entry["folder"] for entry in listed}
+    assert {g for g, path in folders.items() if path} == {1, 2, 3}
+    assert main(["info", saved]) == 0
+    assert re.search(r"folders +Kitchen: .+, .+, .+; Kitchen/Cups: ", capsys.readouterr().out)
+    for switches, wanted in (((), {1, 2, 3}), (("--only", "3", "5"), {3})):
+        out = str(tmp_path / f"out{len(wanted)}")
+        answer(
+            capsys,
+            "export",
+            saved,
+            "--what",
+            "objects",
+            "--out",
+            out,
+            "--folder",
+            "Kitchen",
+            *switches,
+        )
+        manifest = json.loads((Path(out) / "groups.json").read_text())
+        assert {e["id"]: e["folder"] for e in manifest["groups"]} == {g: folders[g] for g in wanted}
+    wrong = ("--what", "objects", "--out", str(tmp_path / "no"), "--folder", "Attic")
+    assert "no folder" in refusal(capsys, "export", saved, *wrong)
 
 
 def test_masks_are_exported_as_the_edited_scene_shows_them(

@@ -10,6 +10,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.folders import Folders, is_inside, name_of, parent_of
 from gaga_core.scene.identity_arrays import identity_arrays
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import random_gaussians
@@ -22,6 +23,7 @@ class Snapshot:
     columns: dict[str, tuple[str, bytes]]
     names: dict[int, str]
     colors: dict[int, tuple[float, float, float]]
+    folders: Folders
     bank: MemoryBank | None
     sets: dict[str, bytes]
 
@@ -32,6 +34,7 @@ def snapshot(scene: Scene) -> Snapshot:
         {name: (str(a.dtype), a.tobytes()) for name, a in columns(scene).items()},
         dict(scene.names),
         dict(scene.colors),
+        scene.folders,
         scene.bank,
         {name: kept.mask().tobytes() for name, kept in scene.named_selections.items()},
     )
@@ -131,7 +134,24 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
             return lift(rng, scene)
         return edits.use_labels(scene, "votes" if rng.random() < 0.5 else "identities")
 
+    def put_in_folder(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        known = scene.folders.paths
+        into = ("", "a", "a/b", "c", *known)[rng.integers(4 + len(known))]
+        others = [p for p in known if not is_inside(into, p) and rng.random() < 0.3]
+        return edits.put_in_folder(scene, rng.integers(1, 9, 3).tolist(), into, others)
+
+    def on_folder(rng: np.random.Generator, scene: Scene) -> Edit | None:
+        if not scene.folders.paths:
+            return edits.new_folder(scene, "a/b")
+        path = scene.folders.paths[rng.integers(len(scene.folders.paths))]
+        if rng.random() < 0.5:
+            return edits.delete_folder(scene, path)
+        free = scene.folders.free(parent_of(path), "renamed")
+        return edits.rename_folder(scene, path, name_of(free))
+
     return {
+        "put_in_folder": put_in_folder,
+        "on_folder": on_folder,
         "set_identities": lift,
         "use_labels": use_labels,
         "select": lambda r, c: edits.select(c, s(r, c), hows[r.integers(4)]),

@@ -16,7 +16,7 @@ from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import names_of_added, read_added_stage, spread
+from gaga_core.scene.edits.append import kept_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
@@ -170,7 +170,7 @@ def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: P
     labels = spread(scene, many)
     assert (labels[:200] == many).all()
     assert labels[200:].min() > 199
-    assert names_of_added(scene, labels) == {int(labels[-1]): "chair"}
+    assert kept_of_added(scene, labels, scene.names) == {int(labels[-1]): "chair"}
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:

@@ -95,13 +95,13 @@ def test_a_changed_column_bumps_its_counter(name: str) -> None:
         if edit is None:
             continue
         for action in (partial(history.do, edit), history.undo, history.redo):
-            before, names = columns(scene), dict(scene.names)
+            before, names, folders = columns(scene), dict(scene.names), scene.folders
             revision = vars(scene.revision).copy()
             action()
             for column, counter in counters.items():
                 if columns(scene)[column].tobytes() != before[column].tobytes():
                     assert vars(scene.revision)[counter] > revision[counter], column
-            if scene.names != names:
+            if scene.names != names or scene.folders != folders:
                 assert scene.revision.names > revision["names"]
 
 

@@ -14,10 +14,10 @@ from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import Snapshot, builders, snapshot, walk_scene
 
 
-def _without_bank(shot: Snapshot) -> tuple[object, object, object]:
+def _without_bank(shot: Snapshot) -> tuple[object, ...]:
     left_out = ("confidence", "identities")
     columns = {k: v for k, v in shot.columns.items() if not k.startswith(left_out)}
-    return columns, shot.names, shot.colors
+    return columns, shot.names, shot.colors, shot.folders
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -27,7 +27,7 @@ def test_a_recorded_walk_replays_to_the_same_scene(seed: int, budget: int) -> No
     scene = walk_scene(400)
     history = History(scene, budget)
     build = list(builders().values())
-    for _ in range(60):
+    for _ in range(80):
         if rng.random() < 0.2:
             history.undo()
         elif rng.random() < 0.1:

@@ -95,6 +95,8 @@ def test_every_operation_runs() -> None:
         "transform": {"matrix": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]},
         "recolor": {"color": [1, 0, 0], "strength": 0.5, "opacity": 0.5},
         "rename": {"name": "x"},
+        "new_folder": {"folder": "Kitchen"},
+        "put_in_folder": {"folder": "Kitchen/Cups"},
         "select": {"groups": [3]},
         "show": {"groups": [3]},
         "unlock": {"groups": [3]},
@@ -114,7 +116,8 @@ def test_every_operation_runs() -> None:
         "set_origin": {"point": [1, 2, 3]},
     }
     # See test_edit_json, below, and edits/test_levels.py: these need a scene of their own.
-    apart = {"edit", "select_set", "split_here", "join_here"}
+    on_folders = {"move_folder", "rename_folder", "delete_folder"}
+    apart = {"edit", "select_set", "split_here", "join_here", *on_folders}
     for kind in set(OPERATIONS) - apart:
         scene = walk_scene()
         run_script(scene, [{"op": "select", "groups": [2]}])
