@@ -261,9 +261,10 @@ class CompareCommand:
     depth, order of the views."""
     thresholds: bool = False
     """The paper at overlap thresholds from 0.01 to 0.5 instead, next to the published figures."""
-    lift: Literal["none", "preset", "vote", "refine", "paper"] = "none"
+    lift: Literal["none", "preset", "vote", "refine", "paper"] | None = None
     """Score identities of the rows that have a memory bank, in this mode (see gaga lift); none:
-    their groups. preset: paper for preset paper (10,000 steps a row), vote for robust."""
+    their groups. preset: paper for preset paper (10,000 steps a row), vote for robust. Default:
+    preset; none where rows are ablations, which change the association alone."""
     identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
     lifting_iterations: int = 10_000
     """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""

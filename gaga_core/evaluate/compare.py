@@ -81,7 +81,7 @@ class CompareConfig:
     sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
     shares: tuple[float, ...] = SHARES  # of the train views
     seeds: tuple[int, ...] = (0,)  # random choices of the train views
-    lift: Lift = "none"  # none: groups are scored; preset: paper by training, robust by vote
+    lift: Lift | None = None  # none: groups; preset: paper trains, robust votes; None: `lifted_by`
     identities: LiftConfig = field(default_factory=LiftConfig)
     lifting_iterations: int = 10_000  # of variant "lifting", as identities are trained
     video_model: Path | None = None  # folder of a SAM 2 video model, for variant "sam2"
@@ -91,10 +91,18 @@ class CompareConfig:
         if unknown:
             known = ", ".join(_TITLES)
             raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
-        if self.lift not in get_args(Lift):
+        if self.lift is not None and self.lift not in get_args(Lift):
             raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
         if "per-frame" in self.sparse:
             raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
+
+    @property
+    def lifted_by(self) -> Lift:
+        """What is scored of rows with a memory bank: as asked for; else identities as the presets
+        have them, but groups where ablations are among the rows: they change the association alone.
+        """
+        ablates = any(variant in ABLATIONS for variant in self.variants)
+        return self.lift or ("none" if ablates else "preset")
 
     def runs(self) -> list[tuple[str, float, int]]:
         """(variant, share, seed) of every run, in order."""
@@ -130,7 +138,7 @@ def compare_variants(
 
     Each variant labels the Gaussians from the masks of the train views; the labels are splatted
     into the test views (all views when none is set apart) and scored with Algorithm 1 against the
-    true maps in ``gt``. With ``config.lift`` the rows that have a memory bank are lifted, and what
+    true maps in ``gt``. Rows that have a memory bank are lifted as ``config.lifted_by`` says, and what
     their rendered encodings decode to is scored; their titles say so. Written:
     ``folder.work / "variants.json"``. Nothing else of the scene's groups changes. A row that needs
     what is not there (masks of test views, true maps of train views, a video model and photos) is
@@ -233,7 +241,7 @@ def _answer(
     if config is None:
         return (yield from _labels_of(task, variant, cameras)), None, ""
     found = yield from associate_stage(task.gaussians, cameras, task.masks, task.rasterizer, config)
-    lift = task.config.lift
+    lift = task.config.lifted_by
     if lift == "none":
         return found.labels, None, ""
     mode = mode_of_preset(config.preset) if lift == "preset" else lift

@@ -105,6 +105,8 @@ class VariantTable:
         """How predictions are counted, and what the column "published" means where there is one."""
         variants = [variant for variant, share in self._keys() if share == 1.0]
         found = [VOID_LEFT_OUT, "Columns with void: it is a label, and every id is a prediction."]
+        if any("identities by" in row.title for row in self.rows):
+            found.append("Scored: rendered identities where a row says so, else the groups.")
         if any(published_text(v) and not _miou_at(v) for v in variants):
             found.append(
                 "Published: IoU/P/R of the paper's ablation on Replica, void as a label; masks of "

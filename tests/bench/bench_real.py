@@ -59,7 +59,7 @@ def figures() -> list[Figure]:
 
 def _few_views(root: Path, folder: SceneFolder) -> list[Figure]:
     """What 5 % of the views cost in IoU: three draws of 3 of 56 views."""
-    config = CompareConfig(("paper", "robust"), ("paper", "robust"), (_FEW,), (0, 1, 2))
+    config = CompareConfig(("paper", "robust"), ("paper", "robust"), (_FEW,), (0, 1, 2), "none")
     table = run_stage(compare_variants(folder, root / "gt" / "instance", "sim", config))
     drops = {}
     for preset in config.sparse:

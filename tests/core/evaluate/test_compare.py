@@ -75,7 +75,7 @@ def root(scene: Synthetic, truth: list[IntArray], tmp_path_factory: pytest.TempP
 
 @pytest.fixture(scope="module")
 def table(root: Path) -> VariantTable:
-    config = CompareConfig(shares=(0.25,), seeds=(0, 1), lifting_iterations=150)
+    config = CompareConfig(shares=(0.25,), seeds=(0, 1), lift="none", lifting_iterations=150)
     stage = compare_variants(open_scene_folder(root), root / "gt/instance", config=config)
     return run_stage(stage)
 
@@ -119,7 +119,7 @@ def test_the_table_and_its_file_tell_the_same(table: VariantTable, root: Path) -
 
 
 def test_the_same_comparison_gives_the_same_figures(table: VariantTable, root: Path) -> None:
-    config = CompareConfig(variants=("paper", "chained", "tracker"), sparse=())
+    config = CompareConfig(variants=("paper", "chained", "tracker"), sparse=(), lift="none")
     stage = compare_variants(open_scene_folder(root), root / "gt/instance", config=config)
     again = run_stage(stage)
     for row in again.rows:
@@ -307,15 +307,17 @@ def test_published_figures_stand_next_to_the_same_variant(root: Path) -> None:
 def test_rows_with_a_bank_can_be_lifted(root: Path) -> None:
     identities = LiftConfig().switched(iterations=300)
     rows: dict[str, list[VariantRow]] = {}
-    for lift in ("none", "preset"):
+    for lift in ("none", None):
         config = CompareConfig(("paper", "robust", "none"), (), lift=lift, identities=identities)
         stage = compare_variants(open_scene_folder(root), root / "gt/instance", None, config)
-        rows[lift] = list(run_stage(stage).rows)
+        rows[lift or "preset"] = list(run_stage(stage).rows)
     titles = [row.title for row in rows["preset"]]
     assert titles == ["paper, identities by paper", "robust, identities by vote", "no association"]
     for plain, lifted in zip(rows["none"], rows["preset"], strict=True):
         assert abs(plain.without_void.iou - lifted.without_void.iou) < 0.05
     assert rows["none"][0].without_void.iou != rows["preset"][0].without_void.iou
     assert rows["none"][2].without_void == rows["preset"][2].without_void
+    assert CompareConfig(("paper", "f = 0")).lifted_by == "none"
+    assert CompareConfig(("paper", "f = 0"), lift="paper").lifted_by == "paper"
     with pytest.raises(GagaError, match="no lift"):
         CompareConfig(lift="magic")  # type: ignore[arg-type]
