@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaga_core.evaluate.published import PROTOCOLS
+from gaga_core.evaluate.published import PROTOCOLS, SAM_PROMPTS
 from gaga_core.io.datasets.catalog import DATASETS
 
 MADE_ELSEWHERE = "made elsewhere"  # in the place of a model: masks without a record of it
@@ -39,7 +39,9 @@ def departures(dataset: str, scene: str, of: Conditions) -> tuple[str, ...]:
     if of.truth not in published.truths:
         found.append(f"truth of {scene}: {of.truth}, not {' or '.join(published.truths)}")
     if of.masks and not _are_of(published.masks, of.masks):
-        found.append(f"masks of {scene}: {of.masks}, not SAM's or EntitySeg's")
+        found.append(f"masks of {scene}: {of.masks}, not SAM ViT-H's or EntitySeg's")
+    elif "points a side" in of.masks and SAM_PROMPTS not in of.masks:
+        found.append(f"masks of {scene}: {of.masks}, not {SAM_PROMPTS}")
     if published.queries and of.queries and not of.queries.startswith(PUBLISHED_RULE):
         found.append(f"queries: {of.queries}, not {PUBLISHED_RULE}")
     return tuple(found)
@@ -49,12 +51,13 @@ def _are_of(segmenters: Sequence[str], masks: str) -> bool:
     """Whether one of ``segmenters`` made ``masks``, "folder (model)", as far as that is said.
 
     Where the model is not known, the name of the folder decides. A name counts as a whole word, and
-    SAM 2, SAM 3 and SAM-HQ are other models than SAM.
+    SAM 2, SAM 3, SAM-HQ and SAM with a smaller encoder than ViT-H are other models.
     """
     folder, _, model = masks.removesuffix(")").partition(" (")
     name = folder if model in ("", MADE_ELSEWHERE) else model
     words = "|".join(map(re.escape, segmenters))
-    return bool(re.search(rf"(?i)(?<![a-z0-9])({words})(?![a-z0-9]|[ _-]*(hq|\d))", name))
+    found = re.search(rf"(?i)(?<![a-z0-9])({words})(?![a-z0-9]|[ _-]*(hq|\d))", name)
+    return bool(found) and not re.search(r"(?i)vit[ _-]*[bl](?![a-z0-9])", name)
 
 
 def absent_scenes(dataset: str, scenes: Sequence[str]) -> tuple[str, ...]:

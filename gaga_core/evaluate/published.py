@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from gaga_core.io.splits import FRAMES, NAMES, OVS3D, SCANNET_FOLDERS, SCANNET_LISTS
 
+SAM_PROMPTS = "64 points a side, predicted IoU 0.7"  # of the published masks of SAM ViT-H
 INSTANCE_METRICS = ("IoU", "P", "R")
 PROMPT_METRICS = ("mIoU", "mBIoU")
 

@@ -164,6 +164,7 @@ class MaskRecord(msgspec.Struct, frozen=True):
     provider: str = ""
     model: str = ""
     views: dict[str, str] = {}  # path of a photo without suffix -> hash of all its map depends on
+    settings: dict[str, object] = {}  # of the model, that change the masks
 
 
 def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = ()) -> MaskSet:

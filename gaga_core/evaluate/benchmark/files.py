@@ -35,12 +35,20 @@ def digest_of(path: Path | None) -> str:
 
 
 def made_by(masks: Path) -> str:
-    """Name of a folder of label maps, and who made them as far as it says so."""
+    """Name of a folder of label maps, who made them and from how many points, as far as it says so:
+    "sam (SAM ViT-H, 64 points a side, predicted IoU 0.7)"."""
     try:
         record = read_foreign_json(masks / RECORD, MaskRecord)
     except GagaError:
         record = MaskRecord()
-    return f"{masks.name} ({record.model or MADE_ELSEWHERE})"
+    return f"{masks.name} ({', '.join([record.model or MADE_ELSEWHERE, *_prompts(record)])})"
+
+
+def _prompts(record: MaskRecord) -> list[str]:
+    """How a model that is asked at points was asked; empty for others."""
+    points, least = (record.settings.get(name) for name in ("points_per_side", "pred_iou_thresh"))
+    known = isinstance(points, int) and isinstance(least, int | float)
+    return [f"{points} points a side, predicted IoU {least:g}"] if known else []
 
 
 def write_runs(

@@ -259,8 +259,14 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
         "mask_files": digest_of(task.masks),
         "model": "" if folder.model_path is None else str(folder.model_path.resolve()),
         "model_file": digest_of(folder.model_path),
-        "retrain": asdict(config.train) if config.retrain_sparse else None,
+        "retrain": _trained_of(folder, config) if config.retrain_sparse else None,
     }
+
+
+def _trained_of(folder: SceneFolder, config: BenchmarkConfig) -> dict[str, object]:
+    """What splats that are trained again on few views depend on."""
+    photos = [digest_of(folder.image_paths.get(name)) for name in folder.train]
+    return {"config": asdict(config.train), "photos": photos}
 
 
 def _words_of(find: FindConfig) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """The benchmark over miniature data sets: figures by another way, resuming, failures."""
 
 import json
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -451,7 +452,7 @@ def test_a_scene_without_masks_gets_regions(tmp_path: Path) -> None:
     report = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert report.failed == {}
     assert report.scenes[0].masks == "regions"
-    assert any("not SAM's or EntitySeg's" in reason for reason in report.departures())
+    assert any("not SAM ViT-H's or EntitySeg's" in reason for reason in report.departures())
     made = tmp_path / "out" / "office_0" / "masks" / "regions"
     assert len(list(made.glob("train_rgb_*.png"))) == 4
     assert not (tmp_path / "data" / "office_0" / "masks").exists()
@@ -480,8 +481,12 @@ def test_published_figures_stand_next_to_ours_only_when_measured_alike(
         "raw_sam_mask": replace(usual, masks="raw_sam_mask (regions (no model))"),
         "SAM 2.1": replace(usual, masks="sam (SAM 2.1 Hiera tiny)"),
         "SAM-HQ": replace(usual, masks="sam (SAM-HQ ViT-H)"),
+        "ViT-B": replace(usual, masks="sam (SAM ViT-B)"),
+        "sam_vit_l": replace(usual, masks="own (sam (sam_vit_l_0b3195.pth))"),
+        "32 points": replace(usual, masks="sam (SAM ViT-H, 32 points a side, predicted IoU 0.88)"),
     }
-    for masks in ("mine (SAM ViT-H)", "raw_entityseg_mask (made elsewhere)"):
+    of_paper = "mine (SAM ViT-H, 64 points a side, predicted IoU 0.7)"
+    for masks in (of_paper, "raw_sam_mask (made elsewhere)", "raw_entityseg_mask (made elsewhere)"):
         assert departures("replica", "office_0", replace(usual, masks=masks)) == ()
     for value, conditions in changes.items():
         other = replace(office, conditions=conditions)
@@ -530,6 +535,16 @@ def test_missing_splats_are_trained_on_the_training_views_alone(tmp_path: Path) 
     again = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert [scene.n_reused for scene in again.scenes] == [2]
     assert (out / "splats" / "point_cloud.ply").stat().st_mtime_ns == written
+    given = tmp_path / "data" / "office_0" / "point_cloud" / "iteration_3"
+    given.mkdir(parents=True)
+    shutil.copy(out / "splats" / "point_cloud.ply", given)
+    for n_reused in (0, 2):
+        data = open_dataset("replica", tmp_path / "data")
+        report = run_stage(run_benchmark(data, tmp_path / "out", config))
+        assert [scene.n_reused for scene in report.scenes] == [n_reused]
+    os.utime(data.scenes[0].folder.image_paths[train[0]], (1, 1))  # another photo, for all we know
+    report = run_stage(run_benchmark(data, tmp_path / "out", config))
+    assert [scene.n_reused for scene in report.scenes] == [0]
     bare = replace(data.scenes[0].folder, image_paths={})
     with pytest.raises(GagaError, match="4 of its 4 training photos are missing"):
         run_stage(trained_splats(bare, settings, tmp_path / "none", choose("cpu")))
