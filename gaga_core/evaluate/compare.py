@@ -138,8 +138,8 @@ def compare_variants(
 
     Each variant labels the Gaussians from the masks of the train views; the labels are splatted
     into the test views (all views when none is set apart) and scored with Algorithm 1 against the
-    true maps in ``gt``. Rows that have a memory bank are lifted as ``config.lifted_by`` says, and what
-    their rendered encodings decode to is scored; their titles say so. Written:
+    true maps in ``gt``. Rows that have a memory bank are lifted as ``config.lifted_by`` says, and
+    what their rendered encodings decode to is scored; their titles say so. Written:
     ``folder.work / "variants.json"``. Nothing else of the scene's groups changes. A row that needs
     what is not there (masks of test views, true maps of train views, a video model and photos) is
     left out. Raises ``GagaError`` when nothing can be scored.

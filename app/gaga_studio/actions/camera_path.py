@@ -6,6 +6,7 @@ from pathlib import Path
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
 from gaga_core.pipeline import video
 from gaga_core.pipeline.split_picture import What
 from gaga_core.pipeline.video import FilmConfig
@@ -206,6 +207,28 @@ def export_film(
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage) if has_kernels else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+def photos_of(session: Session, views: str) -> tuple[str, ...]:
+    """Return the photos of "all", "train" or "test" that are here, by name."""
+    folder = session.need().project.folder
+    if folder is None:
+        return ()
+    parts = {"train": folder.train, "test": folder.test}
+    names = parts.get(views, tuple(camera.name for camera in folder.cameras))
+    return tuple(name for name in names if name in folder.image_paths)
+
+
+@notifies
+def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
+    """Write a film through photos as a job: what is chosen of them left of a line."""
+    names = photos_of(session, views)
+    stage = photo_film_stage(session.need().settled(), target, config, names)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
     )
 

@@ -269,8 +269,9 @@ def no_path(session: Session) -> str:
 
 
 def not_filmable(session: Session) -> str:
-    """Needs two keyframes or more, and the job runner."""
-    return no_path(session) or busy(session)
+    """Needs two keyframes or more, or photos to go through, and the job runner."""
+    reason = "" if session.cameras else no_path(session)
+    return reason or busy(session)
 
 
 def no_undo(session: Session) -> str:

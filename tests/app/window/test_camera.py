@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imageio_ffmpeg import count_frames_and_secs
 from imgui_bundle import ImVec2
 from PIL import Image
 
+from gaga_core.io.scene_folder import open_scene_folder
 from gaga_studio import commands
 from gaga_studio.actions import camera_path
 from gaga_studio.session.view_state import PhotoCompareMode
@@ -17,6 +19,7 @@ pytestmark = pytest.mark.window
 
 def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_path: Path) -> None:
     film, picture = tmp_path / "film.mp4", tmp_path / "picture.png"
+    photos = tmp_path / "photos.mp4"
 
     def walk(d: Driver) -> None:
         s = d.session
@@ -51,6 +54,12 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.click("Save film/###Save film…")
         d.answer_path(film)
         d.settle()
+        d.menu("Camera/Save film…")  # through the photos: half a second each
+        d.click("Save film/Way/###Through the photos")
+        d.studio.ui.film.seconds = 0.4
+        d.click("Save film/###Save film…")
+        d.answer_path(photos)
+        d.settle()
         d.menu("File/Save picture…")
         d.click("Save picture/###Save picture…")
         d.answer_path(picture)
@@ -61,6 +70,8 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
 
     drive(walk, path=scene_folder, size=(1000, 640))
     assert film.stat().st_size > 500
+    n_frames, _ = count_frames_and_secs(str(photos))
+    assert n_frames == 2 * len(open_scene_folder(scene_folder).image_paths) > 0
     with Image.open(picture) as saved:
         assert saved.size == (64, 48)
         assert np.asarray(saved).std() > 5

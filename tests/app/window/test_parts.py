@@ -49,7 +49,7 @@ def _disabled_commands_say_why(d: Driver) -> None:
     before = style.hover_delay_short, style.hover_stationary_delay
     style.hover_delay_short = style.hover_stationary_delay = 0.0
     for menu, command_id in (
-        ("Camera", "camera.film"),
+        ("Camera", "camera.save_path"),
         ("Find", "object.find_in_view"),
         ("Find", "object.index"),
     ):

@@ -1,15 +1,18 @@
 """The sheets that ask how a film or a picture shall be written."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video_out import VideoConfig
 from gaga_core.pipeline import video as pipeline_video
 from gaga_core.pipeline.split_picture import Split, What
 from gaga_studio.actions import camera_path, split_view
+from gaga_studio.commands.availability import no_path, no_photos
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -22,6 +25,7 @@ from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
+T = TypeVar("T", bound=str)
 _FILM, _PICTURE = "Save film", "Save picture"
 _NAMES = 9.0  # width of the names of fields, ems
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
@@ -40,6 +44,12 @@ _LEFTS: tuple[tuple[Left, str], ...] = (
     ("depth", "Depth"),
     ("before", "Before the last edit"),
 )
+_PHOTO_SIDES: tuple[tuple[PhotoSide, str, Side], ...] = (
+    ("photo", "Photo", Side.PHOTO),
+    ("truth", "True masks", Side.TRUTH),
+    ("errors", "Errors", Side.ERRORS),
+)
+Views = Literal["all", "train", "test"]
 
 
 @dataclass
@@ -53,17 +63,30 @@ class FilmChoices:
     quality: int = 75
     left: Left = ""  # of the line of a film; "" = no line
     sweeps: bool = False  # the line
+    through_photos: bool = False  # else along the camera's path
+    side: PhotoSide = "photo"  # left of the line of a film through photos
+    views: Views = "all"
+    seconds: float = 2.0  # of each photo
     transparent: bool = False
 
+    @property
+    def video(self) -> VideoConfig:
+        """The file's settings; ``GagaError`` when they do not do."""
+        return VideoConfig(self.width, self.height, self.fps, self.quality)
+
+    def photo_config(self, session: Session) -> PhotoFilmConfig:
+        """Settings of a film through the photos; ``GagaError`` likewise."""
+        at = session.view.swipe
+        return PhotoFilmConfig(self.side, self.what, at, self.sweeps, self.seconds, self.video)
+
     def config(self, session: Session) -> pipeline_video.FilmConfig:
-        """The film's settings; ``GagaError`` when they do not do."""
-        video = VideoConfig(self.width, self.height, self.fps, self.quality)
+        """Settings of a film along the camera's path; ``GagaError`` likewise."""
         split = None
         if self.left:
             what = self.what if self.left == "before" else self.left
             split = Split(what, session.view.swipe, self.sweeps)
         background = session.view.background
-        return pipeline_video.FilmConfig(self.what, background, split, video=video)
+        return pipeline_video.FilmConfig(self.what, background, split, video=self.video)
 
 
 def register(table: RequestTable) -> None:
@@ -85,39 +108,96 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
 
 
 def _film(session: Session, choices: FilmChoices) -> bool:
+    _along(session, choices)
     whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
     choices.what = widgets.segmented("What", whats, choices.what, why_not={})
-    _left(session, choices)
+    if choices.through_photos:
+        _photos(session, choices)
+    else:
+        _left(session, choices)
     _size(choices)
     widgets.field_name("Pictures a second", em(_NAMES))
     _, choices.fps = imgui.slider_float("##Pictures a second", choices.fps, 5, 60, "%.0f")
     widgets.field_name("Quality", em(_NAMES))
     _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
-    path = camera_path.path_of(session)
-    n = len(path.frame_times(choices.fps)) if path.keyframes else 0
-    widgets.dim(f"{path.seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
+    seconds, n = _length(session, choices)
+    widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
     return _ends(_FILM, "Save as…")
+
+
+def _along(session: Session, choices: FilmChoices) -> None:
+    """Where the camera goes; what this scene does not have cannot be chosen."""
+    why_not = {False: no_path(session), True: no_photos(session)}
+    if why_not[choices.through_photos]:
+        choices.through_photos = not choices.through_photos
+    ways = [
+        (False, icons.PATH, "Along the path", "Along the keyframes of the camera's path"),
+        (True, icons.IMAGES, "Through the photos", "One photo after the other, with a line"),
+    ]
+    choices.through_photos = widgets.segmented("Way", ways, choices.through_photos, why_not=why_not)
+
+
+def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
+    """Seconds and pictures of the film."""
+    if choices.through_photos:
+        n_photos = len(camera_path.photos_of(session, choices.views))
+        n_each = max(round(choices.seconds * choices.fps), 1)
+        return n_photos * n_each / choices.fps, n_photos * n_each
+    path = camera_path.path_of(session)
+    return path.seconds, len(path.frame_times(choices.fps)) if path.keyframes else 0
+
+
+def _photos(session: Session, choices: FilmChoices) -> None:
+    """Which photos, for how long, and what of them lies left of the line."""
+    why_not = {side: split_view.why_not(session, shown) for side, _, shown in _PHOTO_SIDES}
+    named = {side: name for side, name, _ in _PHOTO_SIDES}
+    if why_not[choices.side]:
+        choices.side = "photo"
+    choices.side = _choice("Left of the line", named, choices.side, why_not)
+    parts: dict[Views, str] = {"all": "All", "train": "Those trained on", "test": "Held out"}
+    lacking = {part: _no_photo_of(session, part) for part in parts}
+    if lacking[choices.views]:
+        choices.views = "all"
+    choices.views = _choice("Photos", parts, choices.views, lacking)
+    widgets.field_name("Seconds each", em(_NAMES))
+    _, choices.seconds = imgui.slider_float("##Seconds each", choices.seconds, 0.2, 10, "%.1f")
+    _sweeps(choices)
+
+
+def _no_photo_of(session: Session, part: Views) -> str:
+    return "" if camera_path.photos_of(session, part) else "The scene has no such photos."
+
+
+def _choice(name: str, named: Mapping[T, str], current: T, why_not: Mapping[T, str]) -> T:
+    """A field with a list to choose from; a choice with a reason cannot be taken."""
+    picked = current
+    widgets.field_name(name, em(_NAMES))
+    if imgui.begin_combo(f"##{name}", named[current]):
+        for value, label in named.items():
+            reason = why_not.get(value, "")
+            imgui.begin_disabled(bool(reason))
+            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
+                picked = value
+            imgui.end_disabled()
+            widgets.tooltip(reason)
+        imgui.end_combo()
+    return picked
+
+
+def _sweeps(choices: FilmChoices) -> None:
+    widgets.under_fields(em(_NAMES))
+    _, choices.sweeps = widgets.checkbox("The line sweeps", choices.sweeps)
+    widgets.tooltip("From the left edge to the right one and back; else as in the split view")
 
 
 def _left(session: Session, choices: FilmChoices) -> None:
     """What lies left of a line through the film, and whether the line sweeps."""
-    named = dict(_LEFTS)
-    widgets.field_name("Left of a line", em(_NAMES))
-    if imgui.begin_combo("##Left of a line", named[choices.left]):
-        for left, name in _LEFTS:
-            reason = split_view.why_not(session, Side.BEFORE) if left == "before" else ""
-            imgui.begin_disabled(bool(reason))
-            if imgui.selectable(f"{name}###left {left}", left == choices.left)[0]:
-                choices.left = left
-            imgui.end_disabled()
-            widgets.tooltip(reason)
-        imgui.end_combo()
-    if choices.left == "before" and split_view.why_not(session, Side.BEFORE):
+    why_not: dict[Left, str] = {"before": split_view.why_not(session, Side.BEFORE)}
+    if choices.left == "before" and why_not["before"]:
         choices.left = ""
+    choices.left = _choice("Left of a line", dict(_LEFTS), choices.left, why_not)
     if choices.left:
-        widgets.under_fields(em(_NAMES))
-        _, choices.sweeps = widgets.checkbox("The line sweeps", choices.sweeps)
-        widgets.tooltip("From the left edge to the right one and back; else as in the split view")
+        _sweeps(choices)
 
 
 def _picture(session: Session, choices: FilmChoices) -> bool:
@@ -166,6 +246,9 @@ def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None
 
 @notifies
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
+    if choices.through_photos:
+        shown = choices.photo_config(session)
+        return camera_path.export_photo_film(session, path, shown, choices.views)
     config, before = choices.config(session), choices.left == "before"
     return camera_path.export_film(session, path, config, before=before)
 
