@@ -5,6 +5,7 @@
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
 # make faults KILLS=100  kills each kind of program so often at random moments
+# make cluster  runs twenty scenes on a dask cluster whose workers are killed and run out of memory
 # make peers  installs the programs of others that tests compare with, where there is npm
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 PYTHON ?= python3
@@ -13,7 +14,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: studio test peers fuzz soak faults captures check docs setup bench screenshots clean
+.PHONY: studio test peers fuzz soak faults cluster captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -45,6 +46,9 @@ soak: setup
 
 faults: setup
 	@GAGA_TEST_KILLS=$(or $(KILLS),100) $(BIN)/python -m pytest -q tests/faults tests/core/scene/test_two_writers.py
+
+cluster: setup
+	@$(BIN)/python -m tests.cluster
 
 check: setup
 	@$(BIN)/ruff check .

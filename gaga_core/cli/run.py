@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class RunCommand:
     """From photos to objects: splats, masks, groups, encodings, pictures; all that are missing."""
 
-    scene: Positional[Path]
-    """Scene folder, folder of photos or video; with --executor a folder of many scenes."""
+    scenes: Positional[tuple[Path, ...]]
+    """Scene folder, folder of photos or video; with --executor several, or a folder of many."""
     to: Path | None = None
     """Scene folder to make of photos or a video; default: next to them, as NAME-scene."""
     masks: Path | None = None
@@ -55,7 +55,7 @@ class RunCommand:
     accept_wrong: bool = False
     """Keep a placement of the photos that the checks refuse."""
     executor: Literal["none", "local", "dask", "ray"] = "none"
-    """Who runs a folder of many scenes: processes here, or workers of dask or ray."""
+    """Who runs many scenes: processes here, or workers of dask or ray."""
     workers: int = 2
     """Scenes at once, where the workers are started here."""
     address: str = ""
@@ -75,10 +75,11 @@ class RunCommand:
         config = self._config()
         if self.executor != "none":
             return self._run_many(config, self.executor)
-        photos, scene = source_of(self.scene)
+        given = self._only_scene()
+        photos, scene = source_of(given)
         if self.to is not None:
-            photos, scene = self.scene, self.to
-        if scene != self.scene:
+            photos, scene = given, self.to
+        if scene != given:
             out.say(f"The scene folder is {scene}.")
         before = read_entry(scene)
         stage = run_folder(scene, config, photos=photos, model=self.model)
@@ -94,6 +95,16 @@ class RunCommand:
         }
         out.result(values, as_json=self.json)
         return 0
+
+    def _only_scene(self) -> Path:
+        """The one scene; ``GagaError`` when there are more, or none."""
+        if len(self.scenes) != 1:
+            raise GagaError(
+                f"{len(self.scenes)} scenes need an executor. Add --executor local."
+                if self.scenes
+                else "Name a scene folder, a folder of photos or a video."
+            )
+        return self.scenes[0]
 
     def _config(self) -> "RunConfig":
         from gaga_core.pipeline.reconstruct import ReconstructConfig
@@ -124,14 +135,18 @@ class RunCommand:
 
     def _run_many(self, config: "RunConfig", engine: Literal["local", "dask", "ray"]) -> int:
         from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.executors import EngineConfig, list_scenes, run_scenes
+        from gaga_core.pipeline.executors import EngineConfig, run_scenes
+        from gaga_core.pipeline.scene_tasks import list_tasks
 
         if self.model is not None or self.to is not None:
             raise GagaError("--model and --to are for one scene. Leave them out with --executor.")
         workers = EngineConfig(engine, self.workers, address=self.address)
-        list_scenes(self.scene)  # fails before kernels are compiled
-        report = out.follow(after_warm_up(run_scenes(self.scene, config, workers)))
+        if not self.scenes:
+            raise GagaError("Name a folder of scenes, or several scenes.")
+        list_tasks(self.scenes)  # fails before kernels are compiled
+        report = out.follow(after_warm_up(run_scenes(self.scenes, config, workers)))
         out.scores(report, as_json=self.json)
+        out.say(f"With pictures: {report.page}")
         return 1 if report.failed else 0
 
 

@@ -10,14 +10,9 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.pipeline.executors import (
-    SUMMARY,
-    EngineConfig,
-    ScenesReport,
-    list_scenes,
-    run_scenes,
-)
-from gaga_core.pipeline.run import missing_stages
+from gaga_core.pipeline.executors import SUMMARY, EngineConfig, run_scenes
+from gaga_core.pipeline.run import RunConfig, missing_stages
+from gaga_core.pipeline.scene_tasks import TRIES, ScenesReport, SceneTask, list_tasks, run_one
 from gaga_core.progress import Stage, run_stage
 from tests.app.folders import write_scene
 
@@ -65,9 +60,9 @@ def pids() -> set[int]:
     return {process.pid for process in psutil.Process().children(recursive=True)}
 
 
-def run_and_kill(stage: Stage[ScenesReport], cpu_seconds: float) -> ScenesReport:
-    """Drive ``stage``, killing the first worker that has computed for so long."""
-    before, killed = pids(), False
+def run_and_kill(stage: Stage[ScenesReport], scenes: Path) -> ScenesReport:
+    """Drive ``stage``, killing the first worker that has started a scene."""
+    killed = False
     while True:
         try:
             next(stage)
@@ -75,20 +70,30 @@ def run_and_kill(stage: Stage[ScenesReport], cpu_seconds: float) -> ScenesReport
             assert killed
             report: ScenesReport = end.value
             return report
-        for process in [] if killed else workers(before):
-            with contextlib.suppress(psutil.Error):
-                if process.cpu_times().user >= cpu_seconds:
-                    process.kill()
-                    killed = True
-                    break
+        for starts in [] if killed else scenes.glob(".gaga-*/*"):
+            psutil.Process(int(starts.read_text().split()[1])).kill()
+            killed = True
+            break
 
 
 def test_two_workers_and_one_that_dies(scenes: Path) -> None:
-    """The scene of the dead worker is run again; a second run finds nothing to do."""
-    complete(scenes, run_and_kill(run_scenes(scenes, engine=LOCAL), 0.3))
+    """The scene of the dead worker is run again, and summary, table and page say so; a second run
+    finds nothing to do."""
+    report = run_and_kill(run_scenes(scenes, engine=LOCAL), scenes)
+    complete(scenes, report)
+    (again,) = report.requeued
+    assert again.attempts == 2
+    assert json.loads((scenes / SUMMARY).read_text())["requeued"] == [again.scene]
+    row = next(row for row in report.table() if row[0] == again.scene)
+    assert row[report.table()[0].index("attempts")] == "2"
+    page = (scenes / "gaga-run.html").read_text()
+    assert "1 were started more than once" in page
+    assert page.count('src="data:image/webp;base64,') == 4  # photo and groups of two scenes
+    assert list(scenes.glob(".gaga-*")) == []
     report = run_stage(run_scenes(scenes, engine=LOCAL))
     complete(scenes, report)
     assert {outcome.stages_run for outcome in report.outcomes} == {()}
+    assert report.requeued == ()
 
 
 def test_a_scene_that_fails_is_named_and_stops_no_other(scenes: Path) -> None:
@@ -97,7 +102,7 @@ def test_a_scene_that_fails_is_named_and_stops_no_other(scenes: Path) -> None:
     assert [outcome.scene for outcome in report.failed] == ["a"]
     assert "point_cloud.ply" in report.failed[0].failed
     assert report.table()[1][0] == "a"
-    assert "point_cloud.ply" in report.table()[1][3]
+    assert "point_cloud.ply" in report.table()[1][-1]
     entry = json.loads((scenes / "a" / "gaga" / "report.json").read_text())["run"]
     assert "point_cloud.ply" in entry["failed"]
     assert missing_stages(open_scene_folder(scenes / "b")) == ()
@@ -112,19 +117,43 @@ def test_closing_the_stage_ends_the_workers(scenes: Path) -> None:
     assert workers(before) == []
 
 
-@pytest.mark.slow
-def test_dask_workers_and_one_that_dies(scenes: Path) -> None:
-    pytest.importorskip("distributed", reason="the extra executors is not installed")
-    complete(scenes, run_and_kill(run_scenes(scenes, engine=EngineConfig("dask", 2, 1)), 1.0))
+def test_a_scene_that_ends_its_worker_each_time_is_tried_three_times(
+    scenes: Path, tmp_path: Path
+) -> None:
+    """The fourth start in one run is refused: no engine can try it for ever."""
+    task = SceneTask("a", scenes / "a", starts=tmp_path / "starts")
+    (tmp_path / "starts").write_text("host 1\n" * TRIES)
+    outcome = run_one(task, RunConfig(), 1)
+    assert outcome.failed
+    assert outcome.attempts == TRIES
+    assert missing_stages(open_scene_folder(scenes / "a")) != ()
 
 
-def test_scenes_are_found_with_photos_alone(scenes: Path) -> None:
+def test_a_worker_stops_when_its_run_was_ended(scenes: Path, tmp_path: Path) -> None:
+    """What a worker of a running cluster does when the command that asked for it is gone."""
+    gone = SceneTask("a", scenes / "a", starts=tmp_path / "removed" / "starts")
+    assert "ended" in run_one(gone, RunConfig(), 1).failed
+    assert not (scenes / "a" / "gaga" / "labels.npz").exists()
+
+
+def test_scenes_are_found_by_name_in_folders_and_as_photos(scenes: Path) -> None:
     (scenes / "photos" / "input").mkdir(parents=True)
+    (scenes / "lone").mkdir()
     (scenes / "notes").mkdir()
-    shutil.copy(scenes / "a" / "images" / "000.png", scenes / "photos" / "input" / "000.png")
-    assert [path.name for path in list_scenes(scenes)] == ["a", "b", "photos"]
+    for place in (scenes / "photos" / "input", scenes / "lone"):
+        shutil.copy(scenes / "a" / "images" / "000.png", place / "000.png")
+    root, tasks = list_tasks([scenes])
+    assert root == scenes
+    assert [task.name for task in tasks] == ["a", "b", "lone-scene", "photos"]
+    assert tasks[2].photos == scenes / "lone"
+    root, tasks = list_tasks([scenes / "b", scenes / "a", scenes / "a"])
+    assert root == scenes
+    assert [task.name for task in tasks] == ["a", "b"]
+    shutil.move(scenes / "b", scenes / "notes" / "a")
+    root, tasks = list_tasks([scenes / "a", scenes / "notes" / "a"])
+    assert [task.name for task in tasks] == ["a", "notes/a"]  # equal names stay apart
     with pytest.raises(GagaError, match="no scene folders"):
-        list_scenes(scenes / "notes")
+        list_tasks([scenes / "a", scenes / "lone" / "nothing"])
 
 
 def test_an_engine_that_is_not_there_is_told(scenes: Path) -> None:
@@ -132,6 +161,46 @@ def test_an_engine_that_is_not_there_is_told(scenes: Path) -> None:
     away = EngineConfig("dask", address="tcp://127.0.0.1:9")
     with pytest.raises(GagaError, match="no dask scheduler"):
         run_stage(run_scenes(scenes, engine=away))
+    with pytest.raises(GagaError, match="dask or ray"):
+        EngineConfig("local", address="tcp://127.0.0.1:9")
+
+
+def test_dask_started_here_listens_on_this_machine_alone_and_says_nothing(
+    scenes: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Two named scenes on two dask workers of which one is killed: complete, requeued, no port
+    beyond localhost, not a line on the terminal."""
+    pytest.importorskip("distributed", reason="the extra executors is not installed")
+    listening: set[str] = set()
+
+    def watched() -> Stage[ScenesReport]:
+        stage = run_scenes([scenes / "a", scenes / "b"], engine=EngineConfig("dask", 2, 1))
+        while True:
+            try:
+                step = next(stage)
+            except StopIteration as end:
+                report: ScenesReport = end.value
+                return report
+            listening.update(listeners())
+            yield step
+
+    report = run_and_kill(watched(), scenes)
+    complete(scenes, report)
+    assert [outcome.attempts for outcome in report.outcomes].count(2) == 1
+    assert listening == {"127.0.0.1"}
+    assert capfd.readouterr().err == ""
+
+
+def listeners() -> set[str]:
+    """Addresses on which this process and its children listen."""
+    me = psutil.Process()
+    found = set()
+    for process in (me, *me.children(recursive=True)):
+        with contextlib.suppress(psutil.Error):
+            for connection in process.net_connections(kind="tcp"):
+                if connection.status == psutil.CONN_LISTEN:
+                    found.add(connection.laddr.ip)
+    return found
 
 
 @pytest.mark.slow
