@@ -112,6 +112,12 @@ class VariantTable:
                 "Published: IoU/P/R of the paper's ablation on Replica, void as a label; masks of "
                 "SAM, of SAM 2 for its tracks."
             )
+            others = ", ".join(
+                f"{row.method} ({row.masks}) {published_text(name)}"
+                for name, row in ABLATION.items()
+                if name not in variants
+            )
+            found.append(f"Published rows that are not in this table: {others}.")
         if any(_miou_at(v) for v in variants):
             found.append("Published at thresholds: mIoU of figurines/ramen/teatime (LERF-Mask).")
         return found

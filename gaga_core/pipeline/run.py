@@ -234,10 +234,9 @@ def _is_rendered(work: Work) -> bool:
     names = [f"{view_key(name)}.png" for name in _shown(work.folder)]
     if not labels.is_file():
         return False
-    # Pictures older than the labels show groups that are gone.
-    sources = [labels]
-    if _mode(work) == "paper" and (work.folder.work / FILE).is_file():  # labels come from there
-        sources.append(work.folder.work / FILE)
+    # Pictures older than the labels, or than identities that labels may come from, show groups
+    # that are gone.
+    sources = [path for path in (labels, work.folder.work / FILE) if path.is_file()]
     return all(_is_newer(pictures / name, source) for name in names for source in sources)
 
 

@@ -17,15 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
 from gaga_core.evaluate.baselines import Inputs, label_gaussians, true_masks
 from gaga_core.evaluate.metrics import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
-from gaga_core.grouping.memory_bank import groups_of_masks
-from gaga_core.grouping.votes import associated_labels, splat_groups
-from gaga_core.identity.closed_form import Voted, vote_identity
+from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import IdentityField
-from gaga_core.identity.fit import fit_identity
+from gaga_core.identity.lift import Mode, lift_groups, task_of_association
 from gaga_core.masks import MaskSet
 from gaga_core.pipeline.lift import decode_groups
 from gaga_core.progress import run_stage
@@ -85,29 +82,15 @@ def measured(seeds: Sequence[int]) -> dict[str, list[Score]]:
     return found
 
 
-def with_identities(bench: Bench, preset: str) -> Score:
-    """The preset, lifted in closed form, decoded from splatted encodings."""
+def with_identities(bench: Bench, preset: str, mode: Mode = "vote") -> Score:
+    """The preset, lifted in this mode, decoded from splatted encodings."""
     engine = choose("cpu")
     config = AssociateConfig.of(preset)
-    result = run_stage(associate_stage(bench.gaussians, bench.train, bench.masks, engine, config))
-    groups = groups_of_masks(result.bank, [camera.name for camera in bench.train])
-
-    def label_map(camera: Camera) -> IntArray:
-        masks = bench.masks.load(camera.name, camera.width, camera.height)
-        return associated_labels(masks, groups[camera.name])
-
-    closed = run_stage(
-        vote_identity(
-            bench.gaussians,
-            Voted(result.labels, result.confidence),
-            result.bank.group,
-            result.bank.n_groups,
-            bench.train,
-            engine,
-        )
-    )
-    fitted = run_stage(fit_identity(bench.gaussians, closed, bench.train, label_map, engine))
-    return decoded(bench, fitted.closed.identity.field)
+    found = run_stage(associate_stage(bench.gaussians, bench.train, bench.masks, engine, config))
+    grouping = found.labels, found.confidence, found.bank
+    task = task_of_association(bench.gaussians, bench.train, bench.masks, grouping, engine)
+    identity, _ = run_stage(lift_groups(task, mode))
+    return decoded(bench, identity.field)
 
 
 def decoded(bench: Bench, field: IdentityField) -> Score:

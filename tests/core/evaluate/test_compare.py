@@ -297,7 +297,10 @@ def test_published_figures_stand_next_to_the_same_variant(root: Path) -> None:
     assert texts[1] == ""  # the paper ends at 0.3
     assert texts[2] == "8.8/3.2/2.2"
     assert "IoU drop" not in headings  # no row has one
-    assert len(found.notes()) == 4
+    assert len(found.notes()) == 5
+    others = next(note for note in found.notes() if "not in this table" in note)
+    assert "memory bank (SAM 2) 49.0/30.5/53.4" in others
+    assert "no association" not in others  # it has a row
     assert found.notes()[0].startswith("Counted with void left out")
     saved = json.loads((root / "gaga" / "variants.json").read_text())["rows"]
     assert saved[0]["published"]["miou"]["ramen"] == 51.3
