@@ -74,6 +74,8 @@ def test_a_broken_picture_is_asked_for_once_until_dropped(store: ImageStore) -> 
     for _ in range(3):
         assert _get(store, "a", load) is None
     assert len(calls) == 1
+    assert store.cannot_read("a")
+    assert not store.cannot_read("b")
     store.drop("a")
     assert _get(store, "a", _solid(3)) is not None
 

@@ -68,11 +68,12 @@ def _show(session: Session, document: Document) -> None:
 
 
 def close(session: Session) -> None:
-    """Show the scene as it is again."""
+    """Show the scene as it is again; a view mode that was chosen during the replay stays."""
     timeline = timeline_of(session)
     if timeline.is_open:
         timeline.is_open = timeline.is_playing = False
-        session.view.mode = timeline.former_mode
+        if session.view.mode is Mode.GROUPS:
+            session.view.mode = timeline.former_mode
 
 
 def toggle_playing(session: Session) -> None:

@@ -114,7 +114,9 @@ def _answer_stage(
 
         yield Progress("Ask the model", 0, 0, f"load {model.title}")
         prompter = loaded.get(model.name) or _load(model)
-        loaded[model.name] = prompter  # one job at a time asks, so nothing else writes here
+        # One model stays in memory. One job at a time asks, so nothing else writes here.
+        loaded.clear()
+        loaded[model.name] = prompter
         asked = model_answer_stage(scene, cameras, camera, answer.clicks, prompter, choose())
         return (yield from asked)
 

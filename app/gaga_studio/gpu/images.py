@@ -49,6 +49,11 @@ class ImageStore:
             self._request(key, load)
         return None
 
+    def cannot_read(self, key: str) -> bool:
+        """Whether a picture was asked for and could not be read."""
+        self._receive()
+        return key in self._failed
+
     @property
     def loading(self) -> bool:
         """Whether something asked for is not there yet: keep the window awake."""

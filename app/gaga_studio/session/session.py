@@ -34,7 +34,7 @@ from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.requests import Request
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import TrainingPreview
-from gaga_studio.session.view_state import ImageSource, ToolName, ViewState
+from gaga_studio.session.view_state import ImageSource, Mode, ToolName, ViewState
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ class Session:
     def _forget(self) -> None:
         if self.document is not None:
             saving.release(self.document.lock)
-            if self.document.timeline.is_open:
+            if self.document.timeline.is_open and self.view.mode is Mode.GROUPS:
                 self.view.mode = self.document.timeline.former_mode
         # What a notice offers is about the scene that it was made for.
         self.notices = tuple(notice for notice in self.notices if not notice.command)

@@ -162,3 +162,7 @@ class ImageSource(Protocol):
         Without ``load`` only a picture that is there.
         """
         ...
+
+    def cannot_read(self, key: str) -> bool:
+        """Whether a picture was asked for and could not be read."""
+        ...

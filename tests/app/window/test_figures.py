@@ -74,7 +74,7 @@ def _replay(d: Driver) -> None:
     d.click("Timeline/**/###Step back")
     assert timeline.step == growth.last_step - 1
     d.click("Timeline/**/###Close replay")
-    assert d.session.view.mode is Mode.COLOR
+    assert d.mode() is Mode.COLOR
     d.on_main(lambda: run("view.groups", d.session))
     assert np.abs(d.pixels().astype(int) - saved).mean() < 1
     d.on_main(lambda: run("view.color", d.session))
@@ -82,8 +82,11 @@ def _replay(d: Driver) -> None:
     d.until(lambda: timeline.is_open, "the replay is shown at once")
     d.click("Timeline/**/###Camera follows")
     d.until(lambda: d.session.active_view is not None, "the camera follows")
+    d.on_main(lambda: run("view.depth", d.session))
     d.keys(KEY.escape)
     assert not timeline.is_open
+    assert d.mode() is Mode.DEPTH  # chosen during the replay
+    d.on_main(lambda: run("view.color", d.session))
 
 
 def _split(d: Driver, plain: np.ndarray) -> None:

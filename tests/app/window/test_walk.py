@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import BoolArray, DoubleArray, UInt8Array
 from gaga_core.color import rgb_from_dc
@@ -89,6 +90,19 @@ class _Walk:
         wanted = (box[0][2] + box[1][2]) / 2 + 0.4  # type: ignore[index]
         d.type_into("Inspector/Properties/##Position Z", f"{wanted:.3f}")
         np.testing.assert_allclose(self._centre(d) - before, [0, 0, 0.4], atol=2e-3)
+        moved, n_entries = self._centre(d), d.session.history.cursor  # type: ignore[union-attr]
+        d.engine.mouse_move("Inspector/Properties/##Position Z")
+        d.engine.mouse_down(0)
+        d.engine.mouse_move_to_pos(imgui.get_io().mouse_pos + ImVec2(60, 0))
+        d.frames()
+        assert d.session.history.is_previewing  # type: ignore[union-attr]
+        d.keys(KEY.escape)
+        d.frames()
+        assert not d.session.history.is_previewing  # type: ignore[union-attr]
+        d.engine.mouse_up(0)
+        d.frames()
+        np.testing.assert_allclose(self._centre(d), moved)
+        assert d.session.history.cursor == n_entries  # type: ignore[union-attr]
 
     def move_by_handle(self, d: Driver) -> None:
         d.keys(KEY._1)

@@ -115,6 +115,11 @@ def _scale(session: Session, state: PlacementState, start: Pose) -> None:
 
 def _after(session: Session, state: PlacementState, start: Pose, changed: bool) -> None:
     """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
+    if state.target is not None and imgui.is_key_pressed(imgui.Key.escape):  # given up
+        history.cancel_preview(session)
+        state.clear()
+        imgui.internal.clear_active_id()
+        return
     ended = imgui.is_item_deactivated_after_edit()
     if (changed or ended) and state.target is not None:
         transform.preview_move(session, motion_between(start, state.target), state.verb)

@@ -29,6 +29,7 @@ _NAMES = {
     Side.BEFORE: "Before the last edit",
     Side.PRESET: "Other preset",
 }
+_NO_MAP = "There is no true map of this photo that can be read"
 _HELP = "Split view: click a photo to stand where it was taken"
 
 
@@ -129,7 +130,9 @@ def _photo_side(
     if side is Side.TRUTH:
         key = f"truth {truth} {photo.name}"
         load = partial(truth_picture, truth, photo.name, _SIDE)
-        return "" if _image(images.texture(key, load), place) else "Reading the true map…"
+        if _image(images.texture(key, load), place):
+            return ""
+        return _NO_MAP if images.cannot_read(key) else "Reading the true map…"
     if path is None:
         return "This photo cannot be read"
     mark = f"{photo_compare.content_mark(scene)} {scene.revision.labels}"
@@ -141,6 +144,8 @@ def _photo_side(
         compared[key] = found[1]
         return found[0]
 
+    if images.cannot_read(key):
+        return _NO_MAP
     if not _image(images.texture(key, errors), place) or key not in compared:
         return "Comparing groups and truth…"
     return f"{100 * compared[key]:.1f} % right (blue); red: another group, yellow: none"
@@ -246,9 +251,11 @@ def _difference(
 def _note(text: str, corner: ImVec2, size: ImVec2) -> None:
     """A line at the upper edge of the picture, in the middle."""
     pad = ImVec2(em(0.6), em(0.3))
-    extent = imgui.calc_text_size(text)
+    room = max(size.x - 4 * pad.x, em(8))
+    extent = imgui.calc_text_size(text, wrap_width=room)
     low = ImVec2(corner.x + (size.x - extent.x) / 2 - pad.x, corner.y + em(0.7))
     high = ImVec2(low.x + extent.x + 2 * pad.x, low.y + extent.y + 2 * pad.y)
     drawing = imgui.get_window_draw_list()
     drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.8), em(0.3))
-    drawing.add_text(ImVec2(low.x + pad.x, low.y + pad.y), theme.u32(theme.TEXT), text)
+    at, color = ImVec2(low.x + pad.x, low.y + pad.y), theme.u32(theme.TEXT)
+    drawing.add_text(imgui.get_font(), imgui.get_font_size(), at, color, text, wrap_width=room)
