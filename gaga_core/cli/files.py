@@ -15,6 +15,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.scene.project import Project
 
 if TYPE_CHECKING:
+    from gaga_core.io.splat_files import SplatFormat
     from gaga_core.scene.export_options import ExportOptions
 
 _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
@@ -27,7 +28,7 @@ class EditCommand:
     input: Positional[Path]
     """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     output: Positional[Path]
-    """The .ply, .compressed.ply, .splat, .spz, .sog or .glb to write."""
+    """The .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html to write."""
     script: Path
     """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
     groups: bool = False
@@ -39,18 +40,23 @@ class EditCommand:
         """Write what is visible after the edits."""
         from gaga_core.io.splat_files import form_of
         from gaga_core.scene.export import export_losses, export_scene_stage
+        from gaga_core.scene.export_options import ExportOptions
         from gaga_core.scene.project import open_path_stage
         from gaga_core.scene.script.run import parse_script, run_script
+        from gaga_core.scene.web_page import content_of
 
         form_of(self.output)  # a mistake is told before a large model is read
         script = read_json(
             self.script, list[object], "Fix the script and run again.", most_bytes=_MOST_SCRIPT
         )
         parse_script(script)
-        scene = out.follow(open_path_stage(self.input)).scene
+        project = out.follow(open_path_stage(self.input))
+        scene = project.scene
         titles = run_script(scene, script)
+        options = ExportOptions(up=_up(project), page=content_of(project))
         _say(export_losses(scene, form_of(self.output), groups=self.groups))
-        written = out.follow(export_scene_stage(scene, self.output, groups=self.groups))
+        stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
+        written = out.follow(stage)
         values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
         out.result(values, as_json=self.json)
         return 0
@@ -63,8 +69,8 @@ class ExportCommand:
     scene: Positional[Path]
     """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     out: Path
-    """A .ply, .compressed.ply, .splat, .spz, .sog or .glb for --what scene, a .json for cameras, a
-    folder otherwise."""
+    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene, a .json for
+    cameras, a folder otherwise."""
     what: Literal["scene", "objects", "masks", "cameras"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
     masks: a 16-bit map of group ids for every view. cameras: a cameras.json of the photos, in the
@@ -72,8 +78,11 @@ class ExportCommand:
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
-    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb"] | None = None
-    """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3."""
+    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"] | None = (
+        None
+    )
+    """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3.
+    html is one page that shows scene and objects in any browser, without a network."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     folder: str = ""
@@ -102,9 +111,7 @@ class ExportCommand:
         from gaga_core.identity.classifier_io import write_classifier
         from gaga_core.io.splat_files import SplatFormat, form_of
         from gaga_core.scene.export import (
-            export_losses,
             export_objects_stage,
-            export_scene_stage,
             listed_files,
             objects_losses,
         )
@@ -133,12 +140,7 @@ class ExportCommand:
         if field is not None:
             values["classifier"] = str(folder / CLASSIFIER)
         if self.what == "scene":
-            _say(export_losses(scene, form, groups=self.groups, options=options))
-            stage = export_scene_stage(
-                scene, self.out, groups=self.groups, form=form, options=options
-            )
-            written = out.follow(stage)
-            values = {"file": str(self.out), "gaussians": written, **values}
+            values = {**self._whole(project, form, options), **values}
         else:
             only = self._only(project)
             _say(objects_losses(scene, form, only, options))
@@ -170,25 +172,34 @@ class ExportCommand:
         inside = scene.folders.groups(existing(scene, self.folder))
         return [group for group in inside if not self.only or group in self.only]
 
-    def _options(self, project: Project) -> "ExportOptions":
-        """The switches as options; which way is up the cameras say, else the splats."""
-        from gaga_core.scene.export_options import ExportOptions, box_of
-        from gaga_core.scene.orientation import guess_up, up_of_moved
+    def _whole(
+        self, project: Project, form: "SplatFormat", options: "ExportOptions"
+    ) -> dict[str, object]:
+        from gaga_core.io.splat_files import SplatFormat
+        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.scene.export import export_losses, export_scene_stage
 
-        opened, placed = project.folder, project.placed_folder
-        if opened is not None and placed is not None and opened.cameras:
-            up = up_of_moved(opened.cameras, placed.cameras)
-        else:
-            up = guess_up(project.scene.gaussians)
-        x, y, z = (float(value) for value in up)
+        scene, groups = project.scene, self.groups
+        if form is SplatFormat.HTML:
+            describe_project(project)  # the names in its list
+        _say(export_losses(scene, form, groups=groups, options=options))
+        stage = export_scene_stage(scene, self.out, groups=groups, form=form, options=options)
+        return {"file": str(self.out), "gaussians": out.follow(stage)}
+
+    def _options(self, project: Project) -> "ExportOptions":
+        """The switches as options."""
+        from gaga_core.scene.export_options import ExportOptions, box_of
+        from gaga_core.scene.web_page import content_of
+
         try:
             return ExportOptions(
                 sh_degree=self.sh_degree,
                 crop=box_of(self.crop) if self.crop is not None else None,
                 centre=self.centre,
                 ground=self.ground,
-                up=(x, y, z),
+                up=_up(project),
                 scale=self.scale,
+                page=content_of(project),
             )
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error
@@ -278,6 +289,19 @@ def _say(losses: Iterable[str]) -> None:
     """Say what the form does not keep, before anything is written."""
     for sentence in losses:
         out.say(sentence)
+
+
+def _up(project: Project) -> tuple[float, float, float]:
+    """Which way is up (3,), unit, world: the cameras say, else the splats."""
+    from gaga_core.scene.orientation import guess_up, up_of_moved
+
+    opened, placed = project.folder, project.placed_folder
+    if opened is not None and placed is not None and opened.cameras:
+        up = up_of_moved(opened.cameras, placed.cameras)
+    else:
+        up = guess_up(project.scene.gaussians)
+    x, y, z = (float(value) for value in up)
+    return x, y, z
 
 
 def _add_identity(project: Project) -> IdentityField:

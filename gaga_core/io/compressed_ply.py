@@ -19,6 +19,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.packing import (
     bytes_of_logits,
     logits_of_bytes,
+    morton_order,
     quats_of_three,
     room_for,
     three_of_quats,
@@ -157,7 +158,7 @@ def write_compressed_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """
     n = len(gaussians)
     yield Progress("Sort splats", 0, n, path.name)
-    order = _morton_order(gaussians.means)
+    order = morton_order(gaussians.means)
     n_rest = min(gaussians.sh.shape[1] - 1, 15)
     n_chunks = -(-n // CHUNK)
     limits = np.empty((n_chunks, 18), "<f4")
@@ -212,29 +213,3 @@ def _header(n: int, n_chunks: int, n_rest: int, comments: tuple[str, ...]) -> by
     if n_rest:
         lines += [f"element sh {n}", *(f"property uchar f_rest_{i}" for i in range(n_rest * 3))]
     return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")
-
-
-def _morton_order(means: FloatArray) -> LongArray:
-    """Rows along a Z curve of 21 bits an axis; what is not finite comes where it falls."""
-    low, high = means.min(axis=0), means.max(axis=0)
-    span = np.where(high > low, high - low, 1).astype(np.float64)
-    codes = np.zeros(len(means), np.uint64)
-    for axis in range(3):
-        with np.errstate(invalid="ignore"):
-            cells = (means[:, axis].astype(np.float64) - low[axis]) / span[axis] * ((1 << 21) - 1)
-        codes |= _spread(np.nan_to_num(cells, nan=0).astype(np.uint64)) << np.uint64(axis)
-    result: LongArray = np.argsort(codes, kind="stable")
-    return result
-
-
-def _spread(cells: AnyArray) -> AnyArray:
-    """Bits of 21-bit numbers, two zeros between each (Morton's interleaving)."""
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
-    return cells

@@ -78,3 +78,29 @@ def quats_of_three(largest: AnyArray, three: AnyArray) -> FloatArray:
     rest = np.sqrt(np.maximum(1 - (three * three).sum(axis=1), 0))
     np.put_along_axis(quats, np.asarray(largest, np.int64)[:, None], rest[:, None], 1)
     return quats
+
+
+def morton_order(means: FloatArray) -> LongArray:
+    """Rows along a Z curve of 21 bits an axis; what is not finite comes where it falls."""
+    low, high = means.min(axis=0), means.max(axis=0)
+    span = np.where(high > low, high - low, 1).astype(np.float64)
+    codes = np.zeros(len(means), np.uint64)
+    for axis in range(3):
+        with np.errstate(invalid="ignore"):
+            cells = (means[:, axis].astype(np.float64) - low[axis]) / span[axis] * ((1 << 21) - 1)
+        codes |= _spread(np.nan_to_num(cells, nan=0).astype(np.uint64)) << np.uint64(axis)
+    result: LongArray = np.argsort(codes, kind="stable")
+    return result
+
+
+def _spread(cells: AnyArray) -> AnyArray:
+    """Bits of 21-bit numbers, two zeros between each (Morton's interleaving)."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
+    return cells

@@ -24,6 +24,7 @@ from gaga_core.io.sog_writer import write_sog_stage
 from gaga_core.io.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.spz import read_spz_stage, write_spz_stage
 from gaga_core.io.spz_axes import OURS
+from gaga_core.io.web_page import plain_page, write_page_stage
 from gaga_core.progress import Stage, run_stage
 
 READ_SUFFIXES = (
@@ -34,7 +35,7 @@ READ_SUFFIXES = (
     ".ksplat",
     ".glb",
 )  # .compressed.ply ends in .ply
-WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb")
+WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".html")
 _HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
 _NORMALS = ("nx", "ny", "nz")
 _NAMED = 4  # columns that a sentence names; the others are counted
@@ -50,11 +51,20 @@ class SplatFormat(StrEnum):
     SPZ4 = "spz4"
     SOG = "sog"
     GLB = "glb"  # with KHR_gaussian_splatting
+    HTML = "html"  # a page to look at, which is not read
 
     @property
     def suffix(self) -> str:
         """What a file of this form ends in."""
         return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
+
+
+_THREE_DEGREES = (
+    SplatFormat.COMPRESSED_PLY,
+    SplatFormat.SOG,
+    SplatFormat.GLB,
+    SplatFormat.HTML,
+)
 
 
 def form_of(path: Path) -> SplatFormat:
@@ -68,7 +78,7 @@ def form_of(path: Path) -> SplatFormat:
             return form
     raise GagaError(
         f"{Path(path).name} cannot be written: choose a name that ends in .ply, .compressed.ply, "
-        ".splat, .spz, .sog or .glb, or the name meta.json for a SOG in a folder."
+        ".splat, .spz, .sog, .glb or .html, or the name meta.json for a SOG in a folder."
     )
 
 
@@ -160,6 +170,8 @@ def write_splats_stage(
         yield from write_sog_stage(path, gaussians)
     elif form is SplatFormat.GLB:
         yield from write_glb_stage(path, gaussians)
+    elif form is SplatFormat.HTML:
+        yield from write_page_stage(path, plain_page(path.stem, gaussians))
     else:
         yield from write_spz_stage(path, gaussians, 4 if form is SplatFormat.SPZ4 else 3)
 
@@ -170,12 +182,14 @@ def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
 
 
 def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
+    if form is SplatFormat.HTML:
+        yield "No program opens a page as splats again: keep the scene itself, too."
     if form is not SplatFormat.GLB:
         yield _precision(gaussians, form)
     degree = gaussians.sh_degree
     if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."
-    if form in (SplatFormat.COMPRESSED_PLY, SplatFormat.SOG, SplatFormat.GLB) and degree > 3:
+    if form in _THREE_DEGREES and degree > 3:
         yield "The SH of degree 4 are left out."
     columns = [name for name in gaussians.extra if name not in _NORMALS]
     normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
@@ -201,7 +215,7 @@ def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
             "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
             "and SH to 8 bits), and the splats are put in another order."
         )
-    if form is SplatFormat.SOG:
+    if form in (SplatFormat.SOG, SplatFormat.HTML):
         return (
             "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
             "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
@@ -218,7 +232,7 @@ def _clipped(gaussians: Gaussians, form: SplatFormat) -> int:
     limit = {SplatFormat.SPLAT: 0.5 / SH_C0, SplatFormat.COMPRESSED_PLY: np.inf}.get(
         form, 0.5 / spz.COLOR_SCALE
     )
-    if form in (SplatFormat.SOG, SplatFormat.GLB):
+    if form in (SplatFormat.SOG, SplatFormat.GLB, SplatFormat.HTML):
         return 0
     out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
     if gaussians.sh_degree and form is not SplatFormat.SPLAT:

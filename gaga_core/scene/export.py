@@ -25,6 +25,7 @@ from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.oriented_box import oriented_box
+from gaga_core.scene.web_page import write_scene_page_stage
 
 T = TypeVar("T")
 _Direction = tuple[float, float, float]
@@ -143,6 +144,9 @@ def _export_scene(
         state += " in the box of the crop" if options.crop is not None else ""
         raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
     gaussians = yield from bake_stage(scene, indices=splats)
+    if form is SplatFormat.HTML:
+        yield from write_scene_page_stage(scene, splats, gaussians, path, options)
+        return len(splats)
     gaussians = options.applied(gaussians, options.origin(gaussians.means))
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])

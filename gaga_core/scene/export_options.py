@@ -1,15 +1,18 @@
 """What an export changes on the way: less color, a crop, another origin, other units."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.sog_writer import PALETTE
+from gaga_core.io.code_books import PALETTE
 from gaga_core.io.splat_files import SplatFormat
+from gaga_core.io.web_page import viewer_bytes
+from gaga_core.scene.camera_path import Bookmark, CameraPath, Shot
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
@@ -20,7 +23,20 @@ _SPZ = 0.75  # of its bytes are left when it is packed, about
 # Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
 # of a splat, and of an SH coefficient in the palette.
 _SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
+# The same of a web page, in base64, and of an object with its picture.
+_PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 1.0, 2_600
 _SPLAT = 32  # bytes of a splat in a .splat
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """What a web page shows besides the splats; world of the scene."""
+
+    title: str = ""  # empty: the name of the file
+    start: Shot | None = None  # first view; None: the first bookmark, else photo, else all
+    bookmarks: tuple[Bookmark, ...] = ()
+    path: CameraPath = field(default_factory=CameraPath)
+    cameras: tuple[Camera, ...] = ()  # of the photos: objects are pictured from their side
 
 
 @dataclass(frozen=True)
@@ -33,6 +49,7 @@ class ExportOptions:
     ground: bool = False  # its lowest point comes to height 0 along ``up``
     up: Point = (0.0, 0.0, 1.0)  # unit, world
     scale: float = 1.0  # units of the file per scene unit
+    page: PageContent = field(default_factory=PageContent)  # of an .html
 
     def __post_init__(self) -> None:
         """Refuse what cannot be written."""
@@ -82,8 +99,13 @@ class ExportOptions:
         return replace(gaussians, **changes) if changes else gaussians
 
 
-def estimated_bytes(gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: int) -> int:
-    """About how large a file with ``n`` splats like ``gaussians`` is, at ``sh_degree``."""
+def estimated_bytes(
+    gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: int, n_objects: int = 0
+) -> int:
+    """About how large a file with ``n`` splats like ``gaussians`` is, at ``sh_degree``.
+
+    ``n_objects``: how many a web page lists, with a picture each.
+    """
     n_rest = 3 * ((sh_degree + 1) ** 2 - 1)
     if form is SplatFormat.SPLAT:
         return n * _SPLAT
@@ -94,6 +116,9 @@ def estimated_bytes(gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: 
         return _HEADER + n * (4 * (14 + n_rest) + extra)
     if form is SplatFormat.GLB:
         return _HEADER + 4 * n * (11 + 3 + n_rest)
+    if form is SplatFormat.HTML:
+        sh = (_PAGE_SH * n_rest * min(n, PALETTE) + 2.7 * n) if n_rest else 0
+        return round(viewer_bytes() + _PAGE_HEAD + _PAGE * n + sh + _PAGE_OBJECT * n_objects)
     if form is SplatFormat.SOG:
         sh = 5_500 + 1.5 * n + _SOG_SH * n_rest * min(n, PALETTE) if n_rest else 0
         return round(_SOG_HEAD + _SOG * n + sh)

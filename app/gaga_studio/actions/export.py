@@ -14,7 +14,8 @@ from gaga_core.scene.export import (
     objects_indices,
     objects_losses,
 )
-from gaga_core.scene.export_options import ExportOptions, Point, estimated_bytes
+from gaga_core.scene.export_options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.scene.web_page import content_of
 from gaga_studio.actions import cleanup
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
@@ -49,8 +50,18 @@ def start(session: Session, plan: ExportPlan) -> bool:
         plan.path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GagaError(explain_os_error(error, plan.path.parent)) from error
-    cleanup.export(session, plan.what, plan.path, form=plan.form, options=plan.options)
+    options = plan.options
+    if plan.form is SplatFormat.HTML:
+        options = replace(options, page=page_content(session))
+    cleanup.export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
+
+
+def page_content(session: Session) -> PageContent:
+    """What a web page shows besides the splats: it begins with the present view."""
+    document = session.need()
+    project = replace(document.project, scene=document.scene)
+    return replace(content_of(project), start=session.rig.shot())
 
 
 @notifies
@@ -85,7 +96,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     degree = scene.gaussians.sh_degree
     if options.sh_degree is not None:
         degree = min(degree, options.sh_degree)
-    n_bytes = estimated_bytes(scene.gaussians, len(splats), plan.form, degree)
+    n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
+    n_bytes = estimated_bytes(scene.gaussians, len(splats), plan.form, degree, n_listed)
     return ExportSummary(len(splats), n_files, n_bytes, lost)
 
 

@@ -43,6 +43,12 @@ FILE_COMMANDS: tuple[Command, ...] = (
         enabled=not_saveable,
     ),
     Command(
+        "file.export_page",
+        "Export a web page…",
+        ask(Request.EXPORT_PAGE),
+        enabled=not_saveable,
+    ),
+    Command(
         "file.export_selected",
         "Export selection…",
         ask(Request.EXPORT_SELECTED),

@@ -36,6 +36,7 @@ class Request(Enum):
     SAVE_AS = auto()
     SAVE_SCRIPT = auto()
     EXPORT_SCENE = auto()
+    EXPORT_PAGE = auto()
     EXPORT_SELECTED = auto()
     OPEN_PATH = auto()  # of the camera
     SAVE_PATH = auto()

@@ -1,15 +1,8 @@
-"""Where things lie on disk: our assets, the user's settings, the demo scene."""
+"""Where things lie on disk: the user's settings, the demo scene."""
 
 import os
 import re
 from pathlib import Path
-
-
-def assets() -> Path:
-    """The folder of shaders, fonts and icons: in the wheel, or in the checkout."""
-    here = Path(__file__).resolve().parents[1]
-    inside = here / "assets"
-    return inside if inside.is_dir() else here.parents[1] / "assets"
 
 
 def home() -> Path:

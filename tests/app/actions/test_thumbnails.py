@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene.object_picture import GROUND
 from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import color_grade, history, search, selection, thumbnails
 from gaga_studio.session.session import Session
@@ -47,7 +48,7 @@ def measured(associated: Session) -> Session:
 def test_a_picture_shows_the_object_alone_as_large_as_fits(measured: Session) -> None:
     _, shown = picture(measured, 2)
     assert shown.shape == (thumbnails.SIDE, thumbnails.SIDE, 3)
-    drawn = np.abs(shown.astype(int) - thumbnails.GROUND).max(axis=2) > 12
+    drawn = np.abs(shown.astype(int) - GROUND).max(axis=2) > 12
     assert not drawn[[0, -1]].any()  # neutral ground at the edges
     assert not drawn[:, [0, -1]].any()
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
@@ -61,7 +62,7 @@ def test_a_few_strays_do_not_make_the_object_small(measured: Session) -> None:
     scene.revision.splats += 1
     measure(measured)
     _, shown = picture(measured, 2)
-    drawn = np.abs(shown.astype(int) - thumbnails.GROUND).max(axis=2) > 12
+    drawn = np.abs(shown.astype(int) - GROUND).max(axis=2) > 12
     assert np.ptp(np.flatnonzero(drawn.mean(axis=1) > 0.1)) > 0.5 * thumbnails.SIDE
 
 

@@ -151,9 +151,9 @@ def test_a_sog_comes_back_within_its_steps(tmp_path: Path, name: str, degree: in
 def test_a_table_of_numbers_is_made_from_all_channels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gaga_core.io import sog_writer
+    from gaga_core.io import code_books
 
-    monkeypatch.setattr(sog_writer, "_SAMPLE", 500)  # of 1500: every third number
+    monkeypatch.setattr(code_books, "_SAMPLE", 500)  # of 1500: every third number
     g = random_gaussians(500, seed=2)
     g.sh[:, 0] = np.linspace([-0.1, 0, 1], [0.1, 1, 3], 500)
     g.log_scales[:] = np.linspace([-5, -4, -8], [-4, -2, -6], 500)
@@ -165,18 +165,18 @@ def test_a_palette_is_shared_where_sh_are_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Splats of few kinds with a little noise: the palette finds the kinds."""
-    from gaga_core.io import sog_writer
+    from gaga_core.io import code_books
 
     rng = np.random.default_rng(5)
     kinds = rng.normal(0, 0.2, (40, 8, 3))
     chosen = rng.integers(0, 40, 4000)
     rest = (kinds[chosen] + rng.normal(0, 0.002, (4000, 8, 3))).astype(np.float32)
-    monkeypatch.setattr(sog_writer, "PALETTE", 512)
-    monkeypatch.setattr(sog_writer, "_COARSE", 100)
-    entries, labels = sog_writer._palette(rest)
+    monkeypatch.setattr(code_books, "PALETTE", 512)
+    monkeypatch.setattr(code_books, "_COARSE", 100)
+    entries, labels = code_books.palette_of(rest)
     assert 400 < len(entries) <= 512
     assert np.abs(entries[labels] - rest).mean() < 0.003
-    few, same = sog_writer._palette(rest[chosen][:300])
+    few, same = code_books.palette_of(rest[chosen][:300])
     assert np.array_equal(few[same], rest[chosen][:300])
 
 

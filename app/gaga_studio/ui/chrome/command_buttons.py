@@ -16,6 +16,7 @@ ICONS = {
     "file.demo": icons.DEMO,
     "file.save": icons.SAVE,
     "file.export_scene": icons.EXPORT,
+    "file.export_page": icons.EXPORT,
     "file.export_selected": icons.EXPORT,
     "file.export_objects": icons.EXPORT,
     "edit.undo": icons.UNDO,

@@ -52,6 +52,13 @@ _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     (SplatFormat.SPZ, "", "SPZ", "Small, rounded, for phones. Colors still change with the view."),
     (SplatFormat.SOG, "", "SOG", "Smallest, rounded, for browsers: PlayCanvas and SuperSplat."),
     (SplatFormat.GLB, "", "GLB", "glTF with KHR_gaussian_splatting: exact, for 3D programs."),
+    (
+        SplatFormat.HTML,
+        "",
+        "Web page",
+        "One file that opens in any browser, also on a phone and without a network: the scene, the "
+        "list of its objects, bookmarks and the camera path. It begins with the present view.",
+    ),
 )
 
 
@@ -67,20 +74,27 @@ class ExportSheet:
 
 
 def register(table: RequestTable, sheet: ExportSheet) -> None:
-    """Answer the three requests to export."""
+    """Answer the requests to export."""
     for request, what in (
         (Request.EXPORT_SCENE, "scene"),
         (Request.EXPORT_SELECTED, "selected"),
         (Request.EXPORT_OBJECTS, "objects"),
+        (Request.EXPORT_PAGE, "scene"),
     ):
-        table.register(request, _opener(sheet, what))  # type: ignore[arg-type]  # an Export
+        form = SplatFormat.HTML if request is Request.EXPORT_PAGE else None
+        table.register(request, _opener(sheet, what, form))  # type: ignore[arg-type]  # an Export
 
 
-def _opener(sheet: ExportSheet, what: Export) -> Callable[[Session], None]:
+def _opener(
+    sheet: ExportSheet, what: Export, form: SplatFormat | None
+) -> Callable[[Session], None]:
     def opens(session: Session) -> None:
         if session.document is None:
             return
         sheet.what = what
+        # A page is asked for by name; other requests go back to splats.
+        other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
+        sheet.form = other if form is None else form
         # A box is of one scene; the rest is wanted again.
         sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
         _propose(session, sheet)

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
-from gaga_studio.system import paths
+from gaga_core.assets import assets
 from gaga_studio.system.fonts import fonts_with, foreign_letters
 from gaga_studio.ui.kit.right_to_left import visual
 
@@ -181,7 +181,7 @@ def _merge(path: Path) -> bool:
 
 
 def _load(name: str) -> imgui.ImFont:
-    folder = paths.assets() / "fonts"
+    folder = assets() / "fonts"
     text = hello_imgui.FontLoadingParams(inside_assets=False)
     font = hello_imgui.load_font(str(folder / name), BASE_SIZE, text)
     icons = hello_imgui.FontLoadingParams(inside_assets=False, merge_to_last_font=True)
