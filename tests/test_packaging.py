@@ -30,7 +30,7 @@ def test_the_wheel_holds_both_packages_with_their_assets_and_no_screenshot(wheel
         wanted = {path.relative_to(folder).as_posix() for path in sources}
         assert wanted <= names
         assert f"{package}/py.typed" in names
-    for kind in ("fonts", "shaders"):
+    for kind in ("fonts", "shaders", "web"):
         files = {path.name for path in (_ROOT / "assets" / kind).iterdir()}
         assert files == {Path(name).name for name in names if f"/assets/{kind}/" in name}
     assert not [name for name in names if name.endswith((".png", ".jpg"))]

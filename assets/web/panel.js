@@ -55,6 +55,7 @@ class Panel {
 
   select(index) {
     const { viewer, scene } = this;
+    if (index === this.current) return;
     this.current = index;
     viewer.selected.fill(0);
     if (index > 0) viewer.selected[index] = 1;

@@ -1,0 +1,196 @@
+"""A page in a real browser: the same picture, the same picks, and nothing that a name can break."""
+
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaga_core.arrays import BoolArray, FloatArray
+from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.reconstruct.losses import psnr
+from gaga_core.scene.scene import State
+from gaga_core.scene.selection.picking import pick
+from tests.web.conftest import HOSTILE, Exported
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+_DARK = np.array([26, 27, 31], np.float32) / 255  # background of page.css
+_SETTLED = "canvas[data-settled]"
+
+
+@pytest.fixture(scope="module")
+def context(browser: "Browser") -> "Iterator[BrowserContext]":
+    size: Any = {"width": 720, "height": 300}
+    made = browser.new_context(viewport=size, color_scheme="dark", reduced_motion="reduce")
+    made.set_default_timeout(60_000)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def page(context: "BrowserContext", exported: Exported) -> "Iterator[Page]":
+    """The page, opened once; it asked for nothing and logged no error."""
+    opened = context.new_page()
+    asked: list[str] = []
+    errors: list[str] = []
+    opened.on("request", lambda request: asked.append(request.url))
+    opened.on("pageerror", lambda error: errors.append(str(error)))
+    opened.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+    opened.goto(exported.path.as_uri())
+    opened.wait_for_selector(_SETTLED)
+    yield opened
+    loaded = [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+    assert not loaded, "a page without a network"
+    # One of the tests puts a script there, to see that it is refused.
+    assert not [line for line in errors if "Executing inline script violates" not in line]
+
+
+@pytest.fixture
+def fresh(page: "Page") -> "Page":
+    """The page as it was when it was opened."""
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    page.locator("#picture").focus()
+    for key in ("a", "Home"):
+        page.keyboard.press(key)
+    page.mouse.move(2, 2)
+    page.wait_for_selector(_SETTLED)
+    return page
+
+
+def _box(page: "Page") -> tuple[int, int, int, int]:
+    box = page.locator("#picture").bounding_box()
+    assert box is not None
+    return round(box["x"]), round(box["y"]), round(box["width"]), round(box["height"])
+
+
+def _picture(page: "Page") -> FloatArray:
+    """What the canvas shows (H, W, 3), without the buttons over it."""
+    x, y, width, height = _box(page)
+    page.evaluate("document.getElementById('views').style.visibility = 'hidden'")
+    clip: Any = {"x": x, "y": y, "width": width, "height": height}
+    pixels = Image.open(io.BytesIO(page.screenshot(clip=clip))).convert("RGB")
+    page.evaluate("document.getElementById('views').style.visibility = ''")
+    picture: FloatArray = np.asarray(pixels, np.float32) / np.float32(255)
+    return picture
+
+
+def _selected(page: "Page") -> int:
+    """Id of the selected object, 0 = none."""
+    found = page.locator("#list li.selected")
+    return int(found.get_attribute("data-id") or 0) if found.count() else 0
+
+
+def test_the_picture_is_that_of_the_renderer(fresh: "Page", exported: Exported) -> None:
+    """At the first view and, by the key of a bookmark, from behind."""
+    _, _, width, height = _box(fresh)
+    shown = _picture(fresh)
+    camera = exported.shot.camera(width, height)
+    rendered = CpuRasterizer().render(exported.scene.gaussians, camera, background=_DARK).image
+    assert psnr(shown, rendered) > 36
+    fresh.keyboard.press("2")
+    fresh.wait_for_selector(_SETTLED)
+    assert psnr(_picture(fresh), rendered) < 25
+
+
+def test_a_click_selects_what_the_window_selects(fresh: "Page", exported: Exported) -> None:
+    """In the middle of every object, at its rim, on the floor and where nothing is."""
+    scene = exported.scene
+    x, y, width, height = _box(fresh)
+    camera = exported.shot.camera(width, height)
+    middles = [scene.gaussians.means[scene.labels == k].mean(axis=0) for k in range(1, 7)]
+    pixels, _ = camera.project(np.array(middles, np.float64))
+    rng = np.random.default_rng(3)
+    places = [*pixels, *(pixels + rng.uniform(-22, 22, pixels.shape))[:3], (5.5, 60.5)]
+    seen = set()
+    for u, v in (np.floor(place) + 0.5 for place in places):
+        if not (0 < u < width and 0 < v < height - 60):
+            continue
+        hit = pick(scene, camera, u, v)
+        if hit is not None and hit.weight < 0.6 * float(hit.weights.sum()):
+            continue  # two objects share it evenly: either one is right
+        if v < 90:  # under the card of a selected object
+            fresh.keyboard.press("Escape")
+        fresh.mouse.click(x + u, y + v)
+        group = hit.group if hit is not None else 0
+        assert _selected(fresh) == group, (u, v)
+        seen.add(group)
+    assert len(seen) >= 4
+
+
+def test_names_are_text_and_never_markup(fresh: "Page", exported: Exported) -> None:
+    """Names of objects and bookmarks, and the title, in the list, the card, the tip and the bar."""
+    names = fresh.locator("#list b").all_inner_texts()
+    assert HOSTILE in names
+    assert any("& {{style}}" in name for name in names)
+    assert fresh.title() == f"{HOSTILE} {{{{script}}}}"
+    assert fresh.locator("#bookmarks button").first.inner_text() == HOSTILE
+    fresh.locator("#list .name", has_text="document.title").click()
+    assert _selected(fresh) == 1
+    assert fresh.locator("#card-name").inner_text() == HOSTILE
+    assert fresh.locator("body script").count() == 1
+    assert fresh.locator("body img[src=x]").count() == 0
+    text = exported.path.read_text(encoding="utf-8")
+    assert text.count("</script>") == text.count("<script ")
+    # The policy lets no other script run, even when one is put on the page.
+    ran = fresh.evaluate(
+        """() => {
+            const script = document.createElement("script");
+            script.textContent = "window.broken = true";
+            document.body.append(script);
+            script.remove();
+            return window.broken === true;
+        }"""
+    )
+    assert not ran
+
+
+def test_search_hides_rows_and_keys_walk_through_them(fresh: "Page") -> None:
+    rows = fresh.locator("#list li:visible")
+    assert rows.count() == 7, "six objects, and what is in none"
+    fresh.keyboard.press("/")
+    fresh.keyboard.type("BRULEE creme")
+    assert rows.count() == 1
+    fresh.keyboard.press("ArrowDown")
+    fresh.keyboard.press("Enter")
+    assert _selected(fresh) == 2
+    fresh.locator("#search").fill("no such thing")
+    assert fresh.locator("#none").is_visible()
+    fresh.locator("#search").focus()
+    fresh.keyboard.press("Escape")
+    assert rows.count() == 7
+    fresh.keyboard.press("Tab")
+    for key in ("ArrowDown", "ArrowDown", "ArrowDown", "Enter"):
+        fresh.keyboard.press(key)
+    assert _selected(fresh) == 3
+
+
+def test_an_object_is_hidden_and_shown_alone(fresh: "Page", exported: Exported) -> None:
+    """Against the scene with the same splats hidden."""
+    scene = exported.scene
+    whole = _picture(fresh)
+    _, _, width, height = _box(fresh)
+    camera = exported.shot.camera(width, height)
+
+    def rendered(shown: BoolArray) -> FloatArray:
+        splats = scene.gaussians.take(np.flatnonzero(shown))
+        return CpuRasterizer().render(splats, camera, background=_DARK).image
+
+    assert not (scene.state & State.HIDDEN).any()
+    row = fresh.locator("#list li[data-id='3']")
+    row.locator(".eye").click()
+    fresh.mouse.move(2, 2)
+    fresh.wait_for_selector(_SETTLED)
+    hidden = _picture(fresh)
+    assert psnr(hidden, rendered(scene.labels != 3)) > 36 > psnr(hidden, whole)
+    row.locator(".alone").click()
+    fresh.mouse.move(2, 2)
+    fresh.wait_for_selector(_SETTLED)
+    assert psnr(_picture(fresh), rendered(scene.labels == 3)) > 36
+    fresh.locator("#all").click()
+    fresh.wait_for_selector(_SETTLED)
+    assert psnr(_picture(fresh), whole) > 50
