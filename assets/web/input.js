@@ -35,8 +35,6 @@ class Pointers {
     this.start = this.down.size === 1 && event.button === 0 ? this.place(event) : null;
     this.slides = event.button > 0 || event.shiftKey;
     this.over = null;
-    this.viewer.hover(0);
-    byId("tip").hidden = true;
   }
 
   move(event) {
@@ -50,7 +48,10 @@ class Pointers {
     if (this.start) this.down.set(event.pointerId, at);
     const isFirst = this.start !== null;
     this.start = null;
-    if (isFirst) return;
+    if (isFirst) {
+      this.leave(); // nothing is pointed at while the picture moves
+      return;
+    }
     if (this.down.size === 2) this.pinch(event.pointerId, at);
     else if (this.down.size === 1) this.drag(at[0] - before[0], at[1] - before[1]);
     this.down.set(event.pointerId, at);

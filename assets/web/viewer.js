@@ -56,9 +56,12 @@ class Viewer {
     this.invalidate();
   }
 
+  /** Show what `hidden` and `selected` say. */
   applyState() {
     this.renderer.setState(this.hidden, this.selected);
-    this.version++;
+    const shown = this.hidden.join("");
+    if (shown !== this.shown) this.version++; // another depth order
+    this.shown = shown;
     this.invalidate();
   }
 
