@@ -52,7 +52,7 @@ class EditCommand:
         parse_script(script)
         project = out.follow(open_path_stage(self.input))
         scene = project.scene
-        titles = run_script(scene, script)
+        titles = run_script(scene, script, views=lambda: project.training_views)
         options = ExportOptions(up=_up(project), page=content_of(project))
         _say(export_losses(scene, form_of(self.output), groups=self.groups))
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)

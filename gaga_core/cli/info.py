@@ -21,8 +21,9 @@ def describe(path: Path) -> Stage[dict[str, object]]:
         values["test_views"] = len(folder.test)
         values["split"] = folder.split
         values["masks"] = list(folder.mask_folders)
-    if project.scene.added:
-        values["added_files"] = [item.path for item in project.scene.added]
+    files = [item.path for item in project.scene.added if not item.is_made]
+    if files:
+        values["added_files"] = files
     objects = list_objects(project)
     values["groups"] = len(objects)
     values["objects"] = objects

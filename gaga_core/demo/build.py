@@ -1,6 +1,6 @@
 """The demo's model: objects laid out, covered with discs, lit, turned into splats."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Container, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,10 +40,13 @@ def _unlit(surfaces: Sequence[Surface]) -> Gaussians:
     return gaussians_of(surface, sh, np.random.default_rng(0))  # a chance of its own
 
 
-def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progress, None, Model]:
+def build_stage(
+    n_splats: int, seed: int, steps_after: int, *, without: Container[int] = ()
+) -> Generator[Progress, None, Model]:
     """Build about ``n_splats`` splats; ``steps_after`` belong to the whole task's progress.
 
-    Payloads are `Gaussians` so far, without light.
+    Payloads are `Gaussians` so far, without light. ``without``: ids of objects to leave out; all
+    others stand where they stand with them, in light that nothing of these keeps off.
     """
     rng = np.random.default_rng((seed, 0))
     coarseness = (_N_AT_ONE / n_splats) ** (1 / _FINE_EDGES)
@@ -56,7 +59,7 @@ def build_stage(n_splats: int, seed: int, steps_after: int) -> Generator[Progres
         so_far = _unlit(surfaces) if (k - 1) % _SHOWN_EVERY == 0 else None
         yield Progress(STAGE, k, total, item.name.capitalize(), so_far)
         surfaces.append(cover(item, k, coarseness, rng))
-    surface = joined(surfaces)
+    surface = joined([part for k, part in enumerate(surfaces) if k not in without])
     lit = bake(surface, lights, rng)
     done = len(objects)
     while True:

@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 
 from gaga_core import __version__
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, fingerprint
 from gaga_core.io.folder_lock import lock_folder
@@ -45,7 +46,7 @@ from gaga_core.scene.project_file import (
     read_project_file,
     saved_scene,
 )
-from gaga_core.scene.project_scene import scene_arrays, scene_of
+from gaga_core.scene.project_scene import made_of, scene_arrays, scene_of
 from gaga_core.scene.scene import RGB, Added, Scene
 
 _SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
@@ -80,6 +81,18 @@ class Project:
         if self.folder is None:
             return None
         return replace(self.folder, cameras=carried_cameras(self.folder.cameras, world))
+
+    @property
+    def training_views(self) -> tuple[Camera, ...]:
+        """Cameras whose photos made the splats, around the edited ones; all where none are named.
+
+        () without a scene folder.
+        """
+        folder = self.placed_folder
+        if folder is None:
+            return ()
+        named = tuple(camera for camera in folder.cameras if camera.name in set(folder.train))
+        return named or folder.cameras
 
     @property
     def placed_film(self) -> CameraPath:
@@ -255,7 +268,8 @@ def _open_saved(file: Path) -> Stage[Project]:
     gaussians = yield from read_splats_stage(model_path, entry.axes)
     added = _added_of(document.added, file.parent, len(gaussians))
     n_opened = len(gaussians)
-    gaussians = yield from with_added_stage(gaussians, added)
+    made = made_of(file.parent / document.scene, arrays, sum(item.is_made for item in added))
+    gaussians = yield from with_added_stage(gaussians, added, made)
     scene = scene_of(file.parent / document.scene, arrays, gaussians, n_opened)
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
@@ -304,6 +318,9 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
     opened = Added(*model, 0, scene.n_opened, project.model_axes)
     entries = []
     for item in (opened, *scene.added):
+        if item.is_made:
+            entries.append(FileEntry("", "", item.n))
+            continue
         rows = (item.first, item.first + item.n) if copies_model else None
         wanted = Path(item.path), item.fingerprint
         path, digest = current_file(wanted, target, scene, rows, project.copies)
@@ -316,8 +333,8 @@ def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[
     added: list[Added] = []
     first = n_opened
     for item in entries:
-        path = _resolve(base, item.path)
-        added.append(Added(str(path), item.fingerprint, first, item.gaussians, item.axes))
+        path = str(_resolve(base, item.path)) if item.path else ""  # "": see `Added`
+        added.append(Added(path, item.fingerprint, first, item.gaussians, item.axes))
         first += item.gaussians
     return tuple(added)
 

@@ -24,7 +24,7 @@ Rows = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
 class FileEntry(msgspec.Struct, frozen=True):
     """A file of splats that the project needs."""
 
-    path: PathText  # relative to the project's folder, or absolute
+    path: PathText  # relative to the project's folder, or absolute; "": splats that an edit made
     fingerprint: str
     gaussians: Rows = 0
     # As which an .spz is read that does not say its axes; projects without this took RUB.

@@ -13,6 +13,7 @@ from gaga_core.scene.identity_arrays import identities_of, identity_arrays
 from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.project_file import CURE
 from gaga_core.scene.scene import Placements, Scene
+from gaga_core.scene.splat_columns import columns_of, splats_of
 
 
 def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
@@ -34,10 +35,36 @@ def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
     if not scene.frame.is_identity:
         arrays["world"] = scene.frame.world
         arrays["is_metric"] = np.array(scene.frame.is_metric)
+    arrays |= _made_arrays(scene)
     for i, kept in enumerate(scene.named_selections.values()):
         arrays[f"set_{i}"] = np.packbits(kept.mask())
         arrays[f"length_{i}"] = np.array(kept.n)
     return arrays
+
+
+def _made_arrays(scene: Scene) -> dict[str, AnyArray]:
+    """Splats that edits made: no file has them, so their columns are kept."""
+    arrays: dict[str, AnyArray] = {}
+    made = [item for item in scene.added if item.is_made]
+    sources, places = np.unique(scene.source, return_index=True) if made else (scene.source,) * 2
+    for i, item in enumerate(made):
+        first, end = np.searchsorted(sources, (item.first, item.first + item.n))
+        columns = columns_of(scene.gaussians.take(places[first:end]))
+        arrays |= {f"made_{i}:{name}": column for name, column in columns.items()}
+    return arrays
+
+
+def made_of(file: Path, arrays: dict[str, AnyArray], n: int) -> list[Gaussians]:
+    """The ``n`` sets of splats that edits made. Raises ``GagaError`` that names ``file``."""
+    found = []
+    try:
+        for i in range(n):
+            head = f"made_{i}:"
+            columns = {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
+            found.append(splats_of(columns))
+    except (ValueError, KeyError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+    return found
 
 
 def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:

@@ -66,13 +66,18 @@ class Placements:
 
 @dataclass(frozen=True)
 class Added:
-    """Another file whose splats were added to the scene."""
+    """Another file whose splats were added to the scene, or splats that an edit made."""
 
-    path: str  # absolute
+    path: str  # absolute; "": no file has them, the project itself keeps them
     fingerprint: str  # of the file as it was read
     first: int  # row of its first splat among the rows of all files, see `Scene.source`
     n: int  # splats
     axes: SilentAxes = OURS  # of an .spz that does not say its own, see `gaga_core.io.spz_axes`
+
+    @property
+    def is_made(self) -> bool:
+        """Whether an edit made the splats."""
+        return not self.path
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,6 +125,7 @@ def _script(folder: Path) -> None:
         {"op": "transform", "groups": [1], "matrix": np.eye(4)[:3].tolist()},
         {"op": "duplicate", "groups": [2], "by": [1, 0, 0]},
         {"op": "clean", "groups": [1]},
+        {"op": "fill", "groups": [1]},
         {"op": "undo", "times": 2},
         {"op": "redo", "times": 1},
         {"op": "delete", "groups": [2]},

@@ -224,7 +224,8 @@ def _recover(session: Session, found: Recovery) -> None:
             resume_history(document, history)
         document.save_state.saved(None)  # nothing of it is on disk
         document.recovered_from = found.folder
-        names = [project.model_path, *(Path(item.path) for item in project.scene.added)]
+        added = [item for item in project.scene.added if not item.is_made]
+        names = [project.model_path, *(Path(item.path) for item in added)]
         document.copies_model = any(name.is_relative_to(found.folder) for name in names)
         document.quality = _read_quality(found.folder / _QUALITY)
         place = str(found.project) if found.project is not None else None

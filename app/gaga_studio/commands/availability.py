@@ -8,6 +8,7 @@ from gaga_studio.actions import (
     cleanup,
     click_object,
     detail,
+    fill,
     identities,
     quality,
     search,
@@ -60,6 +61,13 @@ def no_cleaning(session: Session) -> str:
     if cleanup.shown(session) is not None:
         return ""
     return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+
+
+def no_filling(session: Session) -> str:
+    """Needs the preview of a filled hole."""
+    if fill.shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is no preview of a filling. Use Delete and fill first."
 
 
 def no_clicks(session: Session) -> str:
@@ -305,8 +313,9 @@ def no_corner(session: Session) -> str:
 
 
 def nothing_to_confirm(session: Session) -> str:
-    """Needs an outline or the preview of a cleaning."""
-    if session.view.outline is not None or cleanup.shown(session) is not None:
+    """Needs an outline or the preview of a cleaning or filling."""
+    waits = cleanup.shown(session) is not None or fill.shown(session) is not None
+    if session.view.outline is not None or waits:
         return ""
     if click_object.is_clicking(session):
         return no_clicks(session)

@@ -2,7 +2,15 @@
 
 from dataclasses import replace
 
-from gaga_studio.actions import align_ground, cleanup, click_object, history, measure, selection
+from gaga_studio.actions import (
+    align_ground,
+    cleanup,
+    click_object,
+    fill,
+    history,
+    measure,
+    selection,
+)
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.polygon import close_outline
@@ -73,12 +81,12 @@ def larger_brush(session: Session) -> None:
 
 
 def confirm(session: Session) -> None:
-    """Confirm what waits: the outline, the clicked object or the cleaning."""
+    """Confirm what waits: the outline, the clicked object, the filling or the cleaning."""
     if session.view.outline is not None:
         close_outline(session)
     elif click_object.is_clicking(session):
         click_object.make_object(session)
-    else:
+    elif not fill.apply(session):
         cleanup.apply(session)
 
 

@@ -7,6 +7,7 @@ from gaga_studio.actions import (
     click_object,
     detail,
     files,
+    fill,
     identities,
     masks,
     models,
@@ -23,6 +24,7 @@ from gaga_studio.commands.availability import (
     no_clicks,
     no_confidence,
     no_detection,
+    no_filling,
     no_groups,
     no_identities,
     no_masks,
@@ -175,6 +177,17 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Split into the two things that its masks show",
         association_repair.split_by_masks,
         enabled=not_one_object_with_masks,
+    ),
+    Command(
+        "object.fill", "Delete and fill", fill.start, enabled=fill.why_not, describe=fill.title
+    ),
+    Command("object.fill_apply", "Apply the filling", fill.apply, enabled=no_filling),
+    Command(
+        "object.fill_lighten",
+        "Take off its shadow",
+        fill.switch_lighten,
+        enabled=no_filling,
+        is_on=lambda s: (found := fill.shown(s)) is not None and found.lighten,
     ),
     Command("object.clean", "Clean up", cleanup.start, enabled=not_cleanable),
     Command("object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=no_cleaning),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from gaga_core.grouping.mask_splats import MaskSplats
     from gaga_core.grouping.repair.view_evidence import Evidence
     from gaga_core.scene.cleanup.clean import CleanPreview
+    from gaga_core.scene.fill.fill import Filling
 
 
 class Document:
@@ -62,6 +63,7 @@ class Document:
         self.copies_model = False  # saves copy files of splats that changed
         self.stamps: tuple[tuple[int, int, int] | None, ...] = ()  # see `saving.look_at_files`
         self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
+        self._filling: tuple[Filling, Edit] | None = None  # and the edit that makes it
 
     @property
     def name(self) -> str:
@@ -188,6 +190,18 @@ class Document:
         if tint is not None:
             self.history.preview(tint)
             self._cleaning = found, tint
+
+    @property
+    def filling(self) -> "Filling | None":
+        """The filled hole whose preview is shown; `commit_preview` keeps it."""
+        held = self._filling
+        return held[0] if held is not None and held[1] is self.history.preview_edit else None
+
+    def show_filling(self, found: "Filling", edit: Edit) -> None:
+        """Show an object removed and its hole filled."""
+        self.settled()
+        self.history.preview(edit)
+        self._filling = found, edit
 
     # --- the selection
 

@@ -130,7 +130,8 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 def _files(project: Project) -> list[tuple[Path, str]]:
     """Files of splats, or the copies that a save has made of them, and their fingerprints."""
-    added = [(Path(item.path), item.fingerprint) for item in project.scene.added]
+    files = [item for item in project.scene.added if not item.is_made]
+    added = [(Path(item.path), item.fingerprint) for item in files]
     opened = [(project.model_path, project.model_fingerprint), *added]
     if project.path is None:
         return opened

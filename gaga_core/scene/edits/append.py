@@ -17,7 +17,7 @@ from gaga_core.scene.edits.duplicate import free_group
 from gaga_core.scene.edits.state import select
 from gaga_core.scene.edits.values import Edit, SetNames, together
 from gaga_core.scene.index_set import PackedInts
-from gaga_core.scene.scene import Added, Scene
+from gaga_core.scene.scene import Added, Scene, State
 
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 
@@ -70,6 +70,28 @@ def append(
     return together(title, (select(scene, np.zeros(0, np.int32)), edit, named))
 
 
+def append_made(
+    scene: Scene, splats: Gaussians, labels: IntArray, title: str, state: State = State.SELECTED
+) -> AppendSplats | None:
+    """Add splats (K,), world, that no file has, with their groups ``labels`` (K,).
+
+    They are kept in the project and in scripts themselves.
+    """
+    if len(splats) == 0:
+        return None
+    return AppendSplats(
+        title=title,
+        n=len(scene),
+        n_rows=len(scene.placements),
+        n_sh=scene.gaussians.sh.shape[1],
+        columns=tuple(scene.gaussians.extra),
+        splats=splats,
+        labels=PackedInts.of(labels.astype(np.int32)),
+        added=Added("", "", scene.n_rows_of_files, len(splats)),
+        state=state,
+    )
+
+
 def _groups(
     splats: Gaussians, first: int, stem: str
 ) -> tuple[IntArray, tuple[tuple[int, str | None], ...]]:
@@ -83,10 +105,21 @@ def _groups(
     return labels, tuple((first + i, name) for i, name in enumerate(names))
 
 
-def with_added_stage(opened: Gaussians, added: Sequence[Added]) -> Stage[Gaussians]:
-    """Rows of the opened file and of all files that were added to it, read again."""
-    whole = opened
+def with_added_stage(
+    opened: Gaussians, added: Sequence[Added], made: Sequence[Gaussians] = ()
+) -> Stage[Gaussians]:
+    """Rows of the opened file and of all files that were added to it, read again.
+
+    ``made``: in order, those of the entries that an edit made and no file holds.
+    """
+    whole, left = opened, list(made)
     for item in added:
+        if item.is_made:
+            splats = left.pop(0)
+            if len(splats) != item.n:
+                raise GagaError("The splats that the project itself keeps are damaged.")
+            whole = joined(whole, splats)
+            continue
         splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
         if len(splats) != item.n or len(whole) != item.first:
             raise GagaError(

@@ -1,4 +1,4 @@
-"""The edit that adds the splats of another file to the scene."""
+"""The edit that adds splats to the scene: of another file, or made by another edit's work."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from gaga_core.scene.scene import Added, Placements, Scene, State
 
 @dataclass(frozen=True, eq=False)
 class AppendSplats:
-    """Splats of another file at the end of the scene, on a placement row of their own.
+    """Splats at the end of the scene, on a placement row of their own.
 
     SH get the higher degree of the two, columns that one side lacks are zero there.
     """
@@ -25,14 +25,14 @@ class AppendSplats:
     n_rows: int  # of its placement table
     n_sh: int  # SH coefficients
     columns: tuple[str, ...]  # names of its extra columns
-    splats: Gaussians  # as read from the file
+    splats: Gaussians  # as read from the file, or as they were made
     labels: PackedInts  # of the added splats
     added: Added
     state: State = State.SELECTED
 
     @property
     def nbytes(self) -> int:
-        """Bytes held: the file's splats, for redo."""
+        """Bytes held: the splats, for redo."""
         g = self.splats
         columns = (g.means, g.quats, g.log_scales, g.logit_opacities, g.sh, *g.extra.values())
         return sum(int(column.nbytes) for column in columns) + self.labels.nbytes

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
+from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import PathText, explain_json_error
 from gaga_core.io.spz_axes import SilentAxes
@@ -22,7 +23,16 @@ from gaga_core.scene.edits.append import read_added_stage
 from gaga_core.scene.edits.append_values import AppendSplats
 from gaga_core.scene.edits.folder_values import SetFolders
 from gaga_core.scene.edits.frame import SetFrame
-from gaga_core.scene.edits.packed_entries import MOST_ROWS, IntsEntry, Row, SetEntry, TableEntry
+from gaga_core.scene.edits.packed_entries import (
+    MOST_ROWS,
+    ColumnType,
+    IntsEntry,
+    Row,
+    SetEntry,
+    TableEntry,
+    packed,
+    unpacked,
+)
 from gaga_core.scene.edits.placement_values import AppendCopies, SetPlacement
 from gaga_core.scene.edits.values import (
     Edit,
@@ -38,11 +48,20 @@ from gaga_core.scene.edits.values import (
 )
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.scene import RGB, Added, State
+from gaga_core.scene.splat_columns import columns_of, splats_of
 
 _Row = tuple[float, float, float, float]
 _Bits = Annotated[int, Meta(ge=0, le=255)]  # of a state
 # What the values of an entry can still be, once its types are right.
-_DAMAGED = (ValueError, OverflowError, MemoryError, RecursionError, zlib.error, binascii.Error)
+_DAMAGED = (
+    ValueError,
+    KeyError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+    zlib.error,
+    binascii.Error,
+)
 
 
 class EditEntry(Struct, frozen=True, tag_field="kind"):
@@ -185,6 +204,45 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
         )
 
 
+class ColumnEntry(Struct, frozen=True):
+    """A column of splats."""
+
+    name: str
+    dtype: ColumnType
+    shape: tuple[Row, ...]
+    data: str  # packed
+
+
+class MadeEntry(EditEntry, frozen=True, tag="made"):
+    """Splats that an edit made, with all their columns."""
+
+    first: Row
+    n: Row
+    n_rows: Row
+    n_sh: Row
+    columns: list[str]
+    labels: IntsEntry
+    state: _Bits
+    splats: list[ColumnEntry]
+
+    def decoded(self, most: int) -> Edit:
+        splats = splats_of({c.name: unpacked(c.data, c.dtype, c.shape) for c in self.splats})
+        labels = self.labels.ints(MOST_ROWS)
+        if labels.count != len(splats):
+            raise ValueError(f"{labels.count} labels for {len(splats)} splats")
+        return AppendSplats(
+            title=self.title,
+            n=self.n,
+            n_rows=self.n_rows,
+            n_sh=self.n_sh,
+            columns=tuple(self.columns),
+            splats=splats,
+            labels=labels,
+            added=Added("", "", self.first, len(splats)),
+            state=State(self.state),
+        )
+
+
 class FrameState(Struct, frozen=True):
     """How the whole scene was moved."""
 
@@ -230,6 +288,7 @@ AnyEntry = (
     | PlacementEntry
     | CopiesEntry
     | AppendEntry
+    | MadeEntry
     | FrameEntry
     | TogetherEntry
 )
@@ -304,7 +363,19 @@ def _rare_entry(edit: Edit) -> AnyEntry:
     raise TypeError(f"edit: {type(edit).__name__} has no recorded form")
 
 
-def _append_entry(edit: AppendSplats) -> AppendEntry:
+def _append_entry(edit: AppendSplats) -> AppendEntry | MadeEntry:
+    if edit.added.is_made:
+        return MadeEntry(
+            edit.title,
+            edit.added.first,
+            edit.n,
+            edit.n_rows,
+            edit.n_sh,
+            list(edit.columns),
+            IntsEntry.of(edit.labels),
+            int(edit.state),
+            [_column_entry(*column) for column in columns_of(edit.splats).items()],
+        )
     return AppendEntry(
         edit.title,
         edit.added.path,
@@ -318,3 +389,8 @@ def _append_entry(edit: AppendSplats) -> AppendEntry:
         int(edit.state),
         edit.added.axes,
     )
+
+
+def _column_entry(name: str, column: AnyArray) -> ColumnEntry:
+    dtype: ColumnType = str(column.dtype)  # type: ignore[assignment]
+    return ColumnEntry(name, dtype, column.shape, packed(column))

@@ -1,6 +1,7 @@
 """The recorded forms of arrays, sets of splats and tables: what msgspec checks when one is read."""
 
 import base64
+import math
 import zlib
 from typing import Annotated, Literal
 
@@ -15,6 +16,9 @@ MOST_ROWS = (1 << 31) - 1  # rows are int32
 Row = Annotated[int, Meta(ge=0, le=MOST_ROWS)]
 _Int32 = Annotated[int, Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
 _DType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"]
+ColumnType = Literal[  # of a column of splats
+    "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"
+]
 _Four = tuple[float, float, float, float]
 _Affine = tuple[_Four, _Four, _Four]
 
@@ -117,6 +121,14 @@ class TableEntry(Struct, frozen=True):
 def packed(array: AnyArray) -> str:
     """The bytes of an array, compressed, as text."""
     return base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 1)).decode()
+
+
+def unpacked(text: str, dtype: str, shape: tuple[int, ...]) -> AnyArray:
+    """An array of this shape; ``ValueError`` when ``text`` holds another number of values."""
+    count = math.prod(shape)
+    if count > MOST_ROWS:
+        raise ValueError(f"{count:,} values, at most {MOST_ROWS:,}")
+    return _unpacked(text, dtype, count).reshape(shape)
 
 
 def _unpacked(text: str, dtype: str, count: int) -> AnyArray:

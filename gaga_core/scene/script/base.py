@@ -1,11 +1,13 @@
 """What every operation of an edit script is, and what it acts on."""
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.folders import existing
@@ -34,9 +36,13 @@ class Operation(Struct, frozen=True, forbid_unknown_fields=True, tag_field="op",
         """
         raise NotImplementedError
 
-    def run(self, history: History, scene: Scene) -> str:
+    def edit_seen(self, scene: Scene, views: Sequence[Camera]) -> Edit | None:
+        """The edit, where it also asks what the cameras of the photos (now, world) saw."""
+        return self.edit(scene)
+
+    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
         """Apply it through ``history``; its title, "" when it changed nothing."""
-        edit = self.edit(scene)
+        edit = self.edit_seen(scene, views)
         return edit.title if edit is not None and history.do(edit) else ""
 
 

@@ -1,12 +1,13 @@
 """The operations of edit scripts that act on objects: each makes an edit of a scene."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 from msgspec import UNSET, UnsetType, field
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
@@ -310,6 +311,27 @@ class Clean(OnGroups, frozen=True):
         return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
 
 
+class Fill(OnSplats, frozen=True):
+    """Delete and fill what was hidden; without groups and selection: fill where was deleted."""
+
+    lighten: Flag = True  # take its shadow off what it stood on
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return self.edit_seen(scene, ())
+
+    def edit_seen(self, scene: Scene, views: Sequence[Camera]) -> Edit | None:
+        # SciPy's and numba's import takes long: only where something is filled.
+        from gaga_core.raster import choose
+        from gaga_core.scene.fill.config import FillConfig
+        from gaga_core.scene.fill.edits import filled_edit
+        from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
+
+        splats = fillable(scene) if self.groups is UNSET else self.splats(scene)
+        config = FillConfig(lighten=self.lighten)
+        found = run_stage(fill_stage(scene, splats, views, choose(), config))
+        return filled_edit(scene, found, fill_title(scene, splats))
+
+
 # --- history ------------------------------------------------------------------------------------
 
 
@@ -318,7 +340,7 @@ class Undo(Operation, frozen=True):
 
     times: Count = 1
 
-    def run(self, history: History, scene: Scene) -> str:
+    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
         titles = _until_none(history.undo, self.times)
         return f"Undo {titles}" if titles else ""
 
@@ -328,7 +350,7 @@ class Redo(Operation, frozen=True):
 
     times: Count = 1
 
-    def run(self, history: History, scene: Scene) -> str:
+    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
         titles = _until_none(history.redo, self.times)
         return f"Redo {titles}" if titles else ""
 
@@ -371,6 +393,7 @@ ObjectOperation: TypeAlias = (
     | JoinHere
     | Labels
     | Clean
+    | Fill
     | Undo
     | Redo
 )

@@ -12,13 +12,14 @@ without it acts on the selection. What the window records (`History.recorded`) a
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args, get_type_hints
 
 import msgspec
 import numpy as np
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import explain_json_error
 from gaga_core.scene.edits import Edit
@@ -90,24 +91,30 @@ def _rows_added(edit: Edit | None) -> int:
     return len(edit.splats) if isinstance(edit, AppendSplats) else 0
 
 
-def run_script(scene: Scene, content: object, history: History | None = None) -> tuple[str, ...]:
+def run_script(
+    scene: Scene,
+    content: object,
+    history: History | None = None,
+    views: Callable[[], Sequence[Camera]] = tuple,
+) -> tuple[str, ...]:
     """Check all of a script, then apply it through ``history``; the titles of what changed.
 
+    ``views`` gives the cameras of the photos around the scene as it is at that moment.
     An operation that fails stops the script; those before it stay applied.
     Raises ``GagaError`` as `parse_script` does, and for a group that does not exist.
     """
     steps = parse_script(content, len(scene))
     history = History(scene) if history is None else history
-    titles = [_run(step, history, scene) for step in steps]
+    titles = [_run(step, history, scene, views()) for step in steps]
     return tuple(title for title in titles if title)
 
 
-def _run(step: Step, history: History, scene: Scene) -> str:
+def _run(step: Step, history: History, scene: Scene, views: Sequence[Camera]) -> str:
     """Apply an operation; its title, "" when it changed nothing."""
     if step.operation is None:
         return _replay(step, history)
     try:
-        return step.operation.run(history, scene)
+        return step.operation.run(history, scene, views)
     except GagaError as error:
         raise GagaError(f"{step}: {error}") from error
     except _IMPOSSIBLE as error:

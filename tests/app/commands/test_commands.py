@@ -118,6 +118,8 @@ _NEEDS_MORE = {
     "job.cancel",
     "object.show_all",
     "object.clean_apply",
+    "object.fill_apply",
+    "object.fill_lighten",
     "object.find_in_view",
     "object.index",
     "object.labels_votes",

@@ -37,6 +37,7 @@ ICONS = {
     "object.rename": icons.RENAME,
     "object.merge": icons.MERGE,
     "object.clean": icons.CLEAN,
+    "object.fill": icons.FILL,
     "object.lock": icons.LOCK,
     "object.unlock_all": icons.UNLOCK,
     "object.separate": icons.SEPARATE,
@@ -91,6 +92,7 @@ SELECTION_BUTTONS = (
     ("view.frame_selected", "Focus"),
     ("edit.duplicate", "Duplicate"),
     ("edit.delete", "Delete"),
+    ("object.fill", "Fill"),
     ("file.export_selected", "Export…"),
     ("object.clean", "Clean up"),
 )
@@ -107,6 +109,7 @@ _OBJECT_MENU = (
     "object.split",  # the submenu of all ways
     "object.clean",
     "edit.delete",
+    "object.fill",
     "",
     "file.export_selected",
 )

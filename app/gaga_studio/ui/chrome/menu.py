@@ -24,6 +24,7 @@ _LINE_BEFORE = {
     "object.find",
     "object.quality",
     "object.rename",
+    "object.fill",
     "object.clean",
     "view.confidence",
     "view.next_mode",

@@ -50,6 +50,8 @@ def status_text(session: Session, tool: Tool) -> str:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
     if document.cleaning is not None:
         return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
+    if document.filling is not None:
+        return "Enter applies the filling, Esc leaves everything as it is. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

@@ -61,6 +61,7 @@ ROTATE = "\ue2ea"
 SCALE = "\ue113"
 MERGE = "\ue0e4"
 CLEAN = "\ue412"
+FILL = "\ue2e6"
 MORE = "\ue0b6"
 BLANK = "\u2003"  # as wide as an icon, so that menu texts align
 CONFIDENCE = "\ue186"

@@ -12,7 +12,7 @@ from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import cleaning, grade, inspector_placement, quality
+from gaga_studio.ui.panels import cleaning, filling, grade, inspector_placement, quality
 from gaga_studio.ui.panels.inspector_placement import PlacementState
 
 _COLOR_FLAGS = (
@@ -36,6 +36,8 @@ class InspectorState:
 def draw(session: Session, state: InspectorState) -> None:
     """The whole panel."""
     document = session.document
+    if filling.draw(session):
+        return
     n_splats = len(session.selected_indices()) if document is not None else 0
     if document is None or n_splats == 0:
         hint = "Click an object in the view or in the list." if document is not None else ""

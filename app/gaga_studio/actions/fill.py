@@ -1,0 +1,102 @@
+"""Delete and fill: a removed object's hole is filled, in a preview to apply or cancel."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.scene import State
+from gaga_studio.actions import history, unchanged
+from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.scene.fill.fill import Filling
+
+_CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
+_NOTHING = "Nothing was hidden: what is behind was seen by other photos. Delete will do."
+
+
+def shown(session: Session) -> "Filling | None":
+    """Return the filling whose preview is shown now."""
+    return session.document.filling if session.document is not None else None
+
+
+def why_not(session: Session) -> str:
+    """Needs a selection or deleted splats, and the job runner."""
+    document, job = session.document, session.jobs.running
+    if document is None:
+        return "No scene is open."
+    if len(session.selected_indices()) == 0 and not document.scene.has(State.DELETED).any():
+        return "Nothing is selected, and nothing was deleted. Select an object first."
+    return "" if job is None else f"{job.title} is still running."
+
+
+def title(session: Session) -> str:
+    """Return what the command is called: nothing selected means to fill what was deleted."""
+    chosen = session.document is None or len(session.selected_indices()) > 0
+    return "Delete and fill" if chosen else "Fill what was deleted"
+
+
+def start(session: Session, *, lighten: bool = True) -> None:
+    """Compute what fills the place of the selection, and show it with the selection removed."""
+    if why_not(session):
+        return
+    document = session.need()
+    project = document.settled()
+    scene, views = replace(project.scene), project.training_views
+    before = document.history.state_id
+
+    def stage() -> "Stage[tuple[Filling, Edit | None]]":
+        yield Progress("Look behind the object", 0, 0)
+        # SciPy's and numba's import takes long: it belongs to the job.
+        from gaga_core.raster import choose
+        from gaga_core.scene.fill.config import FillConfig
+        from gaga_core.scene.fill.edits import filled_edit
+        from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
+
+        splats = fillable(scene)
+        config = FillConfig(lighten=lighten)
+        found = yield from fill_stage(scene, splats, views, choose(), config)
+        return found, filled_edit(scene, found, fill_title(scene, splats))
+
+    def is_same() -> bool:
+        return document.history.state_id == before and not document.history.is_previewing
+
+    check = unchanged.watch(session, document, is_same, _CHANGED)
+
+    def done(result: "tuple[Filling, Edit | None]") -> None:
+        found, edit = result
+        if edit is None or not check():
+            return
+        if not found:
+            session.notify(Level.INFO, _NOTHING)
+            return
+        document.show_filling(found, edit)
+
+    session.jobs.start(title(session), stage(), on_done=done)
+
+
+@notifies
+def switch_lighten(session: Session) -> None:
+    """Compute the preview again, with the shadow taken off or left as it is."""
+    found = shown(session)
+    if found is None:
+        raise GagaError("There is no preview of a filling. Use Delete and fill first.")
+    cancel(session)
+    start(session, lighten=not found.lighten)
+
+
+@notifies
+def apply(session: Session) -> bool:
+    """Keep what the preview shows: one entry of the history."""
+    return shown(session) is not None and session.need().commit_preview()
+
+
+def cancel(session: Session) -> bool:
+    """Cancel the preview; False when there is none."""
+    if shown(session) is None:
+        return False
+    history.cancel_preview(session)
+    return True

@@ -1,0 +1,38 @@
+"""Delete and fill in the inspector: what is new, the shadow, and the two ways to end it."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio import commands
+from gaga_studio.actions import fill
+from gaga_studio.session.session import Session
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+
+def draw(session: Session) -> bool:
+    """The preview in the place of the panel; False when there is none."""
+    found = fill.shown(session)
+    if found is None:
+        return False
+    imgui.text_unformatted("Delete and fill")
+    imgui.dummy(ImVec2(0, em(0.2)))
+    widgets.dim(f"{len(found.removed):,} splats removed, {len(found.splats):,} new", wrap=True)
+    if len(found.unseen):
+        widgets.dim(f"{len(found.unseen):,} removed that no photo had seen", wrap=True)
+    if len(found.stained):
+        widgets.dim(f"{len(found.stained):,} splats in its shadow lightened", wrap=True)
+    command = commands.command("object.fill_lighten")
+    if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
+        commands.run(command.id, session)
+    widgets.tooltip("Lighten what is darker where the object stood, as its surroundings are")
+    imgui.dummy(ImVec2(0, em(0.2)))
+    gap = theme.scaled(5)
+    width = (imgui.get_content_region_avail().x - gap) / 2
+    face = Face(icon=icons.CHECK, width=width, primary=True)
+    command_buttons.command_button(session, "object.fill_apply", "Apply", face)
+    imgui.same_line(0, gap)
+    if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
+        fill.cancel(session)
+    return True

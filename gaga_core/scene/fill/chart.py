@@ -1,0 +1,183 @@
+"""A surface as a picture in its own plane: which cells are known, and which are a hole."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.color import rgb_from_dc
+from gaga_core.gaussians import Gaussians
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.fill.config import FillConfig
+from gaga_core.scene.fill.smooth import continued
+from gaga_core.scene.fill.surfaces import Plane
+from gaga_core.scene.fill.views import SeenView
+
+_FAR = 60.0  # sides of the chart: how far away its camera stands, so that it sees all from above
+_COVERED = 0.5  # alpha from which on a cell is surface
+_DOUBT = 0.2  # of the views that show the object there: so few may err at its outline
+_FLAT = 0.12  # sine of the angle to the surface under which a view says nothing
+_LEAST_CELLS = 6  # of a hole
+_ENCLOSED = 0.5  # share of a hole's rim that is known surface
+_CELLS_A_SPLAT = 2.0  # across
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Cells (H, W) over a plane; row 0 is at the largest v, column 0 at the smallest u."""
+
+    plane: Plane
+    corner: DoubleArray  # (2,) u and v of the outer corner of cell (0, 0)
+    step: float  # side of a cell, scene units
+    color: DoubleArray  # (H, W, 3) where known
+    height: DoubleArray  # (H, W) of the surface over the plane, where known
+    known: BoolArray  # (H, W) seen surface
+    hole: BoolArray  # (H, W) surface that the object hid from all views
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.known.shape
+        return rows, columns
+
+    def uv(self) -> DoubleArray:
+        """Centres of all cells (H, W, 2), plane coordinates."""
+        rows, columns = self.shape
+        u = self.corner[0] + self.step * (np.arange(columns) + 0.5)
+        v = self.corner[1] - self.step * (np.arange(rows) + 0.5)
+        return np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=2)
+
+    def cells(self, local: DoubleArray) -> tuple[LongArray, LongArray, BoolArray]:
+        """Row and column of plane coordinates (N, 2 or 3), clipped, and whether inside."""
+        column = np.floor((local[:, 0] - self.corner[0]) / self.step).astype(np.int64)
+        row = np.floor((self.corner[1] - local[:, 1]) / self.step).astype(np.int64)
+        rows, columns = self.shape
+        inside: BoolArray = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1), inside
+
+    def at(self, values: DoubleArray, local: DoubleArray) -> DoubleArray:
+        """``values`` (H, W) or (H, W, C) between cells at plane coordinates (N, 2 or 3)."""
+        column = (local[:, 0] - self.corner[0]) / self.step - 0.5
+        row = (self.corner[1] - local[:, 1]) / self.step - 0.5
+        planes = values.reshape(*self.shape, -1)
+        found = [
+            ndimage.map_coordinates(planes[:, :, c], [row, column], order=1, mode="nearest")
+            for c in range(planes.shape[2])
+        ]
+        result: DoubleArray = np.stack(found, axis=1).reshape(len(local), *values.shape[2:])
+        return result
+
+
+def chart_of(
+    gaussians: Gaussians,
+    plane: Plane,
+    object_points: DoubleArray,
+    views: tuple[SeenView, ...],
+    rasterizer: Rasterizer,
+    config: FillConfig,
+) -> Chart:
+    """The surface around and under an object whose splats are at ``object_points`` (K, 3)."""
+    local = plane.local(object_points)[:, :2]
+    lo, hi = np.percentile(local, 1, axis=0), np.percentile(local, 99, axis=0)
+    margin = max(config.reach * float((hi - lo).max()), 10 * plane.spacing)
+    lo, hi = lo - margin, hi + margin
+    side = float((hi - lo).max())
+    step = max(plane.spacing / _CELLS_A_SPLAT, side / config.most_cells)
+    columns, rows = (int(n) for n in np.ceil((hi - lo) / step))
+    corner = np.array([lo[0], hi[1]])
+    color, height, alpha = drawn(
+        gaussians.take(plane.splats), plane, corner, step, (rows, columns), rasterizer
+    )
+    known = alpha > _COVERED
+    empty = np.zeros((rows, columns), np.bool_)
+    chart = Chart(plane, corner, step, color, np.where(known, height, 0), known, empty)
+    return _with_hole(chart, views)
+
+
+def drawn(
+    gaussians: Gaussians,
+    plane: Plane,
+    corner: DoubleArray,
+    step: float,
+    shape: tuple[int, int],
+    rasterizer: Rasterizer,
+) -> tuple[DoubleArray, DoubleArray, DoubleArray]:
+    """Color (H, W, 3), height (H, W) and alpha (H, W) of splats seen from straight above.
+
+    Colors are those of degree 0, divided by alpha.
+    """
+    rows, columns = shape
+    distance = _FAR * step * max(shape)
+    K = np.array([[distance / step, 0, columns / 2], [0, distance / step, rows / 2], [0, 0, 1.0]])
+    u, v, normal = plane.axes.T
+    middle = np.array([corner[0] + step * columns / 2, corner[1] - step * rows / 2, distance])
+    eye = plane.world(middle[None])[0]
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([u, -v, -normal])
+    pose[:3, 3] = -pose[:3, :3] @ eye
+    camera = Camera(K, pose, columns, rows)
+    rgb = np.ascontiguousarray(rgb_from_dc(gaussians.sh[:, 0]))
+    frame = rasterizer.render(gaussians, camera, channels=rgb)
+    alpha = frame.alpha.astype(np.float64)
+    safe = np.maximum(alpha, 1e-6)[:, :, None]
+    height = np.where(alpha > 0, distance - frame.expected_depth, 0.0)
+    return frame.image / safe, height, alpha
+
+
+def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
+    """Find the hole: cells behind the object that no view saw or looked through."""
+    plane, known = chart.plane, chart.known
+    reached = ndimage.gaussian_filter(known.astype(float), 4.0)
+    guess = ndimage.gaussian_filter(np.where(known, chart.height, 0), 4.0) / np.maximum(
+        reached, 1e-3
+    )
+    height = np.where(known, chart.height, guess)
+    points = plane.world(np.dstack([chart.uv(), height]).reshape(-1, 3))
+    tolerance = max(1.5 * chart.step, 4 * plane.thickness)
+    behind = np.zeros(len(points), np.int32)
+    through, seen = behind.copy(), behind.copy()
+    for view in views:
+        above, is_object, inside = _above(view, points, plane)
+        behind += inside & (above > tolerance) & is_object
+        through += inside & (above < -tolerance)
+        seen += inside & (np.abs(above) <= tolerance) & ~is_object
+    # What a view looked through is no surface; what it saw and is not known here is another one.
+    free = (through > np.maximum(seen, _DOUBT * behind)) | (seen > _DOUBT * behind)
+    free = free.reshape(chart.shape) & ~known
+    wanted = (behind > 0).reshape(chart.shape) & ~known & ~free
+    surface = continued(known.astype(float)[:, :, None], known | free, wanted)[:, :, 0] > 0.5
+    return replace(chart, hole=_enclosed(wanted & surface, known))
+
+
+def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:
+    """The parts of ``hole`` (H, W) that are no specks and are mostly surrounded by ``known``."""
+    parts, n = ndimage.label(hole, structure=np.ones((3, 3)))
+    kept = np.zeros(n + 1, np.bool_)
+    for i in range(1, n + 1):
+        part = parts == i
+        rim = ndimage.binary_dilation(part) & ~part
+        kept[i] = part.sum() >= _LEAST_CELLS and known[rim].mean() > _ENCLOSED
+    return kept[parts]
+
+
+def _above(
+    view: SeenView, points: DoubleArray, plane: Plane
+) -> tuple[DoubleArray, BoolArray, BoolArray]:
+    """Where each of ``points`` (N, 3) is in a view: how far the seen surface lies above it along
+    the plane's normal (N,), whether that surface is the object (N,), and whether it is inside."""
+    camera = view.camera
+    pixels, depth = camera.project(points)
+    column, row = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
+    inside = (depth > 0) & (column >= 0) & (row >= 0)
+    inside &= (column < camera.width) & (row < camera.height)
+    # Views from below the surface say nothing of its upper side, and flat ones cannot tell heights.
+    eyes = camera.position - points
+    rise = eyes @ plane.axes[:, 2]
+    inside &= rise > _FLAT * np.linalg.norm(eyes, axis=1)
+    at = (np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int))
+    seen = view.depth[at].astype(np.float64)
+    safe = np.where(depth > 0, depth, 1.0)
+    share = np.where(seen > 0, seen / safe, np.inf)  # 1: the seen surface is at the point
+    return np.where(np.isfinite(share), (1 - share) * rise, -np.inf), view.is_object[at], inside

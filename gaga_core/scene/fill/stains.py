@@ -1,0 +1,59 @@
+"""Take the shadow of a removed object off the surface that it stood on."""
+
+import numpy as np
+from scipy import ndimage
+
+from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.scene.fill.chart import Chart
+from gaga_core.scene.fill.smooth import blurred
+
+_LUMA = np.array([0.2126, 0.7152, 0.0722])
+_LEAST = 1.04  # gain under which nothing is changed
+_MOST = 4.0
+_DARK = 0.02  # color that counts as black
+
+
+def gains(chart: Chart) -> DoubleArray:
+    """Factors (H, W, 3) by which known cells are too dark next to the hole; 1 elsewhere.
+
+    Light on a surface is taken to be even over the chart but for a linear trend; the stain is
+    what is darker than that, and hangs together with the hole. Texture is not: it is finer than
+    the blur, or does not touch.
+    """
+    ones = np.ones((*chart.shape, 3))
+    if not chart.hole.any() or not chart.known.any():
+        return ones
+    size = np.sqrt(chart.hole.sum())
+    low = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), max(2.0, size / 12))
+    distance = ndimage.distance_transform_edt(~chart.hole)
+    far = chart.known & (distance > 0.5 * size)
+    if far.sum() < 30:
+        return ones
+    log = np.log(np.maximum(low, _DARK))
+    light = _fitted(log, far)
+    ratio = np.exp(light - log)
+    stained = chart.known & (ratio @ _LUMA > _LEAST)
+    parts, _ = ndimage.label(stained | chart.hole)
+    touched = np.unique(parts[chart.hole])
+    stained &= np.isin(parts, touched)
+    fade = np.clip(2.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
+    result = np.clip(1 + (ratio - 1) * fade, 1.0, _MOST)
+    soft = ndimage.gaussian_filter(stained.astype(float), 1.0)[:, :, None]
+    factors: DoubleArray = 1 + (result - 1) * soft
+    return factors
+
+
+def _fitted(log: DoubleArray, far: BoolArray) -> DoubleArray:
+    """Linear trend of ``log`` (H, W, 3) over the cells ``far``, those of upper luminance first."""
+    rows, columns = np.indices(far.shape) / max(far.shape)
+    terms = np.stack([np.ones(far.shape), rows, columns], axis=2)
+    use = far.copy()
+    for _ in range(4):
+        fit = np.linalg.lstsq(terms[use], log[use], rcond=None)[0]
+        left = (log - terms @ fit) @ _LUMA
+        spread = left[use].std() + 1e-9
+        use = far & (left > -spread) & (left < 2 * spread)
+        if use.sum() < 30:
+            break
+    result: DoubleArray = terms @ fit
+    return result

@@ -1,0 +1,81 @@
+"""Delete and fill in the window: a preview to apply or cancel, and the shadow on request."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gaga_core.io.ply import write_ply
+from gaga_core.scene.project import Project
+from gaga_core.scene.scene import Scene, State
+from gaga_studio.actions import fill, history, selection
+from gaga_studio.commands import command, run
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from tests.app.looks import finish, snapshot
+from tests.core.scene.fill.tables import BOX, TABLE, table_with_box
+
+
+@pytest.fixture
+def at_table(new_session: Callable[[], Session], tmp_path: Path) -> Session:
+    """A session in which the box on a table is selected."""
+    table = table_with_box()
+    model = tmp_path / "table.ply"
+    write_ply(model, table.gaussians)
+    session = new_session()
+    scene = Scene.of(table.gaussians, table.labels)
+    session.document = Document(Project(scene, model, path=tmp_path / "table.gaga"))
+    selection.select_groups(session, (BOX,))
+    return session
+
+
+def test_preview_switch_cancel_and_apply(at_table: Session) -> None:
+    session = at_table
+    scene, entries = session.need().scene, session.need().history.cursor
+    before = snapshot(scene)
+    assert run("object.fill", session)
+    finish(session)
+    found = fill.shown(session)
+    assert found is not None
+    assert found.lighten
+    assert len(found.splats) > 50
+    assert scene.has(State.DELETED)[found.removed].all(), "the preview is in the picture"
+    assert command("object.fill_apply").enabled(session) == ""
+    run("edit.cancel", session)
+    assert fill.shown(session) is None
+    assert snapshot(scene) == before
+    assert session.need().history.cursor == entries
+
+    run("object.fill", session)
+    finish(session)
+    run("object.fill_lighten", session)
+    finish(session)
+    found = fill.shown(session)
+    assert found is not None
+    assert not found.lighten
+    run("edit.confirm", session)
+    assert fill.shown(session) is None
+    assert session.need().history.cursor == entries + 1
+    assert session.need().unsaved
+    assert (scene.labels[-len(found.splats) :] == TABLE).all()
+    history.undo(session)
+    assert snapshot(scene) == before
+
+
+def test_what_was_deleted_is_filled_later(at_table: Session) -> None:
+    session = at_table
+    run("edit.delete", session)
+    assert fill.title(session) == "Fill what was deleted"
+    n = len(session.need().scene)
+    run("object.fill", session)
+    finish(session)
+    run("object.fill_apply", session)
+    assert len(session.need().scene) > n
+    assert (session.need().scene.labels[n:] == TABLE).all()
+
+
+def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Session) -> None:
+    assert "No scene" in command("object.fill").enabled(new_session())
+    selection.select_none(at_table)
+    assert "nothing was deleted" in command("object.fill").enabled(at_table)
+    assert "no preview" in command("object.fill_apply").enabled(at_table)

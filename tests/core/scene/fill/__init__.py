@@ -1,0 +1,1 @@
+"""Tests of removal that leaves no hole."""

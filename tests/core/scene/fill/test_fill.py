@@ -1,0 +1,171 @@
+"""Delete and fill: what was hidden comes back, in one edit to undo, save and script."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.io.ply import write_ply
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.fill.config import FillConfig
+from gaga_core.scene.fill.edits import filled_edit
+from gaga_core.scene.fill.fill import Filling, fill_stage
+from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.script.run import run_script
+from tests.core.scene.edits.edit_walk import snapshot
+from tests.core.scene.fill.tables import BOX, HALF, TABLE, Table, psnr, table_with_box
+
+CPU = choose("cpu")
+
+
+@pytest.fixture(scope="module")
+def table() -> Table:
+    return table_with_box(sh_degree=1)
+
+
+@pytest.fixture(scope="module")
+def found(table: Table) -> Filling:
+    scene = Scene.of(table.gaussians, table.labels)
+    return run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU))
+
+
+def filled(table: Table, found: Filling) -> tuple[Scene, History]:
+    scene = Scene.of(table.gaussians, table.labels)
+    history = History(scene)
+    assert history.do(filled_edit(scene, found, "Delete and fill box"))
+    return scene, history
+
+
+def test_the_place_under_a_box_looks_as_the_table_around_it(table: Table, found: Filling) -> None:
+    scene, _ = filled(table, found)
+    bare = table.gaussians.take(table.labels == TABLE)
+    for camera in table.cameras[::4]:
+        truth, hole, new = (CPU.render(g, camera) for g in (table.empty, bare, bake(scene)))
+        inside = (hole.alpha < 0.5) & (truth.alpha > 0.9)
+        assert inside.sum() > 100
+        gain = psnr(new.image, truth.image, inside) - psnr(hole.image, truth.image, inside)
+        assert gain > 15
+        assert psnr(new.image, truth.image, ~inside) > psnr(hole.image, truth.image, ~inside) - 0.05
+
+
+def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found: Filling) -> None:
+    n_true = int((np.abs(table.empty.means[:, :2]).max(axis=1) < HALF).sum())
+    assert 0.6 * n_true < len(found.splats) < 1.4 * n_true
+    assert (found.labels == TABLE).all()
+    assert found.splats.sh_degree == 1
+    assert np.isin(found.splats.log_scales, table.empty.log_scales).all()
+    assert np.abs(found.splats.means[:, 2]).max() < 0.005
+    assert np.array_equal(found.removed, np.flatnonzero(table.labels == BOX))
+
+
+def test_what_photos_saw_behind_it_is_not_filled_again(table: Table) -> None:
+    whole = replace(table.empty)
+    box = table.gaussians.take(table.labels == BOX)
+    box = replace(box, means=box.means + np.array([0, 0, 0.5], np.float32))  # in the air
+    labels = np.repeat(np.array([TABLE, BOX], np.int32), [len(whole), len(box)])
+    scene = Scene.of(joined(whole, box), labels)
+    found = run_stage(fill_stage(scene, labels == BOX, table.cameras, CPU))
+    assert len(found.splats) == 0
+
+
+def test_the_edge_of_a_table_is_not_continued_into_the_air(table: Table) -> None:
+    on_table = table.gaussians.means[:, 0] < 0.09
+    kept = on_table | (table.labels == BOX)  # the box stands half over the edge
+    scene = Scene.of(table.gaussians.take(kept), table.labels[kept])
+    found = run_stage(fill_stage(scene, scene.labels == BOX, table.cameras, CPU))
+    assert len(found.splats) > 50
+    assert found.splats.means[:, 0].max() < 0.09 + 0.15
+
+
+def test_a_shadow_goes_when_it_is_to_and_stays_when_not() -> None:
+    table = table_with_box(shade=0.5)
+    rim = (np.abs(table.gaussians.means[:, :2]).max(axis=1) < HALF + 0.08) & (table.labels == TABLE)
+    far = (np.abs(table.gaussians.means[:, :2]).max(axis=1) > HALF + 0.35) & (table.labels == TABLE)
+    scene = Scene.of(table.gaussians, table.labels)
+    for lighten in (True, False):
+        config = FillConfig(lighten=lighten)
+        found = run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU, config))
+        gains = np.ones((len(scene), 3))
+        gains[found.stained] = found.gains
+        if not lighten:
+            assert len(found.stained) == 0
+            continue
+        assert gains[rim].mean() > 1.25
+        assert gains[far].max() < 1.1
+
+
+def test_undo_redo_script_and_project_give_the_same_splats(
+    table: Table, found: Filling, tmp_path: Path
+) -> None:
+    write_ply(tmp_path / "table.ply", table.gaussians)
+    project = run_stage(open_path_stage(tmp_path / "table.ply"))
+    scene, history = project.scene, History(project.scene)
+    history.do(edits.set_labels(scene, np.arange(len(scene)), table.labels, "Groups"))
+    before = snapshot(scene)
+    assert history.do(filled_edit(scene, found, "Delete and fill box"))
+    after, splats = snapshot(scene), bake(scene)
+    history.undo()
+    assert snapshot(scene) == before
+    history.redo()
+    assert snapshot(scene) == after
+    history.do(edits.transform(scene, np.flatnonzero(scene.labels == TABLE), np.eye(3, 4) * 2))
+    history.undo()
+
+    script = json.loads(json.dumps(history.recorded()))
+    other = run_stage(open_path_stage(tmp_path / "table.ply")).scene
+    run_script(other, script)
+    assert snapshot(other) == after
+
+    saved = save_project(project, tmp_path / "table.gaga")
+    reopened = run_stage(open_path_stage(saved))
+    again = bake(reopened.scene)
+    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+        assert np.array_equal(getattr(again, name), getattr(splats, name)), name
+    assert np.array_equal(reopened.scene.labels, scene.labels)
+    save_project(reopened)
+    assert len(run_stage(open_path_stage(saved)).scene) == len(scene)
+
+
+def test_a_script_fills_by_name_and_what_was_deleted_before(table: Table) -> None:
+    counts = []
+    for script in (
+        [{"op": "fill", "groups": ["box"], "lighten": False}],
+        [{"op": "delete", "groups": ["box"]}, {"op": "fill", "lighten": False}],
+    ):
+        scene = Scene.of(table.gaussians, table.labels)
+        scene.names = {BOX: "box"}
+        titles = run_script(scene, script, views=lambda: table.cameras)
+        assert titles[-1] in ("Delete and fill box", "Fill what was deleted")
+        assert scene.has(State.DELETED)[: len(table.labels)][table.labels == BOX].all()
+        counts.append(int(scene.visible.sum()))
+    assert counts[0] == counts[1] > int((table.labels == TABLE).sum())
+    with pytest.raises(GagaError, match="Nothing is selected"):
+        run_script(Scene.of(table.gaussians, table.labels), [{"op": "fill"}])
+
+
+def test_without_photos_it_is_looked_at_from_all_around(table: Table) -> None:
+    scene = Scene.of(table.gaussians, table.labels)
+    found = run_stage(fill_stage(scene, table.labels == BOX, (), CPU))
+    assert len(found.splats) > 100
+
+
+def test_a_damaged_project_names_its_file(table: Table, found: Filling, tmp_path: Path) -> None:
+    write_ply(tmp_path / "table.ply", table.gaussians)
+    project: Project = run_stage(open_path_stage(tmp_path / "table.ply"))
+    History(project.scene).do(filled_edit(project.scene, found, "Fill"))
+    saved = save_project(project, tmp_path / "table.gaga")
+    file = next(saved.glob("scene-*.npz"))
+    arrays = dict(np.load(file))
+    arrays["made_0:means"] = arrays["made_0:means"][:-1]
+    np.savez_compressed(file, **arrays)
+    with pytest.raises(GagaError, match=r"scene-.*damaged"):
+        run_stage(open_path_stage(saved))
