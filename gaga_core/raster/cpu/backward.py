@@ -12,6 +12,7 @@ from gaga_core.raster.base import Gradients, GradientSink, empty_gradients
 from gaga_core.raster.cpu import backward_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, pose_and_lens
 from gaga_core.raster.cpu.sh_kernels import backward_colors
+from gaga_core.raster.cpu.splat_gradient_kernels import backward_splats
 
 _CHUNK = 4096  # splats of one piece of work
 
@@ -131,7 +132,7 @@ def _walk_back(
         else:
             piece = empty_gradients(indices[start:stop], n_sh)
         by_color = np.empty((stop - start, 3), np.float32)
-        kernels.backward_splats(
+        backward_splats(
             means,
             quats,
             log_scales,

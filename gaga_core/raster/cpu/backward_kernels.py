@@ -16,11 +16,9 @@ of d, d e, d dy, d e^2, d e dy, d dy^2, and of w g (3). Written in e and dy, the
 of `project_kernels`, these stay well scaled for long thin splats, and no 2D covariance is inverted.
 """
 
-import math
-
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import kernel
 from gaga_core.raster.cpu.blend_kernels import (
     _ALPHA_MAX,
@@ -44,6 +42,26 @@ _ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
 _MIDDLE = _F(7.5)  # of a tile, in its pixel columns and rows
 # Planes of a tile's working memory behind _T on the way back: R, gradient of the picture.
 _LEFT, _G0, _G1, _G2 = 1, 2, 3, 4
+_NOTHING = (_ZERO,) * 11  # what `_read` gives, of no splat
+_Drawn = tuple[np.float32, ...]
+
+
+@kernel
+def _read(splats: FloatArray, colors: FloatArray, k: int) -> _Drawn:
+    """The columns of splat ``k``, then its color: 11 numbers."""
+    return (
+        splats[k, U],
+        splats[k, V],
+        splats[k, S],
+        splats[k, R],
+        splats[k, H],
+        splats[k, OPACITY],
+        splats[k, Y0],
+        splats[k, Y1],
+        colors[k, 0],
+        colors[k, 1],
+        colors[k, 2],
+    )
 
 
 @kernel
@@ -70,12 +88,15 @@ def blend_colors(
         _open_tile(T, n_rows, n_columns)
         planes[1:] = _ZERO
         ends[tile] = offsets[tile + 1]
-        for j in range(offsets[tile], offsets[tile + 1]):
-            k = ids[j]
-            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
-            s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
-            f0, f1, f2 = colors[k, 0], colors[k, 1], colors[k, 2]
-            for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
+        first, last = offsets[tile], offsets[tile + 1] - 1
+        following = _read(splats, colors, ids[first]) if first <= last else _NOTHING
+        for j in range(first, last + 1):
+            # The next splat is read before this one is drawn, which takes more instructions than a
+            # processor looks ahead.
+            center_x, center_y, s, r, h, opacity, begin, end, f0, f1, f2 = following
+            following = _read(splats, colors, ids[min(j + 1, last)])
+            u, v = center_x - _F(left) - _HALF, center_y - _F(top) - _HALF
+            for y in range(max(0, int(begin) - top), min(TILE, int(end) - top)):
                 dy = _F(y) - v
                 shift = -s * (u + r * dy)
                 rest = -h * dy * dy
@@ -232,167 +253,3 @@ def add_tiles(
             if k >= start and k < stop:
                 for c in range(SUMS):
                     sums[k, c] += partials[j, c]
-
-
-@kernel
-def backward_splats(
-    means: FloatArray,
-    quats: FloatArray,
-    log_scales: FloatArray,
-    pose: DoubleArray,  # (3, 4) cam_from_world
-    lens: DoubleArray,  # fx, fy, cx, cy, width, height, near, blur, 1 = antialiased
-    order: IntArray,
-    rows: IntArray,
-    splats: FloatArray,
-    colors: FloatArray,
-    sums: FloatArray,  # (n, SUMS) of `backward_tiles`, of all tiles together
-    d_means: FloatArray,  # (n, 3)
-    d_quats: FloatArray,  # (n, 4)
-    d_log_scales: FloatArray,  # (n, 3)
-    d_logits: FloatArray,  # (n,)
-    by_color: FloatArray,  # (n, 3) gradient by the color that `sh_kernels.sh_colors` gives
-    screen: FloatArray,  # (n,)
-    radii: FloatArray,  # (n,)
-) -> None:
-    """From sums over pixels to gradients of the parameters of splats ``rows``.
-
-    All but those by color: `sh_kernels.backward_colors` goes on, and adds to ``d_means``. In
-    float64 like `project_kernels.project`, whose steps it repeats and then walks back.
-
-    In the antialiased mode a splat is drawn with its opacity times f, where f^2 = det C0 / det C of
-    the 2D covariances before and after the blur, so that dL/dC0 = dL/dC + m (C0^-1 - C^-1) / 2 with
-    m = dL/dlog f, which is the sum of d.
-    """
-    fx, fy, width, height, blur = lens[0], lens[1], lens[4], lens[5], lens[7]
-    limit_x = 1.3 * 0.5 * width / fx
-    limit_y = 1.3 * 0.5 * height / fy
-    for m in range(len(rows)):
-        k = rows[m]
-        i = order[k]
-        d0 = np.float64(sums[k, 0])
-        d1 = np.float64(sums[k, 1])
-        d2 = np.float64(sums[k, 2])
-        d3 = np.float64(sums[k, 3])
-        d4 = np.float64(sums[k, 4])
-        d5 = np.float64(sums[k, 5])
-        c0 = np.float64(sums[k, 6])
-        c1 = np.float64(sums[k, 7])
-        c2 = np.float64(sums[k, 8])
-        x, y, z = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
-        tx = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
-        ty = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-        tz = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-        s, r, h = np.float64(splats[k, S]), np.float64(splats[k, R]), np.float64(splats[k, H])
-        # The 2D covariance from its Cholesky form; 3 standard deviations of its long axis.
-        cyy = 0.5 / h
-        cxy = r * cyy
-        cxx = 0.5 / (s * s) + r * cxy
-        half = 0.5 * (cxx - cyy)
-        radii[m] = 3.0 * math.sqrt(0.5 * (cxx + cyy) + math.sqrt(half * half + cxy * cxy))
-        moves = abs(d0) + abs(d1) + abs(d2) + abs(d3) + abs(d4) + abs(d5)
-        if moves + abs(c0) + abs(c1) + abs(c2) == 0.0:
-            # Hidden behind others, or its colors are at rest: nothing to walk back.
-            for c in range(3):
-                d_means[m, c] = _ZERO
-                d_log_scales[m, c] = _ZERO
-                by_color[m, c] = _ZERO
-            for c in range(4):
-                d_quats[m, c] = _ZERO
-            d_logits[m] = _ZERO
-            screen[m] = _ZERO
-            continue
-        opacity = np.float64(splats[k, OPACITY])
-        # dp/du = 2 s e, dp/dv = -2 s r e + 2 h dy; dp/dcovariance is half their outer product.
-        du = 2.0 * s * d1
-        dv = -2.0 * s * r * d1 + 2.0 * h * d2
-        dxx = 2.0 * s * s * d3
-        dxy = -2.0 * s * s * r * d3 + 2.0 * s * h * d4
-        dyy = 2.0 * s * s * r * r * d3 - 4.0 * s * r * h * d4 + 2.0 * h * h * d5
-        screen[m] = 0.5 * math.sqrt((width * du) ** 2 + (height * dv) ** 2)
-        iz = 1.0 / tz
-        a, b = np.float64(quats[i, 1]), np.float64(quats[i, 2])
-        c_, w = np.float64(quats[i, 3]), np.float64(quats[i, 0])
-        shrink = 1.0 / math.sqrt(w * w + a * a + b * b + c_ * c_)
-        w *= shrink
-        a *= shrink
-        b *= shrink
-        c_ *= shrink
-        slope_x = min(limit_x, max(-limit_x, tx * iz))
-        slope_y = min(limit_y, max(-limit_y, ty * iz))
-        j00, j11 = fx * iz, fy * iz
-        j02, j12 = -fx * slope_x * iz, -fy * slope_y * iz
-        p0 = j00 * pose[0, 0] + j02 * pose[2, 0]
-        p1 = j00 * pose[0, 1] + j02 * pose[2, 1]
-        p2 = j00 * pose[0, 2] + j02 * pose[2, 2]
-        q0 = j11 * pose[1, 0] + j12 * pose[2, 0]
-        q1 = j11 * pose[1, 1] + j12 * pose[2, 1]
-        q2 = j11 * pose[1, 2] + j12 * pose[2, 2]
-        s0 = math.exp(np.float64(log_scales[i, 0]))
-        s1 = math.exp(np.float64(log_scales[i, 1]))
-        s2 = math.exp(np.float64(log_scales[i, 2]))
-        r00, r10, r20 = 1 - 2 * (b * b + c_ * c_), 2 * (a * b + w * c_), 2 * (a * c_ - w * b)
-        r01, r11, r21 = 2 * (a * b - w * c_), 1 - 2 * (a * a + c_ * c_), 2 * (b * c_ + w * a)
-        r02, r12, r22 = 2 * (a * c_ + w * b), 2 * (b * c_ - w * a), 1 - 2 * (a * a + b * b)
-        # Columns of the 2D root (J W)(R S) = (A; B), their gradients, and those of rows P, Q = J W.
-        a0, b0 = (p0 * r00 + p1 * r10 + p2 * r20) * s0, (q0 * r00 + q1 * r10 + q2 * r20) * s0
-        a1, b1 = (p0 * r01 + p1 * r11 + p2 * r21) * s1, (q0 * r01 + q1 * r11 + q2 * r21) * s1
-        a2, b2 = (p0 * r02 + p1 * r12 + p2 * r22) * s2, (q0 * r02 + q1 * r12 + q2 * r22) * s2
-        if lens[8] > 0.0:
-            xx, yy = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
-            xy = a0 * b0 + a1 * b1 + a2 * b2
-            plain = (a0 * b1 - a1 * b0) ** 2 + (a0 * b2 - a2 * b0) ** 2 + (a1 * b2 - a2 * b1) ** 2
-            det = plain + blur * (xx + yy) + blur * blur
-            opacity *= math.sqrt(det / plain)
-            dxx += 0.5 * d0 * (yy / plain - (yy + blur) / det)
-            dyy += 0.5 * d0 * (xx / plain - (xx + blur) / det)
-            dxy += 0.5 * d0 * (xy / det - xy / plain)
-        d_logits[m] = d0 * (1.0 - opacity)
-        da0, db0 = 2 * (dxx * a0 + dxy * b0), 2 * (dxy * a0 + dyy * b0)
-        da1, db1 = 2 * (dxx * a1 + dxy * b1), 2 * (dxy * a1 + dyy * b1)
-        da2, db2 = 2 * (dxx * a2 + dxy * b2), 2 * (dxy * a2 + dyy * b2)
-        d_log_scales[m, 0] = da0 * a0 + db0 * b0
-        d_log_scales[m, 1] = da1 * a1 + db1 * b1
-        d_log_scales[m, 2] = da2 * a2 + db2 * b2
-        da0, da1, da2 = da0 * s0, da1 * s1, da2 * s2
-        db0, db1, db2 = db0 * s0, db1 * s1, db2 * s2
-        dp0 = da0 * r00 + da1 * r01 + da2 * r02
-        dp1 = da0 * r10 + da1 * r11 + da2 * r12
-        dp2 = da0 * r20 + da1 * r21 + da2 * r22
-        dq0 = db0 * r00 + db1 * r01 + db2 * r02
-        dq1 = db0 * r10 + db1 * r11 + db2 * r12
-        dq2 = db0 * r20 + db1 * r21 + db2 * r22
-        # Rotation matrix, then the quaternion, then its length: only turning counts.
-        r00, r01, r02 = da0 * p0 + db0 * q0, da1 * p0 + db1 * q0, da2 * p0 + db2 * q0
-        r10, r11, r12 = da0 * p1 + db0 * q1, da1 * p1 + db1 * q1, da2 * p1 + db2 * q1
-        r20, r21, r22 = da0 * p2 + db0 * q2, da1 * p2 + db1 * q2, da2 * p2 + db2 * q2
-        gw = 2 * (a * (r21 - r12) + b * (r02 - r20) + c_ * (r10 - r01))
-        ga = 2 * (b * (r01 + r10) + c_ * (r02 + r20) + w * (r21 - r12) - 2 * a * (r11 + r22))
-        gb = 2 * (a * (r01 + r10) + c_ * (r12 + r21) + w * (r02 - r20) - 2 * b * (r00 + r22))
-        gc = 2 * (a * (r02 + r20) + b * (r12 + r21) + w * (r10 - r01) - 2 * c_ * (r00 + r11))
-        radial = gw * w + ga * a + gb * b + gc * c_
-        d_quats[m, 0] = (gw - radial * w) * shrink
-        d_quats[m, 1] = (ga - radial * a) * shrink
-        d_quats[m, 2] = (gb - radial * b) * shrink
-        d_quats[m, 3] = (gc - radial * c_) * shrink
-        # J and the centre by the position in camera axes. A clamped slope does not move.
-        d00 = dp0 * pose[0, 0] + dp1 * pose[0, 1] + dp2 * pose[0, 2]
-        d02 = dp0 * pose[2, 0] + dp1 * pose[2, 1] + dp2 * pose[2, 2]
-        d11 = dq0 * pose[1, 0] + dq1 * pose[1, 1] + dq2 * pose[1, 2]
-        d12 = dq0 * pose[2, 0] + dq1 * pose[2, 1] + dq2 * pose[2, 2]
-        by_x = -d02 * fx * iz if abs(tx * iz) <= limit_x else 0.0
-        by_y = -d12 * fy * iz if abs(ty * iz) <= limit_y else 0.0
-        by_x += du * fx
-        by_y += dv * fy
-        dtx, dty = by_x * iz, by_y * iz
-        dtz = -(d00 * j00 + d02 * j02 + d11 * j11 + d12 * j12) * iz
-        dtz -= (by_x * tx + by_y * ty) * iz * iz
-        mx = pose[0, 0] * dtx + pose[1, 0] * dty + pose[2, 0] * dtz
-        my = pose[0, 1] * dtx + pose[1, 1] * dty + pose[2, 1] * dtz
-        mz = pose[0, 2] * dtx + pose[1, 2] * dty + pose[2, 2] * dtz
-        # max(0, .) lets nothing through where it is at rest.
-        by_color[m, 0] = c0 if colors[k, 0] > _ZERO else 0.0
-        by_color[m, 1] = c1 if colors[k, 1] > _ZERO else 0.0
-        by_color[m, 2] = c2 if colors[k, 2] > _ZERO else 0.0
-        d_means[m, 0] = mx
-        d_means[m, 1] = my
-        d_means[m, 2] = mz

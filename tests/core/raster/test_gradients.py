@@ -12,6 +12,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer, backward_kernels
+from gaga_core.raster.cpu.splat_gradient_kernels import backward_splats
 from gaga_core.raster.reference import project
 from gaga_core.reconstruct.losses import photometric, psnr
 from tests import torch_reference
@@ -250,7 +251,7 @@ def test_read_only_columns_take_the_same_kernels() -> None:
     camera = orbit_cameras(3, width=48, height=40)[1]
     by_image = np.ones((40, 48, 3), np.float32)
     want = CPU.backward(gaussians, camera, by_image)
-    kernels: list[Any] = [backward_kernels.backward_tiles, backward_kernels.backward_splats]
+    kernels: list[Any] = [backward_kernels.backward_tiles, backward_splats]
     n_versions = [len(k.signatures) for k in kernels]
     locked = gaussians.take(np.arange(100))
     for name in torch_reference.NAMES:
