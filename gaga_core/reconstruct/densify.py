@@ -13,6 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.raster.base import Gradients
 from gaga_core.reconstruct.optimizer import Splats
+from gaga_core.reconstruct.optimizer_kernels import add_view
 from gaga_core.reconstruct.settings import DensityConfig
 
 _SHRINK = 1.6  # parts of a split splat are smaller by this (Kerbl 2023)
@@ -32,8 +33,7 @@ class ScreenSums:
 
     def add(self, gradients: Gradients) -> None:
         """Count a view."""
-        self.gradient[gradients.indices] += gradients.screen
-        self.n_views[gradients.indices] += 1
+        add_view(gradients.indices, gradients.screen, self.gradient, self.n_views)
 
     def mean(self) -> FloatArray:
         """Mean screen gradient (N,) over the views that drew each splat."""

@@ -1,4 +1,4 @@
-"""Kernels of the optimiser."""
+"""Kernels of the optimiser, and of what density control sums up along with it."""
 
 import math
 
@@ -36,3 +36,16 @@ def adam_rows(
             first[i, c] = m
             second[i, c] = v
             values[i, c] -= rates[c] * np.divide(m, _F(math.sqrt(v * unbias)) + _EPSILON)
+
+
+@kernel
+def add_view(
+    rows: IntArray,  # (n,) splats that a view draws, each once
+    screen: FloatArray,  # (n,)
+    gradient: FloatArray,  # (N,) changed: ``screen`` is added
+    n_views: IntArray,  # (N,) changed: 1 is added
+) -> None:
+    """Count a view of the splats ``rows``."""
+    for k in range(len(rows)):
+        gradient[rows[k]] += screen[k]
+        n_views[rows[k]] += 1

@@ -7,6 +7,7 @@ import pytest
 
 from gaga_core.arrays import AnyArray
 from gaga_core.gaussians import Gaussians
+from gaga_core.raster.base import empty_gradients
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.reconstruct.densify import (
     ScreenSums,
@@ -48,6 +49,16 @@ def is_remembered(splats: Splats, rows: AnyArray, column: str) -> bool:
     return bool(
         np.allclose(first, value + 1, atol=1e-5) and np.allclose(second, value + 2, atol=1e-5)
     )
+
+
+def test_a_view_counts_for_the_splats_that_it_draws() -> None:
+    sums = ScreenSums.empty(5)
+    for rows in ([0, 3], [3, 4]):
+        gradients = empty_gradients(np.array(rows, np.int32), 1)
+        gradients.screen[:] = [1.0, 2.0]
+        sums.add(gradients)
+    assert sums.gradient.tolist() == [1, 0, 0, 3, 2]
+    assert sums.n_views.tolist() == [1, 0, 0, 2, 1]
 
 
 def test_rows_that_stay_keep_what_the_optimiser_knows() -> None:
