@@ -18,8 +18,8 @@ def main(path: Path, group: int, out: Path) -> None:
     history = History(scene)
     history.do(relabel(scene, run_stage(clean_objects_stage(scene, [group]))))
     history.do(edits.isolate(scene, group_indices(scene, group)))
-    n_splats = run_stage(export_scene_stage(scene, out))
-    print(f"{out}: {n_splats:,} splats")
+    written = run_stage(export_scene_stage(scene, out))
+    print(f"{out}: {written.n_splats:,} splats")
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ class EditCommand:
         options = ExportOptions(up=_up(project), page=content_of(project))
         _say(export_losses(scene, form_of(self.output), groups=self.groups))
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
-        written = out.follow(stage)
+        written = out.follow(stage).n_splats
         values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
         out.result(values, as_json=self.json)
         return 0
@@ -99,6 +99,9 @@ class ExportCommand:
     """Move its lowest point to height 0 (scene, objects)."""
     scale: float = 1.0
     """Units of the files per scene unit (scene, objects)."""
+    decimate: float = 1.0
+    """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
+    that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
     identity: bool = False
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
@@ -110,23 +113,13 @@ class ExportCommand:
         from gaga_core.identity.classifier_io import FILE as CLASSIFIER
         from gaga_core.identity.classifier_io import write_classifier
         from gaga_core.io.splat_files import SplatFormat, form_of
-        from gaga_core.scene.export import (
-            export_objects_stage,
-            listed_files,
-            objects_losses,
-        )
         from gaga_core.scene.project import open_path_stage
 
-        moves = self.crop is not None or self.centre or self.ground or self.scale != 1.0
-        if self.what == "masks" and moves:
-            raise GagaError(
-                "Masks are those of the photos: leave --crop, --centre, --ground and --scale out."
-            )
+        self._check()
         form = SplatFormat(self.form) if self.form else SplatFormat.PLY
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.follow(open_path_stage(self.scene))
-        scene = project.scene
         if self.what == "masks":
             return self._masks(project)
         if self.what == "cameras":
@@ -142,35 +135,21 @@ class ExportCommand:
         if self.what == "scene":
             values = {**self._whole(project, form, options), **values}
         else:
-            only = self._only(project)
-            _say(objects_losses(scene, form, only, options))
-            objects = export_objects_stage(
-                scene,
-                self.out,
-                only,
-                source=str(self.scene),
-                form=form,
-                options=options,
-            )
-            manifest = out.follow(objects)
-            files = len(listed_files(manifest))
-            values = {"manifest": str(manifest), "files": files, **values}
+            values = {**self._objects(project, form, options), **values}
         if field is not None:
             write_classifier(folder / CLASSIFIER, field.weight, field.bias)
         out.result(values, as_json=self.json)
         return 0
 
-    def _only(self, project: Project) -> Sequence[int] | None:
-        """Groups to write, named after what they look like; None: all."""
-        from gaga_core.pipeline.describe import describe_project
-        from gaga_core.scene.edits.folders import existing
-
-        describe_project(project)
-        if not self.folder:
-            return self.only or None
-        scene = project.scene
-        inside = scene.folders.groups(existing(scene, self.folder))
-        return [group for group in inside if not self.only or group in self.only]
+    def _check(self) -> None:
+        """Raise ``GagaError`` for switches that do not go together."""
+        moves = self.crop is not None or self.centre or self.ground or self.scale != 1.0
+        if self.what == "masks" and moves:
+            raise GagaError(
+                "Masks are those of the photos: leave --crop, --centre, --ground and --scale out."
+            )
+        if self.what in ("masks", "cameras") and self.decimate != 1.0:
+            raise GagaError(f"--decimate is for splats: leave it out for {self.what}.")
 
     def _whole(
         self, project: Project, form: "SplatFormat", options: "ExportOptions"
@@ -184,7 +163,44 @@ class ExportCommand:
             describe_project(project)  # the names in its list
         _say(export_losses(scene, form, groups=groups, options=options))
         stage = export_scene_stage(scene, self.out, groups=groups, form=form, options=options)
-        return {"file": str(self.out), "gaussians": out.follow(stage)}
+        made = out.follow(stage)
+        values: dict[str, object] = {"file": str(self.out), "gaussians": made.n_splats}
+        return values | ({} if made.psnr is None else {"decimated_psnr": round(made.psnr, 2)})
+
+    def _objects(
+        self, project: Project, form: "SplatFormat", options: "ExportOptions"
+    ) -> dict[str, object]:
+        from gaga_core.scene.export import (
+            export_objects_stage,
+            least_psnr,
+            listed_files,
+            objects_losses,
+        )
+
+        scene, only = project.scene, self._only(project)
+        _say(objects_losses(scene, form, only, options))
+        stage = export_objects_stage(
+            scene, self.out, only, source=str(self.scene), form=form, options=options
+        )
+        manifest = out.follow(stage)
+        psnr = least_psnr(manifest)
+        values: dict[str, object] = {
+            "manifest": str(manifest),
+            "files": len(listed_files(manifest)),
+        }
+        return values | ({} if psnr is None else {"least_decimated_psnr": round(psnr, 2)})
+
+    def _only(self, project: Project) -> Sequence[int] | None:
+        """Groups to write, named after what they look like; None: all."""
+        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.scene.edits.folders import existing
+
+        describe_project(project)
+        if not self.folder:
+            return self.only or None
+        scene = project.scene
+        inside = scene.folders.groups(existing(scene, self.folder))
+        return [group for group in inside if not self.only or group in self.only]
 
     def _options(self, project: Project) -> "ExportOptions":
         """The switches as options."""
@@ -200,6 +216,7 @@ class ExportCommand:
                 up=_up(project),
                 scale=self.scale,
                 page=content_of(project),
+                keep=self.decimate,
             )
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error

@@ -12,18 +12,21 @@ from typing import Literal, TypeVar
 import msgspec
 import numpy as np
 
-from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.arrays import AnyArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
+from gaga_core.scene.decimate import decimate_stage, picture_loss_stage
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.click_views import click_views
 from gaga_core.scene.selection.oriented_box import oriented_box
 from gaga_core.scene.web_page import write_scene_page_stage
 
@@ -33,6 +36,7 @@ ExportWhat = Literal["visible", "selected"]
 MANIFEST = "groups.json"
 MANIFEST_VERSION = 1
 _AS_IS = ExportOptions()
+_EVERY = 3  # of the views from which scenes are looked at: enough for what a decimation loses
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 
 
@@ -55,6 +59,7 @@ class ManifestEntry(msgspec.Struct, frozen=True):
     file: PathText  # next to the manifest
     oriented_box: BoxEntry | None = None  # turned as the object lies; older files lack it
     folder: str = ""  # of the object list, "Kitchen/Cups"; older files lack it
+    psnr: float | None = None  # dB against the object before it was decimated; None: it was not
 
 
 class Manifest(msgspec.Struct, frozen=True):
@@ -65,6 +70,14 @@ class Manifest(msgspec.Struct, frozen=True):
     groups: list[ManifestEntry]
 
 
+@dataclass(frozen=True)
+class Exported:
+    """What was written to one file."""
+
+    n_splats: int
+    psnr: float | None = None  # dB, see `picture_loss_stage`; None: nothing was decimated
+
+
 def export_scene_stage(
     scene: Scene,
     path: Path,
@@ -73,8 +86,8 @@ def export_scene_stage(
     groups: bool = False,
     form: SplatFormat | None = None,
     options: ExportOptions = _AS_IS,
-) -> Stage[int]:
-    """Write the visible (or selected and visible) splats to one file; returns their number.
+) -> Stage[Exported]:
+    """Write the visible (or selected and visible) splats to one file; returns what was written.
 
     ``form`` is what the name of the file asks for by default. Hidden and deleted splats are never
     written. In a .ply splats without an edit keep their exact bytes, and unknown columns survive;
@@ -136,7 +149,7 @@ def _export_scene(
     path: Path,
     how: tuple[ExportWhat, bool, SplatFormat],
     options: ExportOptions,
-) -> Stage[int]:
+) -> Stage[Exported]:
     what, groups, form = how
     splats = options.inside(scene, exported_indices(scene, what))
     if len(splats) == 0:
@@ -144,14 +157,33 @@ def _export_scene(
         state += " in the box of the crop" if options.crop is not None else ""
         raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
     gaussians = yield from bake_stage(scene, indices=splats)
+    origin = options.origin(gaussians.means)
+    gaussians, rows, psnr = yield from _decimated(
+        gaussians, scene.labels[splats], options, alone=what == "selected"
+    )
+    splats = splats[rows]
     if form is SplatFormat.HTML:
         yield from write_scene_page_stage(scene, splats, gaussians, path, options)
-        return len(splats)
-    gaussians = options.applied(gaussians, options.origin(gaussians.means))
+        return Exported(len(splats), psnr)
+    gaussians = options.applied(gaussians, origin)
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])
     yield from write_splats_stage(path, gaussians, form)
-    return len(splats)
+    return Exported(len(gaussians), psnr)
+
+
+def _decimated(
+    gaussians: Gaussians, labels: IntArray, options: ExportOptions, *, alone: bool = False
+) -> Stage[tuple[Gaussians, LongArray, float | None]]:
+    """The share of the splats that is kept, a row that each stands for, and the loss in dB.
+
+    It is told from where the photos were taken; of what is drawn ``alone``, from all around.
+    """
+    if options.keep == 1.0:
+        return gaussians, np.arange(len(gaussians)), None
+    fewer, rows = yield from decimate_stage(gaussians, options.keep, labels)
+    views = click_views(() if alone else options.page.cameras, gaussians.means)[::_EVERY]
+    return fewer, rows, (yield from picture_loss_stage(gaussians, fewer, views, choose()))
 
 
 def exported_indices(scene: Scene, what: ExportWhat = "visible") -> IntArray:
@@ -212,9 +244,12 @@ def _export_objects(
         for i, item in enumerate(objects):
             step = Progress("Export objects", i, len(objects), item.name)
             gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
+            labels = scene.labels[item.splats]
+            fewer = _decimated(gaussians, labels, options, alone=True)
+            gaussians, _, psnr = yield from _as_step(step, fewer)
             gaussians = options.applied(gaussians, origin)
             yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
-            manifest.append(_described(item, gaussians))
+            manifest.append(_described(item, gaussians) | {"psnr": psnr})
         content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
         text = json.dumps(content, indent=1, ensure_ascii=False)
         (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
@@ -262,6 +297,16 @@ def listed_files(manifest: Path) -> list[Path]:
     """
     content = read_json(manifest, Manifest, "Export the objects again.")
     return [manifest.parent / entry.file for entry in content.groups]
+
+
+def least_psnr(manifest: Path) -> float | None:
+    """PSNR in dB of the object that lost most in a decimation; None when nothing was decimated.
+
+    Raises ``GagaError`` when the manifest is damaged.
+    """
+    content = read_json(manifest, Manifest, "Export the objects again.")
+    known = [entry.psnr for entry in content.groups if entry.psnr is not None]
+    return min(known, default=None)
 
 
 def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:

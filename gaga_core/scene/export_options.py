@@ -49,6 +49,7 @@ class ExportOptions:
     ground: bool = False  # its lowest point comes to height 0 along ``up``
     up: Point = (0.0, 0.0, 1.0)  # unit, world
     scale: float = 1.0  # units of the file per scene unit
+    keep: float = 1.0  # share of the splats: neighbours are merged until so many are left
     page: PageContent = field(default_factory=PageContent)  # of an .html
 
     def __post_init__(self) -> None:
@@ -57,6 +58,8 @@ class ExportOptions:
             raise ValueError(f"sh_degree: expected 0 to 4, got {self.sh_degree}")
         if not (np.isfinite(self.scale) and self.scale > 0):
             raise ValueError(f"scale: expected a number above 0, got {self.scale}")
+        if not 0 < self.keep <= 1:
+            raise ValueError(f"keep: expected above 0 and up to 1, got {self.keep}")
         if self.crop is not None and not np.all(np.less_equal(*self.crop)):
             raise ValueError(f"crop: expected lo <= hi, got {self.crop}")
         if abs(float(np.linalg.norm(self.up)) - 1) > 1e-6:
@@ -70,6 +73,10 @@ class ExportOptions:
         lo, hi = (np.array(corner) for corner in self.crop)
         kept: IntArray = splats[((means >= lo) & (means <= hi)).all(axis=1)]
         return kept
+
+    def count(self, n: int) -> int:
+        """About how many of ``n`` splats are left."""
+        return max(min(n, 1), round(self.keep * n))
 
     def origin(self, means: FloatArray) -> DoubleArray:
         """The point (3,), world, that becomes the origin when all of ``means`` (K, 3) is written.

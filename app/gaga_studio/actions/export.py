@@ -51,7 +51,7 @@ def start(session: Session, plan: ExportPlan) -> bool:
     except OSError as error:
         raise GagaError(explain_os_error(error, plan.path.parent)) from error
     options = plan.options
-    if plan.form is SplatFormat.HTML:
+    if plan.form is SplatFormat.HTML or options.keep < 1:  # a decimation is judged from the photos
         options = replace(options, page=page_content(session))
     cleanup.export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
@@ -96,9 +96,12 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     degree = scene.gaussians.sh_degree
     if options.sh_degree is not None:
         degree = min(degree, options.sh_degree)
+    n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    n_bytes = estimated_bytes(scene.gaussians, len(splats), plan.form, degree, n_listed)
-    return ExportSummary(len(splats), n_files, n_bytes, lost)
+    n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
+    if n_splats < len(splats):
+        lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
+    return ExportSummary(n_splats, n_files, n_bytes, lost)
 
 
 def form_of_name(name: str) -> SplatFormat | None:

@@ -23,7 +23,12 @@ from gaga_core.io.splat_files import SplatFormat
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
-from gaga_core.scene.export import export_objects_stage, export_scene_stage, listed_files
+from gaga_core.scene.export import (
+    export_objects_stage,
+    export_scene_stage,
+    least_psnr,
+    listed_files,
+)
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
@@ -196,14 +201,23 @@ def export_stage(
             manifest = yield from stage
             n_files = len(listed_files(manifest))
             where = paths.shown(manifest.parent)
-            return f"Exported objects to {where} ({n_files} files and {manifest.name})."
+            said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+            return said + _lost(least_psnr(manifest), "the object that lost most")
 
         return objects()
     kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
     whole = export_scene_stage(scene, path, what=kind, groups=groups, options=options)
 
     def splats() -> Stage[str]:
-        n = yield from whole
-        return f"Exported {n:,} splats to {paths.shown(path)}."
+        made = yield from whole
+        said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
+        return said + _lost(made.psnr, "what was written")
 
     return splats()
+
+
+def _lost(psnr: float | None, what: str) -> str:
+    """What a decimation lost, as a sentence; "" when there was none."""
+    if psnr is None:
+        return ""
+    return f" Merged: pictures of {what} have {psnr:.1f} dB (PSNR) against those of before."

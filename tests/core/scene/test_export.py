@@ -45,7 +45,7 @@ def test_the_exported_count_is_the_visible_count(seed: int, what: Any, tmp_path:
     history.do(edits.select(scene, np.arange(200), "add"))
     shown = scene.visible & (scene.has(State.SELECTED) if what == "selected" else True)
     assert shown.any()
-    n = run_stage(export_scene_stage(scene, tmp_path / "out.ply", what=what))
+    n = run_stage(export_scene_stage(scene, tmp_path / "out.ply", what=what)).n_splats
     back = read_ply(tmp_path / "out.ply")
     assert n == len(back) == shown.sum()
     assert np.array_equal(back.extra["tag"], scene.gaussians.extra["tag"][shown])
@@ -83,7 +83,7 @@ def test_edits_during_an_export_do_not_reach_the_file(tmp_path: Path) -> None:
     hide = edits.hide(scene, np.arange(100))
     assert hide is not None
     hide.apply(scene)
-    assert run_stage(stage) == 400
+    assert run_stage(stage).n_splats == 400
 
 
 def test_nothing_visible_is_one_sentence(tmp_path: Path) -> None:

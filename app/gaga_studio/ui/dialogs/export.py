@@ -61,6 +61,8 @@ _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     ),
 )
 
+_SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
+
 
 @dataclass
 class ExportSheet:
@@ -164,6 +166,7 @@ def _options(session: Session, sheet: ExportSheet) -> None:
     degree = session.need().scene.gaussians.sh_degree
     if degree > 0:
         options = _color(options, degree)
+    options = _fewer(options)
     widgets.field_name("Placement", em(_NAMES))
     changed, centre = widgets.checkbox("Middle at the origin", options.centre)
     widgets.tooltip("The middle of all that is written becomes the origin; files still fit")
@@ -193,6 +196,15 @@ def _color(options: ExportOptions, degree: int) -> ExportOptions:
     if not changed:
         return options
     return replace(options, sh_degree=None if order[at] == degree else order[at])
+
+
+def _fewer(options: ExportOptions) -> ExportOptions:
+    widgets.field_name("Splats", em(_NAMES))
+    shares = list(_SHARES)
+    now = min(range(len(shares)), key=lambda k: abs(shares[k] - options.keep))
+    changed, at = imgui.combo("##Splats", now, list(_SHARES.values()))
+    widgets.tooltip("Fewer make smaller files that are drawn faster: neighbours are merged")
+    return replace(options, keep=shares[at]) if changed else options
 
 
 def _crop(session: Session, options: ExportOptions) -> ExportOptions:
