@@ -26,9 +26,9 @@ from gaga_core.grouping.robust.consensus import (
     ConsensusConfig,
     consensus_stage,
     merged_masks,
-    point_tables,
 )
 from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
+from gaga_core.grouping.robust.point_tables import point_tables
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
 from gaga_core.grouping.views import (
@@ -233,7 +233,7 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     #    takes the group of most of its points.
     stage = consensus_stage(task.views, task.gated.masks_of, depths, consensus)
     tables = yield from part(stage, next(parts), n_parts, STAGE)
-    points = dict(zip(task.names, tables, strict=True))
+    points = tables.by_name(task.names)
     ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
     decided = decide_masks(first_bank, points, ids)
     # 3. Masks of one group vote for Gaussians.
@@ -278,7 +278,7 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
     labels = levels.labels[levels.chosen]
     ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
     tables = point_tables(found.regions, found.groups, [len(ids[name]) for name in task.names])
-    decided = decide_masks(first_bank, dict(zip(task.names, tables, strict=True)), ids)
+    decided = decide_masks(first_bank, tables.by_name(task.names), ids)
     bank = replace(
         decided,
         group=np.where(labels > 0, labels, np.int32(-1)),

@@ -144,7 +144,7 @@ def run_one(task: SceneTask, config: RunConfig, threads: int) -> SceneOutcome:
     start, stages, failed = time.perf_counter(), tuple[str, ...](), ""
     attempt = _note_start(task)
     if attempt > TRIES:
-        return died(task, "the last time for an unknown reason")
+        return died(task, "killed, or out of memory")
     try:
         stage = run_folder(task.folder, config, photos=task.photos)
         try:

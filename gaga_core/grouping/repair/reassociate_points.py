@@ -15,8 +15,9 @@ from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, two_best
 from gaga_core.grouping.repair.view_evidence import Evidence
-from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, point_tables
+from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
 from gaga_core.grouping.robust.label_masks import voting_labels
+from gaga_core.grouping.robust.point_tables import point_tables
 from gaga_core.raster.base import Rasterizer
 
 _SURE = 1 << 30  # points: the row's own group leads whatever else it shows
@@ -50,8 +51,8 @@ def follow_points(
         for groups, old, new, kept in zip(told, expected, moved, former, strict=True)
     ]
     point = walk.points(of_mask, told)
-    tables = point_tables(shown, point, [len(ids) for ids in masks])
-    tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in tables]
+    found = point_tables(shown, point, [len(ids) for ids in masks])
+    tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in found]
     log = _logged(evidence, bank, masks, (of_mask, tables), forced)
     unowned = np.full_like(bank.group, -1)
     return replace(bank, group=unowned, n_groups=width - 1, log=log), tables

@@ -90,7 +90,7 @@ def gather_stage(
         evidence.masks_of,
         depths,
         consensus.per_mask,
-        consensus.max_points,
+        consensus.point_limit(len(evidence.views)),
     )
     points = yield from part(sample, 1, n_parts, STAGE)
     shown = masks_of_points(points, evidence.views, evidence.masks_of, depths)

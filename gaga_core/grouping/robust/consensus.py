@@ -16,24 +16,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.robust.consensus_kernels import count_pairs, find_partners, merge_clusters
-from gaga_core.grouping.robust.contacts import contacts_of, surface_normals
+from gaga_core.grouping.robust.contacts import APART, Priors, contacts_of, surface_normals
+from gaga_core.grouping.robust.linkage import (
+    MOST_POINTS,
+    LinkageRules,
+    linkage_stage,
+    renumbered,
+)
+from gaga_core.grouping.robust.point_tables import PointTables, Sightings, point_tables
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
     LoadMasks,
     masks_of_points,
     sample_points,
 )
-from gaga_core.kernels import run_chunks
 from gaga_core.progress import Progress, Stage, part
 
 STAGE = "Compare views"
-_ROWS = 64  # rows of pairs in one piece of work
-_SLICE = 1024  # rows between two chances to cancel
-_MERGES = 256  # merges between two chances to cancel
+_PAIRS = 4096  # pairs of clusters whose views are compared at a time
+_CELLS = 1 << 26  # points times views: 256 MiB of masks
+_FEW = 8192  # points that any number of views may have
 _HALF_WEIGHT = 0.3  # points of a cluster with which a view's vote about it weighs 1/2
 _DIGITS = 9  # of agreements that are compared, so that the order of sums does not matter
 
@@ -43,7 +49,7 @@ class ConsensusConfig:
     """Settings of the view consensus."""
 
     per_mask: int = 8  # points sampled in each mask that shows fewer
-    max_points: int = 8192  # memory and time grow with the square
+    max_points: int = MOST_POINTS  # of many views fewer, see `point_limit`
     point_agreement: float = 0.55  # share of views that joins clusters of points, pair by pair
     view_agreement: float = 0.45  # ... that joins clusters, one vote for each view
     doubt: float = 2.0  # prior, in views: orders pairs that few views see
@@ -61,6 +67,10 @@ class ConsensusConfig:
         shares = (self.point_agreement, self.view_agreement, self.min_support, self.merged_share)
         if not all(0 < share < 1 for share in shares):
             raise ValueError("agreements, min_support and merged_share must be between 0 and 1")
+        if self.point_agreement < 0.5 or self.view_agreement < APART:
+            raise ValueError("agreements: pairs that no view shows in one mask must stay apart")
+        if self.max_points > MOST_POINTS:
+            raise ValueError(f"max_points: at most {MOST_POINTS}")
         if self.per_mask < 1 or self.max_points < 2 or self.min_points < 1:
             raise ValueError("per_mask, max_points and min_points: too small")
         if self.whole_groups < 3 or not 0 < self.whole_share < 1 / self.whole_groups:
@@ -68,51 +78,41 @@ class ConsensusConfig:
         if self.doubt < 0 or self.min_views <= 0 or self.min_voice <= 0:
             raise ValueError("doubt must not be negative, min_views and min_voice positive")
 
+    def point_limit(self, n_views: int) -> int:
+        """How many points a scene of so many views may have: memory is points times views."""
+        return min(self.max_points, max(_FEW, _CELLS // max(n_views, 1)))
+
 
 def consensus_stage(
     views: Sequence[Camera], load_masks: LoadMasks, depths: DepthMaps, config: ConsensusConfig
-) -> Stage[list[LongArray]]:
+) -> Stage[PointTables]:
     """For each view the table (M + 1, G + 1) of points: how many of group g show in mask m.
 
     Row 0 and column 0 are empty. All tables have the same groups 1..G, in the order of their
     first points.
     """
-    sample = sample_points(views, load_masks, depths, config.per_mask, config.max_points)
+    limit = config.point_limit(len(views))
+    sample = sample_points(views, load_masks, depths, config.per_mask, limit)
     points = yield from part(sample, 0, 5, STAGE)
     mask_of = yield from part(masks_of_points(points, views, load_masks, depths), 1, 5, STAGE)
     normal = surface_normals(points, mask_of, views, load_masks, depths)
     contacts = contacts_of(points, (yield from part(normal, 2, 5, STAGE)))
     sizes = [load_masks(camera).ids.size for camera in views]
-    cluster = yield from part(_linked(mask_of, config), 3, 5, STAGE)
+    rules = LinkageRules(config.point_agreement, config.min_views, config.doubt)
+    cluster = yield from part(linkage_stage(mask_of, rules, STAGE), 3, 5, STAGE)
     evidence = without_wholes(mask_of, cluster, sizes, config)
     if not np.array_equal(evidence, mask_of):
-        cluster = yield from part(_linked(evidence, config), 4, 5, STAGE)
+        cluster = yield from part(linkage_stage(evidence, rules, STAGE), 4, 5, STAGE)
+    shown = Sightings.of(evidence, sizes)
     while True:
         yield Progress(STAGE, 1, 1, f"{cluster.max(initial=0)} clusters")
-        tables = point_tables(evidence, cluster, sizes)
-        joined = _join_best(tables, contacts.prior(cluster), config)
+        joined = _join_best(shown.tables(cluster), contacts.priors(cluster), config)
         if joined is None:
             break
-        cluster = _renumbered(joined[cluster])
-    tables = point_tables(mask_of, cluster, sizes)
-    kept = _supported(tables, np.bincount(cluster, minlength=1), config)
-    return point_tables(mask_of, kept[cluster], sizes)
-
-
-def point_tables(
-    mask_of: IntArray,  # (S, V)
-    cluster: IntArray,  # (S,) 1.., 0 = none
-    sizes: Sequence[int],  # rows of each view's table: masks + 1
-) -> list[LongArray]:
-    """For each view how many points of each cluster show in each mask, (M + 1, C + 1)."""
-    width = int(cluster.max(initial=0)) + 1
-    tables = []
-    for v, rows in enumerate(sizes):
-        cells = mask_of[:, v].astype(np.int64) * width + cluster
-        table = np.bincount(cells, minlength=rows * width).reshape(rows, width)
-        table[0], table[:, 0] = 0, 0
-        tables.append(table)
-    return tables
+        cluster = renumbered(joined[cluster])
+    shown = Sightings.of(mask_of, sizes)
+    kept = _supported(shown.tables(cluster), np.bincount(cluster, minlength=1), config)
+    return shown.tables(kept[cluster])
 
 
 def without_wholes(
@@ -127,11 +127,16 @@ def without_wholes(
     or two of them would outvote the rest. (Dropping under-segmented masks before clustering is from
     MaskClustering, Yan et al., CVPR 2024.)
     """
+    tables = point_tables(mask_of, cluster, sizes)
+    rows, _, counts = tables.entries()
+    n_rows = int(tables.first_row[-1])
+    least = np.maximum(config.min_points, config.whole_share * np.bincount(rows, counts, n_rows))
+    n_things = np.bincount(rows, counts >= least[rows], n_rows)
+    is_whole = n_things >= config.whole_groups
     evidence = mask_of.copy()
-    for v, table in enumerate(point_tables(mask_of, cluster, sizes)):
-        least = np.maximum(config.min_points, config.whole_share * table.sum(axis=1))
-        wholes = np.flatnonzero((table >= least[:, None]).sum(axis=1) >= config.whole_groups)
-        evidence[np.isin(evidence[:, v], wholes), v] = 0
+    for v in np.unique(tables.view_of_row()[is_whole]):
+        wholes = is_whole[tables.first_row[v] : tables.first_row[v + 1]]
+        evidence[wholes[evidence[:, v]], v] = 0
     return evidence
 
 
@@ -144,53 +149,23 @@ def merged_masks(table: LongArray, config: ConsensusConfig) -> LongArray:
     return np.flatnonzero((second >= share) & (second >= 2))
 
 
-def _linked(mask_of: IntArray, config: ConsensusConfig) -> Stage[IntArray]:
-    """Clusters (S,) 1.. of points by average linkage over pairs of points."""
-    n = len(mask_of)
-    together, both = np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
-    size, score = np.ones(n), np.full(n, -1.0)
-    partner, parent = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
-    rules = np.array([config.point_agreement, config.min_views, config.doubt])
-
-    def count(start: int, stop: int) -> None:
-        count_pairs(mask_of, first + start, first + stop, together, both)
-
-    def find(start: int, stop: int) -> None:
-        find_partners(together, both, size, rules, start, stop, partner, score)
-
-    for first in range(0, n, _SLICE):
-        yield Progress(STAGE, first, 2 * n, f"{n} points")
-        run_chunks(count, min(_SLICE, n - first), _ROWS)
-    run_chunks(find, n, _ROWS)
-    n_merges = _MERGES
-    while n_merges == _MERGES:
-        left = int((size > 0).sum())
-        yield Progress(STAGE, 2 * n - left, 2 * n, f"{left} clusters")
-        n_merges = merge_clusters(together, both, size, rules, partner, score, parent, _MERGES)
-    return _renumbered(_roots(parent))
-
-
-def _roots(parent: IntArray) -> IntArray:
-    """The surviving cluster (S,) of each point; parents come before their children."""
-    root = parent
-    while (root[root] != root).any():
-        root = root[root]
-    return root
-
-
-def _join_best(
-    tables: Sequence[LongArray], prior: DoubleArray, config: ConsensusConfig
-) -> IntArray | None:
+def _join_best(tables: PointTables, priors: Priors, config: ConsensusConfig) -> IntArray | None:
     """The cluster (C + 1,) that each one becomes when those join that agree most with each other;
     None when no two agree enough.
 
     Every view has one vote: the chance that a point of a and one of b show in one mask. Its
-    weight grows with the points that it sees of both, towards 1. ``prior`` (C + 1, C + 1), what the
-    surface says of two clusters, weighs as much as ``doubt`` views.
+    weight grows with the points that it sees of both, towards 1. ``priors``, what the surface says
+    of two clusters, weigh as much as ``doubt`` views.
     """
-    agreement = _view_agreement(tables, prior, config)
-    best, value = agreement.argmax(axis=1), agreement.max(axis=1)
-    a = np.arange(len(best))
+    key, agreement = _view_agreement(tables, priors, config)
+    a = np.arange(tables.width)
+    best, value = a.copy(), np.zeros(tables.width)
+    first, second = np.divmod(key, tables.width)
+    one, other = np.append(first, second), np.append(second, first)
+    both = np.append(agreement, agreement)
+    order = np.lexsort((other, -both, one))  # the greatest first, the lower cluster on a tie
+    found, at = np.unique(one[order], return_index=True)
+    best[found], value[found] = other[order][at], both[order][at]
     mutual = (best[best] == a) & (a < best) & (value > config.view_agreement)
     if not mutual.any():
         return None
@@ -200,48 +175,47 @@ def _join_best(
 
 
 def _view_agreement(
-    tables: Sequence[LongArray], prior: DoubleArray, config: ConsensusConfig
-) -> DoubleArray:
-    """Agreement (C + 1, C + 1) of clusters, 0 where too little is seen of two at once."""
-    width = tables[0].shape[1]
-    same, voice = np.zeros((width, width)), np.zeros((width, width))
-    for table in tables:
-        seen = table.sum(axis=0)
-        weight = seen / (seen + _HALF_WEIGHT)
-        share = table / np.maximum(seen, 1) * weight
-        same += share.T @ share
-        voice += weight[:, None] * weight[None, :]
-    agreement = (same + prior * config.doubt) / (voice + config.doubt)
+    tables: PointTables, priors: Priors, config: ConsensusConfig
+) -> tuple[LongArray, DoubleArray]:
+    """Pairs of clusters (P,), as first * (C + 1) + second, and their agreement (P,): of those that
+    a view shows in one mask or that touch. All others agree less than any that may join. 0 where
+    too little is seen of two at once."""
+    width = tables.width
+    seen = tables.seen()
+    weight = seen / (seen + _HALF_WEIGHT)  # (V, C + 1)
+    rows, columns, counts = tables.entries()
+    view = tables.view_of_row()[rows]
+    share = counts / np.maximum(seen[view, columns], 1) * weight[view, columns]
+    shares = csr_matrix((share, tables.counts.indices, tables.counts.indptr), tables.counts.shape)
+    same = (shares.T @ shares).tocoo()
+    upper = same.row < same.col
+    same_key = same.row[upper].astype(np.int64) * width + same.col[upper]
+    key = np.union1d(same_key, priors.key)
+    together = np.zeros(len(key))
+    together[np.searchsorted(key, same_key)] = same.data[upper]
+    by_cluster = np.ascontiguousarray(weight.T)
+    voice = np.empty(len(key))
+    for start in range(0, len(key), _PAIRS):
+        first, second = np.divmod(key[start : start + _PAIRS], width)
+        seen_both = by_cluster[first] * by_cluster[second]
+        voice[start : start + _PAIRS] = seen_both.sum(axis=1)
+    agreement = (together + priors.of(key) * config.doubt) / (voice + config.doubt)
     agreement[voice < config.min_voice] = 0
-    np.fill_diagonal(agreement, 0)
-    agreement[0], agreement[:, 0] = 0, 0
-    result: DoubleArray = np.round(agreement, _DIGITS)
-    return result
+    return key, np.round(agreement, _DIGITS)
 
 
-def _supported(
-    tables: Sequence[LongArray], n_points: LongArray, config: ConsensusConfig
-) -> IntArray:
+def _supported(tables: PointTables, n_points: LongArray, config: ConsensusConfig) -> IntArray:
     """New id (C + 1,) of each cluster: 0 for those too small or that lead too few masks."""
-    width = tables[0].shape[1]
-    leads, seen = np.zeros(width, np.int64), np.zeros(width)
-    for table in tables:
-        first = table.argmax(axis=1)[table.max(axis=1) > 0]
-        leads[np.unique(first)] += 1
-        count = table.sum(axis=0)
-        seen += count / (count + 1)
+    rows, columns, counts = tables.entries()
+    order = np.lexsort((columns, -counts, rows))
+    _, at = np.unique(rows[order], return_index=True)
+    leading = tables.view_of_row()[rows[order][at]] * tables.width + columns[order][at]
+    leads = np.bincount(np.unique(leading) % tables.width, minlength=tables.width)
+    shown = tables.seen()
+    seen = (shown / (shown + 1)).sum(axis=0)
     least = max(1.0, min(config.rare * len(tables), config.rare_views))
     keeps = (leads >= np.maximum(least, config.min_support * seen)) & (
         n_points >= config.min_points
     )
     keeps[0] = False
     return np.where(keeps, np.cumsum(keeps), 0).astype(np.int32)
-
-
-def _renumbered(cluster: IntArray) -> IntArray:
-    """The same clusters as 1, 2, ... in the order of their first points."""
-    _, first, inverse = np.unique(cluster, return_index=True, return_inverse=True)
-    order = np.empty(len(first), np.int32)
-    order[np.argsort(first)] = np.arange(1, len(first) + 1)
-    result: IntArray = order[inverse]
-    return result

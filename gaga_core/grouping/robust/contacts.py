@@ -23,7 +23,7 @@ _DEEP = 0.03  # share of its depth by which pixels of that plane may differ from
 _LEAST = 12  # pixels of a plane
 _BORDER = 3.0  # neighbours per point of the smaller cluster at which the border says nothing
 _TOUCH = 0.25  # with fewer neighbours per point clusters do not touch
-_APART = 0.34  # prior of clusters that do not touch
+APART = 0.34  # prior of clusters that do not touch
 _BIAS, _OF_BORDER, _OF_SHAPE = -0.3, 0.5, 1.0  # log odds; of log border and of convexity
 
 
@@ -35,23 +35,43 @@ class Contacts:
     second: LongArray  # (P,)
     convexity: DoubleArray  # (P,) > 0 the surface bulges between them, < 0 it has a crease
 
-    def prior(self, cluster: IntArray) -> DoubleArray:
-        """Chance (C + 1, C + 1) that two clusters are parts of one object, before the views vote.
+    def priors(self, cluster: IntArray) -> "Priors":
+        """Chance that two clusters are parts of one object, before the views vote.
 
         ``cluster`` (S,) has ids 1..C, or 0 = none.
         """
         width = int(cluster.max(initial=0)) + 1
-        a, b = cluster[self.first].astype(np.int64), cluster[self.second]
-        between = a != b
-        cells = (a * width + b)[between]
-        count = np.bincount(cells, minlength=width * width).reshape(width, width)
-        bulge = np.bincount(cells, self.convexity[between], width * width).reshape(width, width)
-        count, bulge = count + count.T, bulge + bulge.T
+        a, b = cluster[self.first].astype(np.int64), cluster[self.second].astype(np.int64)
+        between = (a != b) & (a > 0) & (b > 0)
+        a, b, convexity = a[between], b[between], self.convexity[between]
+        key, pair = np.unique(np.minimum(a, b) * width + np.maximum(a, b), return_inverse=True)
+        count, bulge = np.zeros(len(key)), np.zeros(len(key))
+        for way in (a < b, a > b):
+            count += np.bincount(pair[way], minlength=len(key))
+            bulge += np.bincount(pair[way], convexity[way], minlength=len(key))
         n_points = np.bincount(cluster, minlength=width)
-        border = count / np.maximum(np.minimum.outer(n_points, n_points), 1)
+        first, second = np.divmod(key, width)
+        border = count / np.maximum(np.minimum(n_points[first], n_points[second]), 1)
         odds = _OF_BORDER * np.log((border + 0.01) / _BORDER)
         odds += _BIAS + _OF_SHAPE * bulge / np.maximum(count, 1)
-        result: DoubleArray = np.where(border < _TOUCH, _APART, 1 / (1 + np.exp(-odds)))
+        return Priors(width, key, np.where(border < _TOUCH, APART, 1 / (1 + np.exp(-odds))))
+
+
+@dataclass(frozen=True, eq=False)
+class Priors:
+    """Chances of pairs of clusters; `APART` of all that are not listed."""
+
+    width: int  # C + 1
+    key: LongArray  # (P,) first * width + second, first < second, ascending
+    value: DoubleArray  # (P,) 0..1
+
+    def of(self, key: LongArray) -> DoubleArray:
+        """Chances (Q,) of pairs by their keys."""
+        result = np.full(len(key), APART)
+        if len(self.key) > 0:
+            at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+            listed = self.key[at] == key
+            result[listed] = self.value[at[listed]]
         return result
 
 

@@ -33,28 +33,34 @@ def decide_masks(
     Decisions keep their order and #G(m); a group is new where it comes first. No group
     owns Gaussians yet. A mask without a point of any group has none.
     """
-    best = {view: two_best(table) for view, table in tables.items()}
-    row = {view: {int(m): k for k, m in enumerate(ids[view])} for view in tables}
+    decisions = {view: _decisions(table, ids[view]) for view, table in tables.items()}
     known: set[int] = set()
     log = []
     for old in bank.log:
-        m = row[old.view][old.mask]
-        counts = tables[old.view][m]
-        first, second = (int(column[m]) for column in best[old.view])
-        total = max(int(counts.sum()), 1)
+        first, overlap, second, runner_up_overlap = decisions[old.view][old.mask]
         log.append(
             replace(
                 old,
                 group=first,
                 is_new=first > 0 and first not in known,
-                overlap=int(counts[first]) / total,
+                overlap=overlap,
                 runner_up=second,
-                runner_up_overlap=int(counts[second]) / total,
+                runner_up_overlap=runner_up_overlap,
             )
         )
         known.add(first)
     n_groups = next(iter(tables.values())).shape[1] - 1
     return replace(bank, group=np.full_like(bank.group, -1), n_groups=n_groups, log=tuple(log))
+
+
+def _decisions(table: LongArray, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
+    """By the id of a mask: the group of most of its points and the next one, each with its share
+    of the points."""
+    first, second = two_best(table)
+    row, total = np.arange(len(table)), np.maximum(table.sum(axis=1), 1)
+    columns = (first, table[row, first] / total, second, table[row, second] / total)
+    found = zip(*(column.tolist() for column in columns), strict=True)
+    return dict(zip(ids.tolist(), found, strict=True))
 
 
 def voting_labels(

@@ -11,7 +11,7 @@ from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
-from gaga_core.grouping.robust.consensus_kernels import count_pairs, find_partners, merge_clusters
+from gaga_core.grouping.robust.linkage import LinkageRules, linkage_stage
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
@@ -177,22 +177,18 @@ def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
 
 
 def test_linkage_is_what_the_definition_says() -> None:
+    """Also with many merges, so that lists of pairs are packed on the way."""
     rng = np.random.default_rng(3)
-    mask_of = rng.integers(0, 3, (40, 9)).astype(np.int32)
-    mask_of[:15, :7] = mask_of[0, :7]
-    together, both = np.zeros((40, 40), np.float32), np.zeros((40, 40), np.float32)
-    count_pairs(mask_of, 0, 40, together, both)
-    rules = np.array([0.55, 0.1, 2.0])
-    expected = _plain_linkage(mask_of, rules)
-    size, score = np.ones(40), np.zeros(40)
-    partner, parent = np.zeros(40, np.int32), np.arange(40, dtype=np.int32)
-    find_partners(together, both, size, rules, 0, 40, partner, score)
-    n = merge_clusters(together, both, size, rules, partner, score, parent, 5)
-    n += merge_clusters(together, both, size, rules, partner, score, parent, 1000)
-    assert n == 40 - len(expected)
-    while (parent[parent] != parent).any():
-        parent = parent[parent]
-    assert {frozenset(np.flatnonzero(parent == r).tolist()) for r in set(parent)} == expected
+    for n, n_views in ((40, 9), (1, 3), (150, 30)):
+        mask_of = rng.integers(0, 3, (n, n_views)).astype(np.int32)
+        for start in range(0, n - 15, 20):
+            mask_of[start : start + 15, : n_views - 2] = mask_of[start, : n_views - 2]
+        rules = LinkageRules(0.55, 0.1, 2.0)
+        expected = _plain_linkage(mask_of, rules.array())
+        cluster = run_stage(linkage_stage(mask_of, rules, "link"))
+        assert list(dict.fromkeys(cluster.tolist())) == list(range(1, len(expected) + 1))
+        found = {frozenset(np.flatnonzero(cluster == c).tolist()) for c in set(cluster.tolist())}
+        assert found == expected
 
 
 def test_merged_masks_hold_two_groups() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.robust.contacts import contacts_of, surface_normals
+from gaga_core.grouping.robust.contacts import Contacts, contacts_of, surface_normals
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -24,9 +24,15 @@ def _roof(slope: float) -> tuple[DoubleArray, DoubleArray, IntArray]:
 
 def _chance(slope: float) -> float:
     points, normals, side = _roof(slope)
-    prior = contacts_of(points, normals).prior(side)
-    assert np.array_equal(prior, prior.T)
-    return float(prior[1, 2])
+    contacts = contacts_of(points, normals)
+    assert _between(contacts, side) == _between(contacts, (3 - side).astype(np.int32))
+    return _between(contacts, side)
+
+
+def _between(contacts: Contacts, side: IntArray) -> float:
+    """The chance of the clusters 1 and 2."""
+    priors = contacts.priors(side)
+    return float(priors.of(np.array([priors.width + 2]))[0])
 
 
 def test_a_ridge_joins_more_than_a_plane_and_a_plane_more_than_a_crease() -> None:
@@ -39,20 +45,20 @@ def test_a_long_border_joins_more_than_a_touch() -> None:
     corner = ((points[:, 0] > 0.7) & (points[:, 1] > 0.7)).astype(np.int32)
     strip = (points[:, 0] > 0.0).astype(np.int32)
     contacts = contacts_of(points, normals)
-    assert contacts.prior(1 + strip)[1, 2] < contacts.prior(1 + corner)[1, 2]
+    assert _between(contacts, 1 + strip) < _between(contacts, 1 + corner)
 
 
 def test_clusters_that_do_not_touch_are_rather_two() -> None:
     points, normals, side = _roof(0.0)
     points[side == 2, 0] += 5
-    assert contacts_of(points, normals).prior(side)[1, 2] == pytest.approx(0.34)
+    assert _between(contacts_of(points, normals), side) == pytest.approx(0.34)
 
 
 def test_few_points_and_unknown_normals_do_no_harm() -> None:
     for n in (0, 1, 2):
         found = contacts_of(np.zeros((n, 3)), np.zeros((n, 3)))
         assert (found.convexity == 0).all()
-        assert np.isfinite(found.prior(np.arange(1, n + 1, dtype=np.int32))).all()
+        assert np.isfinite(found.priors(np.arange(1, n + 1, dtype=np.int32)).value).all()
 
 
 def test_normals_of_balls_point_outwards() -> None:
