@@ -16,6 +16,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import LabelFrame, Rasterizer
+from gaga_core.raster.vote_slots import VoteSlots
 
 VOID_BELOW = 0.3  # summed weight under which a pixel shows no group
 LabelMap = Callable[[Camera], IntArray]  # (H, W) at the camera's size; 0 = none
@@ -29,8 +30,8 @@ def _memory() -> int:
         return 4 << 30
 
 
-# A vote that fits goes over the views once: 3 million Gaussians and 300 groups take 3.6 GB.
-HISTOGRAM_BYTES = min(4 << 30, _memory() // 4)
+# A table within it takes all labels of every Gaussian: 480,000 Gaussians and 260 groups.
+HISTOGRAM_BYTES = min(1 << 29, _memory() // 4)
 _BLOCK = 1 << 16  # Gaussians whose argmax is taken at a time, so that temporaries stay small
 
 
@@ -64,57 +65,50 @@ def vote_labels(
 ) -> Stage[Votes]:
     """Vote over all ``cameras``; pixels of label 0 do not vote. Of equal weights the lower label.
 
-    The histogram is (N, K) float32. When all groups at once would exceed ``histogram_bytes``, the
-    groups are taken in blocks, each with its own pass over the views: slower, the same result.
+    The histogram is (N, G) float32. When that would exceed ``histogram_bytes``, each Gaussian keeps
+    the `SLOTS` labels that matter most for it (`VoteSlots`): the same result unless more than so
+    many groups show one Gaussian.
     """
     n = len(gaussians)
-    best = np.zeros(n, np.float32)
-    total = np.zeros(n, np.float32)
-    labels = np.zeros(n, np.int32)
-    width = max(1, min(n_groups, histogram_bytes // max(4 * n, 1)))
-    blocks = range(1, n_groups + 1, width)
-    for block, first in enumerate(blocks):
-        count = min(width, n_groups + 1 - first)
-        histogram = np.zeros((n, count), np.float32)
-        for i, camera in enumerate(cameras):
-            message = f"vote, {camera.name}"
-            done = block * len(cameras) + i
-            yield Progress("Label Gaussians", done, len(blocks) * len(cameras), message)
-            columns = _columns(label_map(camera), first, count)
-            if columns is not None:
-                rasterizer.vote(gaussians, camera, columns, histogram)
-        _merge(histogram, first, best, total, labels)
+    is_table = 4 * n * n_groups <= histogram_bytes
+    table = np.zeros((n, n_groups), np.float32) if is_table else np.zeros((0, 0), np.float32)
+    slots = VoteSlots.empty(0 if is_table else n)
+    for i, camera in enumerate(cameras):
+        yield Progress("Label Gaussians", i, len(cameras), f"vote, {camera.name}")
+        columns = _columns(label_map(camera), n_groups)
+        if columns is not None:
+            rasterizer.vote(gaussians, camera, columns, table if is_table else slots)
+    if is_table:
+        labels, best, total = _winners(table)
+    else:
+        column, best, total = slots.winners()
+        labels = column + np.int32(1)
     with np.errstate(invalid="ignore", divide="ignore"):
         confidence = np.where(total > 0, best / total, 0).astype(np.float32)
     return Votes(labels, np.minimum(confidence, 1), total)
 
 
-def _columns(labels: IntArray, first: int, count: int) -> IntArray | None:
+def _columns(labels: IntArray, n_groups: int) -> IntArray | None:
     """Histogram column of each pixel, -1 = does not vote; None when no pixel does."""
     check_shape("labels", labels, ("H", "W"), np.int32)
-    inside = (labels >= first) & (labels < first + count)
+    inside = (labels >= 1) & (labels <= n_groups)
     if not inside.any():
         return None
-    return np.where(inside, labels - np.int32(first), np.int32(-1)).astype(np.int32)
+    return np.where(inside, labels - np.int32(1), np.int32(-1)).astype(np.int32)
 
 
-def _merge(
-    histogram: FloatArray,  # (N, K) of labels first, first + 1, ...
-    first: int,
-    best: FloatArray,  # (N,) changed in place, like the next two
-    total: FloatArray,
-    labels: IntArray,
-) -> None:
-    """Take one block of labels into the running argmax."""
-    for start in range(0, len(histogram), _BLOCK):
+def _winners(table: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Label (N,) of the greatest sum of each row, 0 = none; that sum (N,); the sum of all (N,)."""
+    n = len(table)
+    labels, best, total = np.zeros(n, np.int32), np.zeros(n, np.float32), np.zeros(n, np.float32)
+    for start in range(0, n if table.size else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
-        rows = histogram[part]
+        rows = table[part]
         column = rows.argmax(axis=1)
-        weight = rows[np.arange(len(rows)), column]
-        total[part] += rows.sum(axis=1)
-        wins = weight > best[part]
-        best[part][wins] = weight[wins]
-        labels[part][wins] = column[wins].astype(np.int32) + first
+        best[part] = rows[np.arange(len(rows)), column]
+        total[part] = rows.sum(axis=1)
+        labels[part] = np.where(best[part] > 0, column + 1, 0)
+    return labels, best, total
 
 
 def splat_groups(

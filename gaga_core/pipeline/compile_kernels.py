@@ -26,6 +26,7 @@ from gaga_core.query.group_hashes import group_digests
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
+from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.click_graph import click_graph_stage
@@ -124,6 +125,11 @@ def _vote(sample: _Sample) -> None:
     histogram = np.zeros((len(sample.gaussians), 1), np.float32)
     pixels = np.zeros((_SIDE, _SIDE), np.int32)
     sample.rasterizer.vote(sample.gaussians, sample.cameras[0], pixels, histogram)
+    slots = VoteSlots.empty(len(histogram))
+    sample.rasterizer.vote(sample.gaussians, sample.cameras[0], pixels, slots)
+    one = np.zeros(1, np.int32)
+    slots.add(one, one, np.zeros((1, 1), np.float32))
+    slots.add_one(one, one)
 
 
 def _pixels(sample: _Sample) -> object:

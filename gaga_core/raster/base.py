@@ -20,6 +20,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
+from gaga_core.raster.vote_slots import VoteSlots
 
 NEAR = 0.01  # scene units; centres nearer than this are not drawn
 BLUR = 0.3  # pixels^2 added to the 2D covariance
@@ -130,10 +131,13 @@ def check_pixels(camera: Camera, pixels: LongArray) -> None:
 
 
 def check_vote(
-    gaussians: Gaussians, camera: Camera, labels: IntArray, histogram: FloatArray
+    gaussians: Gaussians, camera: Camera, labels: IntArray, histogram: FloatArray | VoteSlots
 ) -> None:
     """Check what `Rasterizer.vote` is given."""
     check_shape("labels", labels, (camera.height, camera.width), np.int32)
+    if isinstance(histogram, VoteSlots):
+        check_shape("histogram", histogram.labels, (len(gaussians), "K"), np.int32)
+        return
     check_shape("histogram", histogram, (len(gaussians), "K"), np.float32)
     if int(labels.max()) >= histogram.shape[1]:
         raise ValueError(f"labels: {labels.max()} has no column of {histogram.shape[1]}")
@@ -174,7 +178,7 @@ class Rasterizer(Protocol):
         gaussians: Gaussians,
         camera: Camera,
         labels: IntArray,  # (H, W) at camera size; negative = ignore
-        histogram: FloatArray,  # (N, K) added to in place
+        histogram: FloatArray | VoteSlots,  # (N, K), or slots for any labels; added to in place
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k."""
         ...

@@ -23,6 +23,7 @@ from gaga_core.raster.base import (
     LabelFrame,
     PixelWeights,
 )
+from gaga_core.raster.vote_slots import VoteSlots
 
 
 class ReferenceRasterizer:
@@ -75,10 +76,21 @@ class ReferenceRasterizer:
         )
 
     def vote(
-        self, gaussians: Gaussians, camera: Camera, labels: IntArray, histogram: FloatArray
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,
+        histogram: FloatArray | VoteSlots,
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored."""
         counted = labels >= 0
+        if isinstance(histogram, VoteSlots):
+            present = np.unique(labels[counted])
+            for i, _, w in blend(gaussians, camera):
+                sums = [w[labels == label].sum() for label in present]
+                added = np.array([sums], np.float32)
+                histogram.add(np.array([i], np.int32), present, added)
+            return
         for i, _, w in blend(gaussians, camera):
             histogram[i] += np.bincount(
                 labels[counted], weights=w[counted], minlength=histogram.shape[1]

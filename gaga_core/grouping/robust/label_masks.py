@@ -19,8 +19,10 @@ from gaga_core.grouping.memory_bank import MemoryBank, two_best
 from gaga_core.grouping.views import load_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
+from gaga_core.raster.vote_slots import VoteSlots
 
 _NEIGHBOURS = 8
+_TABLE_BYTES = 1 << 28  # of counts of all groups; above, a few groups of each Gaussian are kept
 
 
 def decide_masks(
@@ -102,15 +104,21 @@ def fill_unseen(
     if len(unseen) == 0 or not (labels > 0).any():
         return result
     means = np.ascontiguousarray(gaussians.means[unseen])
-    counts = np.zeros((len(unseen), n_groups + 1), np.uint16)
-    rows = np.arange(len(unseen))
+    is_table = 2 * len(unseen) * (n_groups + 1) <= _TABLE_BYTES
+    counts = np.zeros((len(unseen), n_groups + 1) if is_table else (0, 1), np.uint16)
+    slots = VoteSlots.empty(0 if is_table else len(unseen))
+    rows = np.arange(len(unseen), dtype=np.int32)
     for i, camera in enumerate(views):
         yield Progress("Label hidden Gaussians", i, len(views), camera.name)
         view_masks = ViewMasks.of(load_labels(masks, camera)[0])
         mask_of = gaussians_of_masks(means, camera, view_masks, bounds[camera.name])
-        counts[rows, groups[camera.name][view_masks.ids[mask_of]]] += 1
+        found = groups[camera.name][view_masks.ids[mask_of]]
+        if is_table:
+            counts[rows, found] += 1
+        else:
+            slots.add_one(rows[found > 0], found[found > 0])
     counts[:, 0] = 0
-    result[unseen] = counts.argmax(axis=1)
+    result[unseen] = counts.argmax(axis=1) if is_table else np.maximum(slots.winners()[0], 0)
     return _from_neighbours(gaussians.means, result)
 
 

@@ -18,6 +18,7 @@ from gaga_core.raster.cpu.blend_kernels import (
     _open_tile,
 )
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
+from gaga_core.raster.vote_slots_kernels import add_to_slot
 
 _F = np.float32
 _ZERO, _HALF = _F(0), _F(0.5)
@@ -224,4 +225,35 @@ def add_sums(
                     w = sums[at + m]
                     if w > _ZERO:
                         histogram[order[k], found[tile, m]] += w
+            at += n_labels
+
+
+@kernel
+def add_sums_to_slots(
+    order: IntArray,
+    offsets: LongArray,
+    ids: IntArray,
+    found: IntArray,
+    n_found: LongArray,
+    sum_offsets: LongArray,
+    first: int,
+    sums: FloatArray,
+    slot_labels: IntArray,  # (N, K), like the next two changed in place
+    slot_weights: FloatArray,  # (N, K)
+    lost: FloatArray,  # (N,)
+    start: int,
+    stop: int,
+) -> None:
+    """`add_sums` where each Gaussian keeps a few labels (`VoteSlots`)."""
+    for b in range(len(sum_offsets) - 1):
+        tile = first + b
+        n_labels = n_found[tile]
+        at = sum_offsets[b]
+        for j in range(offsets[tile], offsets[tile + 1]):
+            k = ids[j]
+            if k >= start and k < stop:
+                for m in range(n_labels):
+                    w = sums[at + m]
+                    if w > _ZERO:
+                        add_to_slot(slot_labels, slot_weights, lost, order[k], found[tile, m], w)
             at += n_labels

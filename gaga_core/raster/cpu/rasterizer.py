@@ -25,6 +25,7 @@ from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, p
 from gaga_core.raster.cpu.sample import sampled_weights
 from gaga_core.raster.cpu.sh_kernels import sh_colors
 from gaga_core.raster.cpu.vote import add_votes
+from gaga_core.raster.vote_slots import VoteSlots
 
 
 class CpuRasterizer:
@@ -75,7 +76,7 @@ class CpuRasterizer:
         gaussians: Gaussians,
         camera: Camera,
         labels: IntArray,
-        histogram: FloatArray,
+        histogram: FloatArray | VoteSlots,
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored."""
         check_vote(gaussians, camera, labels, histogram)

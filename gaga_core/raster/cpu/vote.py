@@ -9,6 +9,7 @@ from gaga_core.kernels import n_threads, run_chunks
 from gaga_core.raster.cpu import label_kernels as kernels
 from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView
 from gaga_core.raster.cpu.project_kernels import TILE
+from gaga_core.raster.vote_slots import VoteSlots
 
 _BATCH = 1 << 23  # partial sums held at a time: 32 MiB
 
@@ -22,7 +23,7 @@ class _TileLabels:
     n_found: LongArray  # (n_tiles,)
 
 
-def add_votes(view: TiledView, labels: IntArray, histogram: FloatArray) -> None:
+def add_votes(view: TiledView, labels: IntArray, histogram: FloatArray | VoteSlots) -> None:
     """histogram[i, k] += sum of w_i over the pixels of ``labels`` (H, W) that are k >= 0.
 
     Many tiles show one splat. So a batch of tiles is summed in parallel, each tile for itself, and
@@ -85,22 +86,16 @@ def _add_sums(
     first: int,
     sum_offsets: LongArray,
     sums: FloatArray,
-    histogram: FloatArray,
+    histogram: FloatArray | VoteSlots,
 ) -> None:
+    batch = (view.order, view.offsets, view.ids, tiles.found, tiles.n_found, sum_offsets, first)
+
     def work(start: int, stop: int) -> None:
-        kernels.add_sums(
-            view.order,
-            view.offsets,
-            view.ids,
-            tiles.found,
-            tiles.n_found,
-            sum_offsets,
-            first,
-            sums,
-            histogram,
-            start,
-            stop,
-        )
+        if isinstance(histogram, VoteSlots):
+            slots = (histogram.labels, histogram.weights, histogram.lost)
+            kernels.add_sums_to_slots(*batch, sums, *slots, start, stop)
+        else:
+            kernels.add_sums(*batch, sums, histogram, start, stop)
 
     n = len(view.order)
     run_chunks(work, n, max(1, -(-n // n_threads())))

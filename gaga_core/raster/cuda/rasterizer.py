@@ -36,6 +36,7 @@ from gaga_core.raster.cuda.view import (
     prepare,
     send,
 )
+from gaga_core.raster.vote_slots import VoteSlots
 
 
 class CudaRasterizer:
@@ -120,7 +121,11 @@ class CudaRasterizer:
     @memory_in_words()
     @torch.enable_grad()
     def vote(
-        self, gaussians: Gaussians, camera: Camera, labels: IntArray, histogram: FloatArray
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,
+        histogram: FloatArray | VoteSlots,
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored.
 
@@ -145,7 +150,11 @@ class CudaRasterizer:
         # Only now: a card that is full half way leaves the histogram as it was.
         rows = indices(view)
         for start, columns in zip(range(0, len(present), CHANNELS), votes, strict=True):
-            histogram[np.ix_(rows, present[start : start + CHANNELS])] += columns
+            own = present[start : start + CHANNELS]
+            if isinstance(histogram, VoteSlots):
+                histogram.add(rows.astype(np.int32), own, columns)
+            else:
+                histogram[np.ix_(rows, own)] += columns
 
     @memory_in_words()
     @torch.no_grad()
