@@ -47,7 +47,8 @@ def linkage_stage(
     if n > MOST_POINTS:
         raise ValueError(f"mask_of: at most {MOST_POINTS} points, got {n}")
     start, length, other, together = yield from _pairs(mask_of, title)
-    room, end = max(2 * len(other), 1), np.array([len(other)])
+    # A merged list is no longer than both that it replaces: packed, all fit into the first part.
+    room, end = len(other) + len(other) // 4 + n, np.array([len(other)])
     other = np.append(other, np.zeros(room - len(other), np.int32))
     together = np.append(together, np.zeros(room - len(together)))
     seen, size = (mask_of > 0).astype(np.uint16), np.ones(n)

@@ -217,8 +217,8 @@ def pack_lists(start: LongArray, length: LongArray, other: IntArray, together: D
 def merge_clusters(
     start: LongArray,  # (S,) lists of the clusters; all arrays are changed in place
     length: LongArray,  # (S,)
-    other: IntArray,  # (2 P,) entries, and room for new ones
-    together: DoubleArray,  # (2 P,)
+    other: IntArray,  # (P + room,) entries, and room for new ones
+    together: DoubleArray,  # (P + room,)
     end: LongArray,  # (1,) where the free part of them begins
     parent: IntArray,  # (S,) the cluster that each one was merged into, or itself
     seen: UInt16Array,  # (S, V)

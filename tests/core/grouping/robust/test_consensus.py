@@ -179,10 +179,10 @@ def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
 def test_linkage_is_what_the_definition_says() -> None:
     """Also with many merges, so that lists of pairs are packed on the way."""
     rng = np.random.default_rng(3)
-    for n, n_views in ((40, 9), (1, 3), (150, 30)):
+    for n, n_views in ((40, 9), (1, 3), (70, 20)):
         mask_of = rng.integers(0, 3, (n, n_views)).astype(np.int32)
-        for start in range(0, n - 15, 20):
-            mask_of[start : start + 15, : n_views - 2] = mask_of[start, : n_views - 2]
+        for start in range(0, n - 12, 14):
+            mask_of[start : start + 12, : n_views - 2] = mask_of[start, : n_views - 2]
         rules = LinkageRules(0.55, 0.1, 2.0)
         expected = _plain_linkage(mask_of, rules.array())
         cluster = run_stage(linkage_stage(mask_of, rules, "link"))
