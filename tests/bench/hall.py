@@ -114,7 +114,7 @@ def cameras(scene: Hall, n: int, size: tuple[int, int], seed: int = 1) -> tuple[
         # Towards the middle of the hall from its border, anywhere from its middle.
         inner = rng.uniform(0.15, 0.85, 2) * scene.size
         way = inner - eye[:2]
-        way *= rng.uniform(2.5, 5.0) / max(np.linalg.norm(way), 1e-6)
+        way *= rng.uniform(2.5, 5.0) / max(float(np.linalg.norm(way)), 1e-6)
         target = np.array([*(eye[:2] + way), 0.3])
         pose = look_at(eye, target, np.array([0, 0, 1.0]))
         found.append(Camera(K, pose, *size, f"{i:05d}.png"))

@@ -51,8 +51,8 @@ def test_what_finds_no_slot_is_lost_but_counted_and_large_sums_stay() -> None:
     row = np.zeros(1, np.int32)
     for label, weight in ((7, 5.0), (3, 1.0), (4, 0.5), (9, 2.0), (7, 1.0), (4, 0.25)):
         slots.add(row, np.array([label], np.int32), np.array([[weight]], np.float32))
-    label, best, total = slots.winners()
-    assert (label[0], best[0], total[0]) == (7, 6.0, 9.75)
+    labels, best, total = slots.winners()
+    assert (labels[0], best[0], total[0]) == (7, 6.0, 9.75)
     assert slots.lost[0] == pytest.approx(1.75)  # of 3, that 9 replaced, and of 4 twice
     slots.add_one(row, np.array([9], np.int32))
     assert sorted(slots.weights[0].tolist()) == [3.0, 6.0]
