@@ -108,6 +108,19 @@ def group_palette(n_groups: int) -> FloatArray:
     return colors
 
 
+def shades(hue: IntArray, shade: IntArray) -> FloatArray:
+    """Colors (K, 3) of hues (K,), numbered from 0 as in `group_palette`.
+
+    ``shade`` (K,) is any number >= 0: it tells things of one hue apart by lightness alone.
+    """
+    angle = 2 * np.pi * ((0.57 + hue * _GOLDEN) % 1.0)
+    lightness = np.array(_LIGHTNESS)[shade % len(_LIGHTNESS)]
+    chroma = _CHROMA[0]
+    lab = np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], axis=1)
+    result: FloatArray = _rgb_from_lab(lab).astype(np.float32)
+    return result
+
+
 def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
     """Colors (N, 3), sRGB in 0..1, clipped, of CIE Lab (N, 3) under D65."""
     root = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaga_core.arrays import IntArray, LongArray
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.scene import Scene, State
 
@@ -14,6 +14,22 @@ def confidence_histogram(scene: Scene, splats: IntArray, n_bins: int = 20) -> Lo
         return None
     bins = column[splats].astype(np.int64) * n_bins // 256
     return np.bincount(bins, minlength=n_bins)
+
+
+def confidence_of_groups(scene: Scene, ids: IntArray) -> DoubleArray:
+    """Mean confidence (G,), 0..1, of the splats of groups ``ids`` (G,); -1 where it is unknown.
+
+    Deleted splats do not count.
+    """
+    column = scene.confidence_of()
+    if column is None:
+        return np.full(len(ids), -1.0)
+    live = ~scene.has(State.DELETED)
+    labels, n = scene.labels[live], int(ids.max(initial=0)) + 1
+    total = np.bincount(labels, column[live], n)[ids]
+    count = np.bincount(labels, minlength=n)[ids]
+    mean: DoubleArray = np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
+    return mean
 
 
 def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:

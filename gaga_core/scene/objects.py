@@ -7,8 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.color import group_palette
+from gaga_core.color import group_palette, shades
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import RGB, Scene, State
 
 UNASSIGNED = "unassigned"
@@ -132,6 +133,16 @@ def group_colors(ids: IntArray, own: Mapping[int, RGB] | None = None) -> FloatAr
     colors: FloatArray = palette[ids % len(palette)]
     for group, rgb in (own or {}).items():
         colors[ids == group] = rgb
+    return colors
+
+
+def folder_colors(folders: Folders, ids: IntArray) -> FloatArray:
+    """Colors (G, 3) of groups ``ids`` (G,): one hue for each folder, dark gray for none."""
+    hue = {path: i for i, path in enumerate(folders.paths)}
+    home = folders.home
+    hues = np.array([hue.get(home.get(group, ""), -1) for group in ids.tolist()], np.int32)
+    colors = shades(np.maximum(hues, 0), ids)
+    colors[hues < 0] = _palette(256)[0]
     return colors
 
 

@@ -18,6 +18,7 @@ from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram
 from gaga_core.scene.tint import mean_color
 from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.part_index import Part
 from gaga_studio.session.session import NO_GROUPS, Session
 
 # --- objects
@@ -47,6 +48,15 @@ def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> 
     done = document.select(group_indices(document.scene, groups), how, f"{verb} {what}")
     if how != "remove" and groups:
         document.focus = int(groups[0])
+    return done
+
+
+@notifies
+def select_part(session: Session, part: Part, name: str, how: How = "set") -> bool:
+    """Select the splats of a part of the object ``name``; the object comes into the inspector."""
+    document = session.need()
+    done = document.select(part.rows, how, f"Select {part.name} of {name}")
+    document.focus = part.key[0]
     return done
 
 

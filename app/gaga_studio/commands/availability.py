@@ -9,6 +9,7 @@ from gaga_studio.actions import (
     click_object,
     detail,
     fill,
+    folders,
     identities,
     quality,
     search,
@@ -91,6 +92,28 @@ def no_groups(session: Session) -> str:
     return "There are no groups yet. Use Find objects to make them."
 
 
+def no_folders(session: Session) -> str:
+    """Needs a folder in the object list."""
+    scene = session.scene
+    if scene is not None and scene.folders.paths:
+        return ""
+    return no_scene(session) or "There are no folders yet. Select objects, then use New folder."
+
+
+def no_folder_of_selection(session: Session) -> str:
+    """Needs a folder that is chosen in the list, or whose objects are selected."""
+    if no_folders(session) or folders.of_selection(session):
+        return no_folders(session)
+    return "Choose a folder in the list, or an object that is in one."
+
+
+def not_in_folder(session: Session) -> str:
+    """Needs selected objects or a chosen folder that lie in a folder."""
+    if no_folders(session) or folders.can_take_out(session):
+        return no_folders(session)
+    return "What is selected lies in no folder."
+
+
 def no_confidence(session: Session) -> str:
     """Needs the confidence of the splats."""
     scene = session.scene
@@ -168,6 +191,11 @@ def not_one_object(session: Session) -> str:
         return reason
     n = len(session.selected_groups())
     return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+def not_one_object_or_folder(session: Session) -> str:
+    """Needs exactly one selected object, or one chosen folder."""
+    return "" if len(folders.chosen(session)) == 1 else not_one_object(session)
 
 
 def not_one_object_with_levels(session: Session) -> str:

@@ -21,6 +21,7 @@ ViewSwitch = Literal[
     "local_axes",
     "lights_masks",
     "has_mask_gate",
+    "folder_colors",
 ]  # fields of `ViewState` that are on or off
 
 

@@ -2,8 +2,14 @@
 
 from dataclasses import replace
 
-from gaga_studio.commands.availability import no_confidence, no_groups, no_identity_colors, no_scene
-from gaga_studio.commands.base import Command, Reason
+from gaga_studio.commands.availability import (
+    no_confidence,
+    no_folders,
+    no_groups,
+    no_identity_colors,
+    no_scene,
+)
+from gaga_studio.commands.base import Command, Reason, switch
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import CentreColors, Mode, SplatLook
 
@@ -92,6 +98,12 @@ MODE_COMMANDS: tuple[Command, ...] = (
     _centres(CentreColors.GROUPS, "Centres in the colors of their groups", no_groups),
     _centres(
         CentreColors.IDENTITY, "Centres in the colors of their identities", no_identity_colors
+    ),
+    switch(
+        "view.folder_colors",
+        "Groups in the colors of their folders",
+        "folder_colors",
+        enabled=no_folders,
     ),
     _look(SplatLook.AUTO, "Look that the file asks for"),
     _look(SplatLook.CLASSIC, "Classic look"),

@@ -69,7 +69,8 @@ class SceneBuffers:
         """Send what changed since the last call. ``labels`` (N,) stand in for those of the scene.
 
         ``tint`` (N, 4) lies over the colors of the splats; ``muted`` are colors of groups instead
-        of the palette's. Raises `GagaError` when the graphics card cannot hold the scene.
+        of the palette's and their own. Raises `GagaError` when the graphics card cannot hold the
+        scene.
         """
         now = scene.revision
         is_same = scene is self._scene
@@ -84,7 +85,7 @@ class SceneBuffers:
         labels_changed = splats_changed or now.labels != self._seen.labels
         if labels_changed or shown is not self._sent.get("labels"):
             self._send_labels(shown, in_place=is_same and labels_changed)
-        if {**(muted or {}), **scene.colors} != self._own_colors:
+        if {**scene.colors, **(muted or {})} != self._own_colors:
             self._muted = muted or {}
             self._send_palette(self._texture("palette").height * WIDTH - 1)
         if splats_changed or now.state != self._seen.state:
@@ -216,7 +217,7 @@ class SceneBuffers:
         colors = np.zeros(((n_groups // WIDTH + 1) * WIDTH, 4), np.float32)
         colors[:, :3] = group_palette(len(colors) - 1)
         own = self._scene.colors if self._scene is not None else {}
-        self._own_colors = {**self._muted, **own}
+        self._own_colors = {**own, **self._muted}
         for group, rgb in self._own_colors.items():
             if group < len(colors):
                 colors[group, :3] = rgb

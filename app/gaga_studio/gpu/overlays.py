@@ -37,7 +37,7 @@ class Overlays:
     labels: IntArray | None = field(default=None, compare=False)  # (N,) instead of scene.labels
     # (N, 4) color over each splat's own, and its share 0..255. Compared by identity.
     tint: UInt8Array | None = field(default=None, compare=False)
-    muted: Mapping[int, RGB] = field(default_factory=dict)  # colors of groups instead of their own
+    muted: Mapping[int, RGB] = field(default_factory=dict)  # colors of groups instead
     hovered_group: int = 0
     focused_group: int = 0  # the one that Mode.MASK shows
     ground: Ground | None = None

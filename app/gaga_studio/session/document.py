@@ -25,6 +25,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.oriented_box import OrientedBox
 from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
+from gaga_studio.session.object_list import ObjectListView
 from gaga_studio.session.save_state import SaveState
 from gaga_studio.session.scene_cache import SceneCache
 from gaga_studio.session.search_state import SearchState
@@ -57,6 +58,7 @@ class Document:
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()
         self.clicks = ClickState()  # of the tool Object
+        self.listing = ObjectListView()
         self.recovered_from: Path | None = None  # an autosave that holds what is open
         self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
         self.in_use_by = ""  # the other program that has the project open

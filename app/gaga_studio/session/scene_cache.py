@@ -8,7 +8,7 @@ from typing import Literal, TypeVar, cast
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
@@ -147,8 +147,14 @@ class SceneCache:
     def listed(
         self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray
     ) -> IntArray:
-        """`listed`, once for each table, text and order."""
-        key = (table, text, sort, descending, quality.tobytes() if sort == "quality" else b"")
+        """`listed`, once for what it depends on: a selection changes nothing of that."""
+        by: dict[str, AnyArray] = {
+            "splats": table.counts,
+            "views": table.n_views,
+            "quality": quality,
+        }
+        value = by[sort].tobytes() if sort in by else b""
+        key = (text, sort, descending, table.ids.tobytes(), table.names, value)
         return self.once("listed", key, lambda: listed(table, text, sort, descending, quality))
 
     def labels_digest(self) -> str:
@@ -250,7 +256,7 @@ def listed(
     ]
     keys: dict[str, Callable[[int], object]] = {
         "id": lambda row: int(table.ids[row]),
-        "name": lambda row: _natural(table.names[row]),
+        "name": lambda row: natural(table.names[row]),
         "splats": lambda row: int(table.counts[row]),
         "views": lambda row: int(table.n_views[row]),
         "quality": lambda row: 0.0 if quality is None else float(quality[row]),
@@ -260,7 +266,7 @@ def listed(
     return np.array(rows, np.int32)
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
+def natural(name: str) -> list[tuple[int, str]]:
     """Sort key: "group 9" comes before "group 12"."""
     words = re.split(r"(\d+)", name.casefold())
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words if word]

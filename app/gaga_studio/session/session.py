@@ -4,6 +4,7 @@ Pull, not push: panels read it every frame. Main thread only; works without a wi
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.objects import ObjectTable, muted_colors
+from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
 from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import RGB, Scene
@@ -306,14 +307,40 @@ class Session:
 
     def objects(self) -> ObjectTable:
         """Return the object list, of the growing bank while an association runs."""
-        return self.need().read.objects(self.live, self.is_previewing)
+        document = self.need()
+        table = document.read.objects(self.live, self.is_previewing)
+        if not self.colors_by_folder:
+            return table
+        folders = document.scene.folders
+        return document.read.once(
+            "by folder",
+            (table, folders),
+            lambda: replace(table, colors=folder_colors(folders, table.ids)),
+        )
+
+    @property
+    def colors_by_folder(self) -> bool:
+        """Whether groups have the colors of their folders now."""
+        return (
+            self.view.folder_colors
+            and self.live is None
+            and self.scene is not None
+            and bool(self.scene.folders.paths)
+        )
 
     def muted_colors(self) -> dict[int, RGB]:
-        """Colors of groups that differ from the palette's: large surfaces, also while found."""
+        """Colors of groups instead of the palette's: of large surfaces, also while found, and of
+        folders. What a person chose for a group is not among them, unless folders have colors."""
         if self.document is None:
             return {}
         table = self.objects()
-        return self.document.read.once("muted", table, lambda: muted_colors(table))
+        own = {} if self.colors_by_folder else self.document.scene.colors
+
+        def muted() -> dict[int, RGB]:
+            found = muted_colors(table)
+            return {group: rgb for group, rgb in found.items() if group not in own}
+
+        return self.document.read.once("muted", (table, own), muted)
 
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""

@@ -116,6 +116,7 @@ class ViewState:
     background: tuple[float, float, float] = (0.11, 0.11, 0.12)
     look: SplatLook = SplatLook.AUTO
     centre_colors: CentreColors = CentreColors.OWN
+    folder_colors: bool = False  # groups have the colors of their folders
     show_frusta: bool = False
     show_outline: bool = True
     show_box: bool = False  # around the selection

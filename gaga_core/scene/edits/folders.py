@@ -72,23 +72,28 @@ def rename_folder(
     return _edit(scene, made.paths, made.home, title)
 
 
-def delete_folder(scene: Scene, folder: str, title: str = "Delete folder") -> SetFolders | None:
-    """Take a folder away; what is in it goes into the folder that it was in.
+def delete_folder(scene: Scene, *folders: str, title: str = "Delete folder") -> SetFolders | None:
+    """Take folders away; what is in one goes into the folder that it was in.
 
     No object is deleted. Raises ``GagaError`` when there is no such folder.
     """
-    path = existing(scene, folder)
-    parent = parent_of(path)
     now = scene.folders
-    inner = [p for p in now.paths if parent_of(p) == path]
-    kept = tuple(p for p in now.paths if p != path)
-    home = {g: parent if p == path else p for g, p in now.home.items()}
-    now = Folders.of([p for p in kept if not is_inside(p, path)], {})
-    names = {p: now.free(parent, name_of(p)) for p in inner}
-    for before, after in names.items():
-        kept = tuple(_moved(p, before, after) for p in kept)
-        home = {g: _moved(p, before, after) for g, p in home.items()}
-    return _edit(scene, kept, home, title)
+    for path in sorted({existing(scene, folder) for folder in folders}, reverse=True):
+        now = _without(now, path)  # what lies in another one comes first
+    return _edit(scene, now.paths, now.home, title)
+
+
+def _without(folders: Folders, path: str) -> Folders:
+    parent = parent_of(path)
+    rest = Folders.of([p for p in folders.paths if not is_inside(p, path)], {})
+    paths = [p for p in folders.paths if p != path]
+    home = {g: parent if p == path else p for g, p in folders.home.items()}
+    for inner in [p for p in folders.paths if parent_of(p) == path]:
+        free = rest.free(parent, name_of(inner))
+        rest = Folders.of([*rest.paths, free], {})
+        paths = [_moved(p, inner, free) for p in paths]
+        home = {g: _moved(p, inner, free) for g, p in home.items()}
+    return Folders.of(paths, home)
 
 
 def inherit_folders(scene: Scene, origins: Mapping[int, int]) -> SetFolders | None:

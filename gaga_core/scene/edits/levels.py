@@ -14,9 +14,8 @@ from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.groups import merge_groups, rename, set_labels
 from gaga_core.scene.edits.values import Edit, together
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.parts import parting
 from gaga_core.scene.scene import Scene
-
-_LEAST_SHARE, _FEWEST = 0.01, 10  # splats of a part, of its group: smaller ones stay with it
 
 
 def split_here(scene: Scene, group: int, title: str = "Split here") -> Edit | None:
@@ -28,24 +27,15 @@ def split_here(scene: Scene, group: int, title: str = "Split here") -> Edit | No
     levels = _levels(scene)
     rows = group_indices(scene, group)
     rows = rows[scene.source[rows] < levels.labels.shape[1]]
-    least = max(_FEWEST, _LEAST_SHARE * len(rows))
-    for labels in levels.labels:
-        part_of = labels[scene.source[rows]]
-        size = np.bincount(part_of)
-        size[0] = 0
-        parts = np.flatnonzero(size >= least)
-        if len(parts) > 1:
-            break
-    else:
+    cut = parting(levels, scene.source[rows])
+    if cut is None:
         return None
-    parts = parts[np.argsort(-size[parts], kind="stable")][1:]
-    ids = _free_ids(scene, levels, parts)
-    new_id = np.full(len(size), group, np.int32)
-    new_id[parts] = ids
+    ids = _free_ids(scene, levels, cut.ids[1:])
+    new_id = np.append(np.int32(group), ids)
     name = scene.names.get(group)
     names = [rename(scene, int(new), f"{name} {i + 2}") for i, new in enumerate(ids) if name]
     homes = inherit_folders(scene, dict.fromkeys(ids.tolist(), group))
-    return together(title, (set_labels(scene, rows, new_id[part_of], title), *names, homes))
+    return together(title, (set_labels(scene, rows, new_id[cut.part_of], title), *names, homes))
 
 
 def join_here(scene: Scene, group: int, title: str = "Join here") -> Edit | None:

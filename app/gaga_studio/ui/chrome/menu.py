@@ -23,6 +23,7 @@ _LINE_BEFORE = {
     "object.associate",
     "object.find",
     "object.quality",
+    "object.folder",
     "object.rename",
     "object.fill",
     "object.clean",

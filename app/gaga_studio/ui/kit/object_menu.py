@@ -13,6 +13,7 @@ from gaga_studio.ui.kit.theme import em
 _SHOWN = 200  # objects; more are found by typing
 _MANY = 8  # from here on there is a field to type in
 MASK_DRAG, OBJECT_DRAG = "gaga mask", "gaga object"  # what can be dropped on an object
+FOLDER_DRAG = "gaga folder"  # ... and with an object on a folder
 
 
 @dataclass

@@ -1,57 +1,40 @@
 """One line of the object list: color, picture, name, numbers, switches."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
 from gaga_studio.actions import association_repair, history, objects, quality, selection
 from gaga_studio.session.document import Document
+from gaga_studio.session.object_list import Line
+from gaga_studio.session.part_index import PartIndex
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, object_picture, theme, widgets
-from gaga_studio.ui.kit.object_menu import MASK_DRAG, OBJECT_DRAG, ObjectMenuState
+from gaga_studio.ui.kit.object_menu import MASK_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.panels import folder_menu, row_switches
+from gaga_studio.ui.panels.row_parts import (
+    RowColumns,
+    RowState,
+    arrow,
+    compact,
+    indent,
+    last_row,
+    lower,
+    name_field,
+    select_area,
+)
+from gaga_studio.ui.panels.row_switches import Switches
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
-_ROW_FLAGS = (
-    imgui.SelectableFlags_.span_all_columns
-    | imgui.SelectableFlags_.allow_overlap
-    | imgui.SelectableFlags_.allow_double_click
-)
 _HIGH, _LOW = 50.0, 25.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
 _ENOUGH = 5  # high rows that a list must have room for
-_HALF_LIT = 0.4  # of the color of a row whose object is selected whole
 _GOOD, _FAIR = 0.75, 0.5  # agreements
-
-
-@dataclass(frozen=True)
-class RowColumns:
-    """Where the columns are that not every width has; -1 = not there."""
-
-    splats: int
-    views: int
-    quality: int
-    shown: int
-    is_roomy: bool  # whole numbers, and a third switch
-    height: float  # of a row, pixels of this screen
-
-
-@dataclass
-class RowState:
-    """What the lines remember: the mouse, the name that is typed, an open menu."""
-
-    hovered: int = 0  # group whose row is under the mouse
-    anchor: int | None = None  # group from which Shift selects a range
-    renaming: int | None = None  # group whose name is a text field now
-    text: str = ""  # of that field
-    has_keyboard: bool = False  # the field has taken it
-    is_coloring: bool = False  # a group's color is being dragged
-    splats: IntArray | None = None  # (K,) selection from before a menu was opened on a row
-    menu: ObjectMenuState = field(default_factory=ObjectMenuState)
 
 
 def height(room: float) -> float:
@@ -71,16 +54,17 @@ class Rows:
     quality: DoubleArray  # (G,) -1 = not measured
     shown: Sequence[int]  # groups in the order of the list
     columns: RowColumns
+    parts: PartIndex | None  # None: the groups have no levels
 
-    def draw(self, row: int) -> None:
-        """The cells of a row of the table."""
-        _Row(self, row).draw()
+    def draw(self, line: Line) -> None:
+        """The cells of the row of an object."""
+        _Row(self, line).draw()
 
 
 class _Row:
-    def __init__(self, rows: Rows, row: int) -> None:
-        table = rows.table
-        self.rows, self.row = rows, row
+    def __init__(self, rows: Rows, line: Line) -> None:
+        table, row = rows.table, line.row
+        self.rows, self.row, self.line = rows, row, line
         self.session, self.document, self.state = rows.session, rows.document, rows.state
         self.group = int(table.ids[row])
         self.name, self.height = table.names[row], rows.columns.height
@@ -98,7 +82,7 @@ class _Row:
         imgui.push_id(f"object {self.group}")
         imgui.table_set_column_index(0)
         self._select_area()
-        imgui.same_line(0, 0)
+        self._begin()
         self._swatch()
         imgui.same_line(0, em(0.15))
         self._picture()
@@ -107,17 +91,17 @@ class _Row:
         color = theme.FAINT if self.is_hidden else theme.DIM
         if columns.splats >= 0:
             imgui.table_set_column_index(columns.splats)
-            self._lower()
+            lower(self.height)
             count = int(table.counts[self.row])
             widgets.number(f"{count:,}" if columns.is_roomy else compact(count), color)
         if columns.views >= 0:
             imgui.table_set_column_index(columns.views)
-            self._lower()
+            lower(self.height)
             n_views = int(table.n_views[self.row])
             widgets.number(f"{n_views}" if n_views else "–", color)
         if columns.quality >= 0:
             imgui.table_set_column_index(columns.quality)
-            self._lower()
+            lower(self.height)
             self._quality()
         imgui.table_set_column_index(columns.shown)
         self._switches()
@@ -126,18 +110,12 @@ class _Row:
     # --- selecting, dragging, the menu
 
     def _select_area(self) -> None:
-        size = ImVec2(0, self.height)
-        lit = imgui.get_style_color_vec4(imgui.Col_.header)
-        if self.is_partly_selected:
-            lit = imgui.ImVec4(lit.x, lit.y, lit.z, lit.w * _HALF_LIT)
-        imgui.push_style_color(imgui.Col_.header, lit)
-        clicked, _ = imgui.selectable("##row", self.is_selected, _ROW_FLAGS, size)
-        imgui.pop_style_color()
+        clicked = select_area(self.is_selected, self.is_partly_selected, self.height)
         if imgui.is_item_hovered() and self.group:
             self.state.hovered = self.group
         if clicked and self.state.renaming != self.group:
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
-                start_renaming(self.state, self.group, self.name)
+                self.state.rename(self.group, self.name)
             else:
                 self._select()
         self._dragging()
@@ -145,6 +123,17 @@ class _Row:
             self._menu()
             widgets.escape_closes()
             imgui.end_popup()
+
+    def _begin(self) -> None:
+        """What opens the parts of the object; then the row begins."""
+        row, parts, columns = last_row(), self.rows.parts, self.rows.columns
+        if columns.arrow and parts is not None and self.group and parts.parts(self.group):
+            listing, key = self.document.listing, (self.group,)
+            if arrow(row.low, self.line.depth, columns, key in listing.open_parts):
+                listing.toggle_parts(key)
+            widgets.tooltip("Its parts, by the levels of detail of its masks")
+        left = indent(self.line.depth) + columns.arrow
+        imgui.set_cursor_screen_pos(ImVec2(row.low.x + left, row.low.y))
 
     def _select(self) -> None:
         io = imgui.get_io()
@@ -162,7 +151,9 @@ class _Row:
         if self.group and imgui.begin_drag_drop_source():
             imgui.set_drag_drop_payload_py_id(OBJECT_DRAG, self.group)
             n = len(self.session.selected_groups()) if self.is_selected else 1
-            widgets.dim(f"{self.name if n <= 1 else f'{n} objects'}: drop it on its object")
+            what = self.name if n <= 1 else f"{n} objects"
+            onto = " or a folder" if self.document.scene.folders.paths else ""
+            widgets.dim(f"{what}: drop it on its object{onto}")
             imgui.end_drag_drop_source()
         if not imgui.begin_drag_drop_target():
             return
@@ -192,6 +183,8 @@ class _Row:
                 objects.assign(self.session, self.group, state.splats)
             widgets.tooltip(f"The {len(state.splats):,} splats that were selected before")
             imgui.separator()
+        if self.group:
+            folder_menu.put_into(self.session)
         if imgui.begin_menu(f"{icons.JOINED}  Assign to###Assign to"):
             to = object_menu.objects(state.menu, self.rows.table, without=(self.group,))
             if to is not None:
@@ -269,7 +262,7 @@ class _Row:
             lines.append(f"{n:,} of {of:,}")
         elif lines[0] != self.name and self.height >= 2 * imgui.get_text_line_height():
             lines = widgets.two_lines(self.name, room)
-        self._lower(len(lines))
+        lower(self.height, len(lines))
         top = imgui.get_cursor_pos()
         for i, text in enumerate(lines):
             imgui.set_cursor_pos(ImVec2(top.x, top.y + i * imgui.get_text_line_height()))
@@ -280,22 +273,12 @@ class _Row:
             widgets.tooltip(self.name)
 
     def _name_field(self) -> None:
-        state = self.state
-        if not state.has_keyboard:
-            imgui.set_keyboard_focus_here()
-        imgui.set_next_item_width(-1)
-        imgui.push_style_var(
-            imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (self.height - em(1)) / 2)
-        )
-        flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, state.text = imgui.input_text("##Name", state.text, flags)
-        imgui.pop_style_var()
-        if entered or (state.has_keyboard and imgui.is_item_deactivated_after_edit()):
-            objects.rename(self.session, self.group, state.text.strip())
-            state.renaming = None
-        elif state.has_keyboard and imgui.is_item_deactivated():
-            state.renaming = None
-        state.has_keyboard = True
+        typed = name_field(self.state, self.height)
+        if typed is None:
+            return
+        self.state.renaming = None
+        if typed[0]:
+            objects.rename(self.session, self.group, typed[1])
 
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
@@ -313,54 +296,13 @@ class _Row:
     # --- switches
 
     def _switches(self) -> None:
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (self.height - em(1.25)) / 2)
-        self._eye()
-        imgui.same_line(0, 0)
-        self._lock()
-        if self.rows.columns.is_roomy:
-            imgui.same_line(0, 0)
-            self._solo()
-
-    def _eye(self) -> None:
-        icon = icons.EYE_OFF if self.is_hidden else icons.EYE
-        hint = "Show this object" if self.is_hidden else "Hide this object (Alt: show only this)"
-        color = theme.TEXT if self.is_hidden else theme.FAINT
-        if widgets.small_icon("Shown", icon, hint=hint, color=color):
-            if imgui.get_io().key_alt:
-                objects.isolate_group(self.session, self.group)
-            else:
-                objects.set_hidden(self.session, self.group, not self.is_hidden)
-
-    def _lock(self) -> None:
-        icon = icons.LOCK if self.is_locked else icons.UNLOCK
-        hint = "Unlock: it can be selected again" if self.is_locked else "Lock: clicks pass it by"
-        color = theme.TEXT if self.is_locked else theme.FAINT
-        if widgets.small_icon("Locked", icon, hint=hint, color=color):
-            objects.set_locked(self.session, self.group, not self.is_locked)
-
-    def _solo(self) -> None:
-        table = self.rows.table
-        shown = table.n_hidden < table.counts
+        shown = self.rows.table.n_hidden < self.rows.table.counts
         is_alone = bool(shown[self.row] and np.count_nonzero(shown) == 1)
-        hint = "Show everything again" if is_alone else "Show only this object"
-        color = theme.TEXT if is_alone else theme.FAINT
-        if widgets.small_icon("Alone", icons.ISOLATE, hint=hint, color=color):
+        now = Switches("object", self.is_hidden, self.is_locked, is_alone)
+        clicked = row_switches.draw(now, self.height, self.rows.columns.is_roomy)
+        if clicked == "hide":
+            objects.set_hidden(self.session, self.group, not self.is_hidden)
+        elif clicked == "lock":
+            objects.set_locked(self.session, self.group, not self.is_locked)
+        elif clicked:
             objects.isolate_group(self.session, self.group)
-
-    def _lower(self, n_lines: int = 1) -> None:
-        """Text in the middle of the row."""
-        room = self.height - n_lines * imgui.get_text_line_height()
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + room / 2)
-
-
-def compact(n: int) -> str:
-    """A number in at most four letters: "604", "4.5k", "12k", "3.1M"."""
-    for unit, sign in ((1_000_000, "M"), (1_000, "k")):
-        if n >= unit:
-            return f"{n / unit:.1f}{sign}" if n < 10 * unit else f"{n // unit}{sign}"
-    return f"{n}"
-
-
-def start_renaming(state: RowState, group: int, name: str) -> None:
-    """Turn a name into a text field."""
-    state.renaming, state.text, state.has_keyboard = group, name, False

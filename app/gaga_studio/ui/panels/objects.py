@@ -1,28 +1,39 @@
-"""The object list: find, sort, and a line for each object (`object_row`)."""
+"""The object list: find, filter and sort, folders, and a line for each object (`object_row`)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio import commands
-from gaga_studio.actions import quality
+from gaga_studio.actions import folders, object_lines, quality
 from gaga_studio.session.document import Document
+from gaga_studio.session.object_list import Line, Lines
 from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import detail, object_row, search
+from gaga_studio.ui.panels import (
+    detail,
+    folder_row,
+    list_columns,
+    list_filter,
+    object_row,
+    row_parts,
+    search,
+)
 from gaga_studio.ui.panels.detail import DetailState
-from gaga_studio.ui.panels.object_row import RowColumns, RowState
+from gaga_studio.ui.panels.folder_row import FolderRow
+from gaga_studio.ui.panels.object_row import Rows
+from gaga_studio.ui.panels.part_row import PartRow
+from gaga_studio.ui.panels.row_parts import RowState
 from gaga_studio.ui.panels.search import SearchBoxState
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
@@ -34,10 +45,6 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
-_NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
-# Widths of the other columns, ems: narrow and roomy.
-_SHOWN, _SPLATS, _QUALITY, _VIEWS = (2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
-_KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
 
 @dataclass
@@ -47,8 +54,9 @@ class ObjectListState:
     rows: RowState = field(default_factory=RowState)
     search: SearchBoxState = field(default_factory=SearchBoxState)
     detail: DetailState = field(default_factory=DetailState)
+    sort: tuple[SortKey, bool] = ("id", False)  # and whether descending
     was_row_hovered: bool = False
-    scroll_to: int | None = None  # group to scroll to
+    scroll_to: int | str | None = None  # group or folder to scroll to
     last_selected: tuple[int, ...] = ()
 
 
@@ -71,7 +79,7 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
     _highlight(session, state)
-    _count(session, table)
+    _foot(session, table)
 
 
 def _nothing_yet(session: Session) -> None:
@@ -97,49 +105,43 @@ def _list(
     table: ObjectTable,
 ) -> None:
     measured = quality.column(session, table)
+    lines = object_lines.lines(session, table, measured, *state.sort)
     height = object_row.height(imgui.get_content_region_avail().y)
-    columns = _columns_for(bool((measured >= 0).any()), height)
-    size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
+    parts = object_lines.part_index(session)
+    has_arrows = parts is not None or bool(document.scene.folders.paths)
+    is_measured = bool((measured >= 0).any())
+    columns = list_columns.columns_for(is_measured, height, lines.depth, has_arrows)
+    size = ImVec2(0, -_foot_height(session))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
     is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
     imgui.pop_style_var()
     if not is_open:
         return
-    _columns(columns)
-    rows, n_behind = _ordered(session, document, table, measured)
-    groups = [int(table.ids[row]) if row >= 0 else -1 for row in rows]
-    _follow_selection(session, state, groups, height)
-    shown = [group for group in groups if group >= 0]
-    lines = object_row.Rows(session, document, state.rows, masks, table, measured, shown, columns)
-    clipper = imgui.ListClipper()
-    clipper.begin(len(rows))
-    while clipper.step():
-        for at in range(clipper.display_start, clipper.display_end):
-            if rows[at] >= 0:
-                lines.draw(rows[at])
-            else:
-                _background_row(session, n_behind, height)
-    clipper.end()
+    list_columns.set_up(columns)
+    state.sort = list_columns.sorting()
+    _follow_selection(session, document, state, lines, height)
+    rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
+    _draw_lines(rows, lines)
     imgui.end_table()
 
 
-def _ordered(
-    session: Session, document: Document, table: ObjectTable, measured: DoubleArray
-) -> tuple[list[int], int]:
-    """Rows in the order of the list, -1 where the background begins, and how many that are.
-
-    Objects come first, then the background unless it is folded, then what is in no group.
-    """
-    rows = document.read.listed(table, "", *_sorting(), measured).tolist()
-    found = document.search.described
-    behind = found.description.background if found is not None else frozenset()
-    back = [row for row in rows if int(table.ids[row]) in behind]
-    objects = [row for row in rows if table.ids[row] and int(table.ids[row]) not in behind]
-    if not back or not objects:
-        return rows, 0
-    rest = [row for row in rows if table.ids[row] == 0]
-    shown = [] if session.settings.folds_background else back
-    return [*objects, -1, *shown, *rest], len(back)
+def _draw_lines(rows: Rows, lines: Lines) -> None:
+    """Those that can be seen."""
+    sums, chosen = folders.sums(rows.session), folders.chosen(rows.session)
+    clipper = imgui.ListClipper()
+    clipper.begin(len(lines.lines))
+    while clipper.step():
+        for at in range(clipper.display_start, clipper.display_end):
+            line = lines.lines[at]
+            if line.kind == "object":
+                rows.draw(line)
+            elif line.kind == "folder":
+                FolderRow(rows, line, sums[line.folder], line.folder in chosen).draw()
+            elif line.part is not None:
+                PartRow(rows, line, line.part).draw()
+            else:
+                _background_row(rows.session, lines.n_background, rows.columns.height)
+    clipper.end()
 
 
 def _background_row(session: Session, n: int, high: float) -> None:
@@ -151,43 +153,9 @@ def _background_row(session: Session, n: int, high: float) -> None:
     if imgui.selectable("##background", False, flags, ImVec2(0, high))[0]:
         session.change_settings(replace(session.settings, folds_background=not folds))
     widgets.tooltip("Walls, floors, tables and other large flat things; click to show or hide them")
-    low = imgui.get_item_rect_min()
     icon = icons.FOLDED if folds else icons.UNFOLDED
-    at = ImVec2(low.x + em(0.4), low.y + (high - em(1)) / 2)
-    drawing = imgui.get_window_draw_list()
-    high_corner = imgui.get_item_rect_max()
-    window = imgui.internal.get_current_window().inner_clip_rect
-    top, bottom = max(low.y, window.min.y), min(high_corner.y, window.max.y)
-    drawing.push_clip_rect(ImVec2(low.x, top), ImVec2(high_corner.x, bottom))  # over all columns
-    drawing.add_text(at, theme.u32(theme.DIM), f"{icon}  Background and supports ({n:,})")
-    drawing.pop_clip_rect()
-
-
-def _columns_for(is_measured: bool, height: float) -> RowColumns:
-    """What fits next to a name of `_NAME`: switches first, then quality, splats and views.
-
-    Quality is there because somebody has asked for it.
-    """
-    room = imgui.get_content_region_avail().x / em(1) - _picture_width(height) / em(1) - _NAME
-    is_roomy = room > _SHOWN[1] + _SPLATS[1] + is_measured * _QUALITY[1]
-    shown, splats, quality = _SHOWN[is_roomy], _SPLATS[is_roomy], _QUALITY[is_roomy]
-    has_quality = is_measured and room > shown + quality
-    has_splats = room > shown + has_quality * quality + splats
-    has_views = room > shown + splats + is_measured * quality + _VIEWS
-    last = 2 + has_splats + has_views
-    return RowColumns(
-        splats=2 if has_splats else -1,
-        views=3 if has_views else -1,
-        quality=last if has_quality else -1,
-        shown=last + has_quality,
-        is_roomy=is_roomy,
-        height=height,
-    )
-
-
-def _picture_width(height: float) -> float:
-    """Of the first column, with the dot of the color; pixels of this screen."""
-    return height + em(1.15)
+    text = f"{icon}  Background and supports ({n:,})"
+    row_parts.last_row().text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)
 
 
 def _highlight(session: Session, state: ObjectListState) -> None:
@@ -200,42 +168,10 @@ def _highlight(session: Session, state: ObjectListState) -> None:
     state.was_row_hovered = bool(hovered)
 
 
-def _columns(columns: RowColumns) -> None:
-    """Headers; the id of each column is the place of its sort key."""
-    fixed = imgui.TableColumnFlags_.width_fixed
-    plain = fixed | imgui.TableColumnFlags_.no_sort | imgui.TableColumnFlags_.no_header_label
-    falling = fixed | imgui.TableColumnFlags_.prefer_sort_descending
-    imgui.table_setup_scroll_freeze(0, 1)
-    imgui.table_setup_column(
-        "id", fixed | imgui.TableColumnFlags_.no_header_label, _picture_width(columns.height), 0
-    )
-    imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch, 1.0, 1)
-    wide = columns.is_roomy
-    if columns.splats >= 0:
-        imgui.table_setup_column("Splats", falling, em(_SPLATS[wide] - 0.2), 2)
-    if columns.views >= 0:
-        imgui.table_setup_column("Views", falling, em(_VIEWS - 0.2), 3)
-    if columns.quality >= 0:
-        title = "Quality" if wide else f"{icons.QUALITY}###Quality"
-        imgui.table_setup_column(title, fixed, em(_QUALITY[wide] - 0.2), 4)
-    imgui.table_setup_column("Shown", plain, em(_SHOWN[wide]), 9)
-    with theme.text_color(theme.DIM):
-        imgui.table_headers_row()
-
-
-def _sorting() -> tuple[SortKey, bool]:
-    specs = imgui.table_get_sort_specs()
-    if specs is None or specs.specs_count == 0:
-        return "id", False
-    spec = specs.get_specs(0)
-    key = _KEYS[spec.column_user_id] if spec.column_user_id < len(_KEYS) else "id"
-    return key, spec.get_sort_direction() == imgui.SortDirection.descending
-
-
 def _follow_selection(
-    session: Session, state: ObjectListState, groups: Sequence[int], height: float
+    session: Session, document: Document, state: ObjectListState, lines: Lines, height: float
 ) -> None:
-    """Scroll to an object that was selected in the picture."""
+    """Scroll to an object that was selected in the picture; its folder opens."""
     selected = session.selected_groups()
     if selected != state.last_selected:
         state.last_selected = selected
@@ -243,11 +179,13 @@ def _follow_selection(
             imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
         ):
             state.scroll_to = selected[0]
+            document.listing.reveal(document.scene.folders.home.get(selected[0], ""))
     if state.scroll_to is None:
         return
-    if state.scroll_to in groups:
+    at = _line_at(lines, state.scroll_to)
+    if at is not None:
         line = height + theme.scaled(2)
-        top = groups.index(state.scroll_to) * line
+        top = at * line
         if (
             not imgui.get_scroll_y()
             <= top
@@ -257,16 +195,56 @@ def _follow_selection(
     state.scroll_to = None
 
 
+def _line_at(lines: Lines, what: int | str) -> int | None:
+    """The line of a group or of a folder."""
+    if isinstance(what, int):
+        return lines.groups.index(what) if what in lines.groups else None
+
+    def is_it(line: Line) -> bool:
+        return line.kind == "folder" and line.folder == what
+
+    return next((i for i, line in enumerate(lines.lines) if is_it(line)), None)
+
+
 def _rename_selected(session: Session, state: ObjectListState) -> None:
-    """Turn the name of the object in the inspector into a text field (F2)."""
-    if session.document is not None and session.focus:
-        object_row.start_renaming(
-            state.rows, session.focus, session.document.name_of(session.focus)
-        )
+    """Turn the name of the chosen folder, else of the object in the inspector, into a text field
+    (F2)."""
+    if session.document is None:
+        return
+    chosen = folders.chosen(session)
+    if len(chosen) == 1:
+        state.rows.rename_folder(chosen[0])
+        state.scroll_to = chosen[0]
+    elif session.focus:
+        state.rows.rename(session.focus, session.document.name_of(session.focus))
         state.scroll_to = session.focus
 
 
-def _count(session: Session, table: ObjectTable) -> None:
+def _foot_height(session: Session) -> float:
+    """Of what is under the list, pixels."""
+    line = imgui.get_text_line_height()
+    if _is_dragging(session):
+        line = imgui.get_frame_height()
+    elif session.need().listing.filter.is_on:
+        line = em(1.25)
+    return line + imgui.get_style().item_spacing.y + theme.scaled(2)
+
+
+def _is_dragging(session: Session) -> bool:
+    """Whether rows are dragged that can go out of a folder."""
+    dragged = imgui.get_drag_drop_payload_py_id()
+    has_folders = bool(session.need().scene.folders.paths)
+    return has_folders and dragged is not None and dragged.type in (OBJECT_DRAG, FOLDER_DRAG)
+
+
+def _foot(session: Session, table: ObjectTable) -> None:
+    """How many objects there are; while rows are dragged, the place that is in no folder."""
+    if _is_dragging(session):
+        widgets.button("Drop here: in no folder", Face(icon=icons.FOLDER_OUT, width=-1))
+        folder_row.drop_target(session, "")
+        return
+    if not session.need().search.text.strip() and list_filter.foot(session, table):
+        return
     n_objects = int(np.count_nonzero(table.ids > 0))
     n_selected = len(session.selected_groups())
     text = f"{n_objects:,} object{'' if n_objects == 1 else 's'}"

@@ -19,6 +19,7 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.panels import list_filter
 
 _HINT = "Find an object"
 _MENU = "More ways to find"
@@ -56,6 +57,8 @@ def draw(
     """The box, and under it the answer; False while nothing is looked for."""
     search = document.search
     _box(session, state, area.size, search)
+    imgui.same_line(0, em(0.2))
+    list_filter.button(session)
     search_actions.tick(session)
     if not search.text.strip():
         return False
@@ -71,7 +74,7 @@ def _box(
     session: Session, state: SearchBoxState, size: tuple[int, int], search: SearchState
 ) -> None:
     side = imgui.get_frame_height() * 1.12 + em(0.2)
-    room = side * (2 if search.text else 1)
+    room = side * (3 if search.text else 2)
     if state.wants_keyboard:
         imgui.set_keyboard_focus_here()
         state.wants_keyboard = False

@@ -1,0 +1,218 @@
+"""Folders of the object list: make, fill, rename and delete them, and act on all that is in one."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from gaga_core.arrays import IntArray
+from gaga_core.scene import edits
+from gaga_core.scene.folders import name_of, parent_of, parents_of, path_of
+from gaga_core.scene.objects import ObjectTable, group_indices
+from gaga_core.scene.scene import Scene
+from gaga_studio.actions import objects
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.object_list import FolderSums, folder_sums
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.scene.edits import How
+
+_NEW = "Folder"  # what a new one is called until it has a name
+
+# --- which folders are meant
+
+
+@notifies
+def choose(session: Session, folder: str, how: "How" = "set") -> bool:
+    """Choose a folder, add or remove it: all objects in it are selected, or not any more."""
+    document = session.need()
+    before = () if how == "set" else chosen(session)
+    rest = [path for path in before if path != folder]
+    groups = document.scene.folders.groups(folder)
+    verb = "Deselect" if how == "remove" else "Select"
+    done = document.select(
+        group_indices(document.scene, groups), how, f"{verb} folder {name_of(folder)}"
+    )
+    listing = document.listing
+    listing.chosen = tuple(rest if how == "remove" else [*rest, folder])
+    listing.chosen_with = _selection(document)
+    return done
+
+
+def chosen(session: Session) -> tuple[str, ...]:
+    """Return the folders that were chosen, while the selection is still what that made."""
+    document = session.document
+    if document is None or not document.listing.chosen:
+        return ()
+    if document.listing.chosen_with != _selection(document):
+        return ()
+    known = set(document.scene.folders.paths)
+    return tuple(path for path in document.listing.chosen if path in known)
+
+
+def of_selection(session: Session) -> tuple[str, ...]:
+    """Return the chosen folders, else the one that the selected objects lie in."""
+    if session.scene is None:
+        return ()
+    homes = {session.scene.folders.home.get(g, "") for g in session.selected_groups()}
+    return chosen(session) or (tuple(homes - {""}) if len(homes) == 1 else ())
+
+
+def can_take_out(session: Session) -> bool:
+    """Return whether a selected object or a chosen folder lies in a folder."""
+    if session.scene is None:
+        return False
+    folders, home = chosen(session), session.scene.folders.home
+    if folders:
+        return any(parent_of(path) for path in folders)
+    return any(group in home for group in session.selected_groups())
+
+
+def _selection(document: Document) -> object:
+    read = document.read
+    return read.selected_groups(), len(read.selected_indices())
+
+
+# --- edits
+
+
+@notifies
+def new_folder(session: Session) -> bool:
+    """Put the selected objects and chosen folders into a new folder, and ask for its name.
+
+    It lies where they are; it is empty when nothing is selected.
+    """
+    document = session.need()
+    scene = document.settled().scene
+    folders, groups = chosen(session), session.selected_groups()
+    places = [parent_of(path) for path in folders] or [
+        scene.folders.home.get(group, "") for group in groups
+    ]
+    path = scene.folders.free(_common(places), _NEW)
+    if groups or folders:
+        edit = edits.put_in_folder(scene, groups, path, folders, "New folder")
+    else:
+        edit = edits.new_folder(scene, path)
+    if not document.do(edit):
+        return False
+    choose(session, path)
+    document.listing.reveal(path)
+    session.request = Request.RENAME
+    return True
+
+
+def _common(places: Sequence[str]) -> str:
+    """The deepest folder in which all of these folders lie."""
+    if not places:
+        return ""
+    ways = [[*reversed(parents_of(place)), place] for place in places]
+    common = ""
+    for names in zip(*ways, strict=False):
+        if len(set(names)) > 1:
+            break
+        common = names[0]
+    return common
+
+
+@notifies
+def put_in(
+    session: Session, folder: str, groups: Sequence[int], folders: Sequence[str] = ()
+) -> bool:
+    """Put objects and folders into a folder; "" takes them out of all."""
+    document = session.need()
+    scene = document.settled().scene
+    n = len(groups) + len(folders)
+    names = [document.name_of(group) for group in groups] + [name_of(path) for path in folders]
+    what = names[0] if n == 1 else f"{n} objects" if not folders else f"{n} things"
+    title = f"Put {what} into {name_of(folder)}" if folder else f"Take {what} out of its folder"
+    edit = edits.put_in_folder(scene, groups, folder, folders, title)
+    if not document.do(edit):
+        return False
+    document.listing.reveal(folder)
+    return True
+
+
+@notifies
+def take_out(session: Session) -> bool:
+    """Take the chosen folders, else the selected objects, one folder up."""
+    document = session.need()
+    scene = document.settled().scene
+    folders = [path for path in chosen(session) if parent_of(path)]
+    groups = [] if folders else [g for g in session.selected_groups() if g in scene.folders.home]
+    places = [parent_of(path) for path in folders] + [scene.folders.home[g] for g in groups]
+    return put_in(session, parent_of(_common(places)), groups, folders)
+
+
+@notifies
+def rename(session: Session, folder: str, name: str) -> bool:
+    """Give a folder another name; an empty one leaves it as it is."""
+    document = session.need()
+    if not name.strip():
+        return False
+    edit = edits.rename_folder(document.settled().scene, folder, name, f"Rename {name_of(folder)}")
+    if not document.do(edit):
+        return False
+    document.listing.follow(folder, path_of(parent_of(folder), " ".join(name.split())))
+    return True
+
+
+@notifies
+def delete(session: Session, *folders: str) -> bool:
+    """Take folders away; their objects stay."""
+    document = session.need()
+    what = f"folder {name_of(folders[0])}" if len(folders) == 1 else f"{len(folders)} folders"
+    scene = document.settled().scene
+    return document.do(edits.delete_folder(scene, *folders, title=f"Delete {what}"))
+
+
+def delete_chosen(session: Session) -> None:
+    """Take the chosen folders away, else the one that the selected objects lie in."""
+    delete(session, *of_selection(session))
+
+
+# --- all that is in one
+
+
+def sums(session: Session) -> dict[str, FolderSums]:
+    """Return what is in each folder, by its path."""
+    document, table = session.need(), session.objects()
+    folders = document.scene.folders
+    return document.read.once("folder sums", (table, folders), lambda: folder_sums(table, folders))
+
+
+@notifies
+def set_hidden(session: Session, folder: str, hidden: bool) -> bool:
+    """Hide or show all objects in a folder."""
+    scene, splats = _inside(session, folder)
+    build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
+    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
+
+
+@notifies
+def set_locked(session: Session, folder: str, locked: bool) -> bool:
+    """Protect all objects in a folder from being selected, or let them be again."""
+    scene, splats = _inside(session, folder)
+    build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
+    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
+
+
+@notifies
+def isolate(session: Session, folder: str) -> bool:
+    """Hide everything but a folder; show all again when that is so already."""
+    scene, splats = _inside(session, folder)
+    if len(splats) == 0:
+        return False
+    alone = edits.isolate(scene, splats, f"Isolate {name_of(folder)}")
+    return session.need().do(alone) if alone is not None else objects.show_all(session)
+
+
+def is_alone(table: ObjectTable, own: FolderSums) -> bool:
+    """Return whether the objects of a folder with these sums, and nothing else, are shown."""
+    n_shown = int((table.counts - table.n_hidden).sum())
+    return 0 < own.n_splats == n_shown and not own.n_hidden
+
+
+def _inside(session: Session, folder: str) -> tuple[Scene, IntArray]:
+    scene = session.need().settled().scene
+    return scene, group_indices(scene, scene.folders.groups(folder))
