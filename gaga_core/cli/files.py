@@ -173,9 +173,9 @@ class ExportCommand:
         from gaga_core.scene.export import (
             export_objects_stage,
             least_psnr,
-            listed_files,
             objects_losses,
         )
+        from gaga_core.scene.manifest import listed_files
 
         scene, only = project.scene, self._only(project)
         _say(objects_losses(scene, form, only, options))

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
-import msgspec
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
@@ -23,6 +21,7 @@ from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.decimate import decimate_stage, picture_loss_stage
 from gaga_core.scene.export_options import ExportOptions
+from gaga_core.scene.manifest import MANIFEST, MANIFEST_VERSION, read_manifest
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
@@ -31,43 +30,10 @@ from gaga_core.scene.selection.oriented_box import oriented_box
 from gaga_core.scene.web_page import write_scene_page_stage
 
 T = TypeVar("T")
-_Direction = tuple[float, float, float]
 ExportWhat = Literal["visible", "selected"]
-MANIFEST = "groups.json"
-MANIFEST_VERSION = 1
 _AS_IS = ExportOptions()
 _EVERY = 3  # of the views from which scenes are looked at: enough for what a decimation loses
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
-
-
-class BoxEntry(msgspec.Struct, frozen=True):
-    """A box with axes of its own, the longest first."""
-
-    centre: tuple[float, float, float]  # world
-    axes: tuple[_Direction, _Direction, _Direction]  # unit, of its sides
-    size: tuple[float, float, float]  # lengths of the sides, scene units
-
-
-class ManifestEntry(msgspec.Struct, frozen=True):
-    """One exported object."""
-
-    id: int
-    name: str
-    color: tuple[float, float, float]  # red, green, blue, 0..1
-    count: int  # splats in the file
-    bbox: list[tuple[float, float, float]]  # two corners of the centres, world; none: no splats
-    file: PathText  # next to the manifest
-    oriented_box: BoxEntry | None = None  # turned as the object lies; older files lack it
-    folder: str = ""  # of the object list, "Kitchen/Cups"; older files lack it
-    psnr: float | None = None  # dB against the object before it was decimated; None: it was not
-
-
-class Manifest(msgspec.Struct, frozen=True):
-    """Content of groups.json."""
-
-    version: int
-    source: str  # the scene
-    groups: list[ManifestEntry]
 
 
 @dataclass(frozen=True)
@@ -290,22 +256,12 @@ def _objects(
     return objects
 
 
-def listed_files(manifest: Path) -> list[Path]:
-    """The files that the manifest of an export names; others in its folder are not its own.
-
-    Raises ``GagaError`` when it is damaged.
-    """
-    content = read_json(manifest, Manifest, "Export the objects again.")
-    return [manifest.parent / entry.file for entry in content.groups]
-
-
 def least_psnr(manifest: Path) -> float | None:
     """PSNR in dB of the object that lost most in a decimation; None when nothing was decimated.
 
     Raises ``GagaError`` when the manifest is damaged.
     """
-    content = read_json(manifest, Manifest, "Export the objects again.")
-    known = [entry.psnr for entry in content.groups if entry.psnr is not None]
+    known = [entry.psnr for entry in read_manifest(manifest).groups if entry.psnr is not None]
     return min(known, default=None)
 
 

@@ -35,6 +35,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
 from gaga_core.scene.edits.append import with_added_stage
+from gaga_core.scene.exported_objects import manifest_in, open_objects_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.model_copy import KnownCopies, current_file
@@ -112,7 +113,7 @@ class Project:
 
 
 def open_path_stage(path: Path) -> Stage[Project]:
-    """Open whatever a person chose: a scene folder, a file of splats, or a saved project.
+    """Open whatever a person chose: a scene folder, splats, a saved project, exported objects.
 
     A scene folder that has a saved project is opened with its edits; else with the groups of the
     last association, else with those that the model itself carries (`opened_labels`). Raises
@@ -125,6 +126,10 @@ def open_path_stage(path: Path) -> Stage[Project]:
     if saved is not None:
         return (yield from _open_saved(saved))
     path = path / META if is_sog_meta(path / META) else path
+    manifest = None if is_scene_folder(path) else manifest_in(path)
+    if manifest is not None:
+        scene, first, digest = yield from open_objects_stage(manifest)
+        return Project(scene, first, model_fingerprint=digest)
     if path.is_dir():
         yield Progress("Look at the folder", 0, 1, path.name)
         return (yield from _open_folder(open_scene_folder(path)))

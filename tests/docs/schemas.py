@@ -13,7 +13,7 @@ from gaga_core.io.splits import SplitFile
 from gaga_core.models.lock_file import ModelLock
 from gaga_core.scene.camera_json import PathEntry
 from gaga_core.scene.edits.json import AnyEntry
-from gaga_core.scene.export import Manifest
+from gaga_core.scene.manifest import Manifest
 from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import ObjectOperation

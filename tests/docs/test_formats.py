@@ -30,7 +30,8 @@ from gaga_core.scene.bake import with_groups
 from gaga_core.scene.camera_json import KeyframeEntry, PathEntry, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import Manifest, ManifestEntry, export_objects_stage
+from gaga_core.scene.export import export_objects_stage
+from gaga_core.scene.manifest import Manifest, ManifestEntry
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.scene import State

@@ -27,9 +27,9 @@ from gaga_core.scene.export import (
     export_objects_stage,
     export_scene_stage,
     least_psnr,
-    listed_files,
 )
 from gaga_core.scene.export_options import ExportOptions
+from gaga_core.scene.manifest import listed_files
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.system import paths

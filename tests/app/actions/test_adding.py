@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splat_files import SplatFormat, read_splats, write_splats
-from gaga_core.scene.export import listed_files, objects_losses
+from gaga_core.scene.export import objects_losses
 from gaga_core.scene.export_options import ExportOptions
+from gaga_core.scene.manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import export, history, selection
 from gaga_studio.actions import files as files_actions

@@ -14,17 +14,17 @@ from gaga_core.io import ply
 from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.io.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
-from gaga_core.scene import edits, export
+from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export import (
     export_objects_stage,
     export_scene_stage,
     exported_indices,
-    listed_files,
     objects_losses,
     slug,
 )
+from gaga_core.scene.manifest import MANIFEST, listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
@@ -203,4 +203,4 @@ def test_slugs() -> None:
     assert slug("NUL") == "nul-object"
     assert slug("***") == ""
     assert len(slug("x" * 500)) <= 60
-    assert export.MANIFEST == "groups.json"
+    assert MANIFEST == "groups.json"
