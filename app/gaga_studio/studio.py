@@ -19,7 +19,7 @@ from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
-from gaga_studio.session import saving
+from gaga_studio.session import level_of_detail, saving
 from gaga_studio.session.notices import Level
 from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
@@ -278,7 +278,9 @@ class Studio:
         if self.window.keys_wait and self.viewport.texture:
             return self.viewport.texture  # what was typed comes first
         session = self.session
-        view = self._pacing.view_for(session.view, self._motion(camera), len(session.shown or ()))
+        self.viewport.use_tree(level_of_detail.tree_of(session))
+        n_splats = self.viewport.n_in_picture(session.shown, session.view)
+        view = self._pacing.view_for(session.view, self._motion(camera), n_splats)
         if cleanup.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
         self._view = view
@@ -293,6 +295,8 @@ class Studio:
             frame_s=frame_s,
             is_draft=not self._pacing.is_settled,
         )
+        if self.viewport.lod_error is not None:
+            level_of_detail.failed(session, self.viewport.lod_error)
         if self.viewport.n_draws != before and self._ctx is not None:
             self._ctx.finish()  # so that the time is the picture's, not the queue's
             whole_s = self.viewport.slices.seconds if frame_s else time.perf_counter() - start
@@ -308,6 +312,7 @@ class Studio:
             self.left = Viewport(self._ctx)
         self._shows_left = True
         scene, view, labels = found
+        self.left.use_tree(level_of_detail.tree_of(self.session))
         scale = imgui.get_io().display_framebuffer_scale.x
         return self.left.draw(
             scene,

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.errors import GagaError
 from gaga_core.pipeline.describe import list_objects
+from gaga_core.pipeline.level_of_detail import open_project_lod
 from gaga_core.progress import Stage
 from gaga_core.scene.project import Project, open_path_stage
 
@@ -29,8 +31,18 @@ def describe(path: Path) -> Stage[dict[str, object]]:
     values["objects"] = objects
     folders = project.scene.folders
     values["folders"] = {path: list(folders.groups(path)) for path in folders.paths}
+    values["level_of_detail"] = _level_of_detail(project)
     values["saved_project"] = str(project.path) if project.path else "none"
     return values
+
+
+def _level_of_detail(project: Project) -> str:
+    """Where the tree of merged splats is, if there is one that fits the model."""
+    try:
+        tree = open_project_lod(project)
+    except GagaError as error:
+        return f"damaged: {error}"
+    return "none" if tree is None else f"{len(tree.sizes)} levels in {tree.folder}"
 
 
 def _splats(project: Project) -> dict[str, object]:

@@ -18,6 +18,7 @@ import gaga_core
 from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
 from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, ExportCommand, InfoCommand
+from gaga_core.cli.lod import LodCommand
 from gaga_core.cli.masks import MasksCommand
 from gaga_core.cli.models import ModelsCommand
 from gaga_core.cli.query import QueryCommand
@@ -48,6 +49,7 @@ AnyCommand = (
     | Annotated[ModelsCommand, subcommand("models")]
     | Annotated[EditCommand, subcommand("edit")]
     | Annotated[ExportCommand, subcommand("export")]
+    | Annotated[LodCommand, subcommand("lod")]
     | Annotated[RunCommand, subcommand("run")]
     | Annotated[InfoCommand, subcommand("info")]
     | Annotated[DoctorCommand, subcommand("doctor")]

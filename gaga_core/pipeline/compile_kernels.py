@@ -27,6 +27,9 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.vote_slots import VoteSlots
+from gaga_core.scene.lod.build import build_lod_stage
+from gaga_core.scene.lod.cut import choose_cut, node_counts
+from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.click_graph import click_graph_stage
@@ -68,6 +71,7 @@ def warm_up_stage() -> Stage[None]:
         ("clicks", _click),
         ("training", _train),
         ("files", _write),
+        ("level of detail", _level_of_detail),
     ]
     for i, (name, step) in enumerate(steps):
         yield Progress(STAGE, i, len(steps), name)
@@ -182,6 +186,16 @@ def _train(sample: _Sample) -> object:
 def _write(sample: _Sample) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_ply(Path(folder) / "sample.ply", sample.gaussians)
+
+
+def _level_of_detail(sample: _Sample) -> None:
+    scene = Scene.of(sample.gaussians)
+    scene.state[0] = 2
+    with tempfile.TemporaryDirectory() as folder:
+        stage = build_lod_stage(sample.gaussians, Path(folder) / "lod", "sample")
+        tree = run_stage(stage)
+    node_facts(tree, scene)
+    choose_cut(tree, node_counts(tree), tree.boxes, sample.cameras[0], 1000)
 
 
 def _association(preset: str, *, are_regions: bool = False) -> Callable[[_Sample], object]:

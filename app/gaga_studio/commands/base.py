@@ -22,6 +22,7 @@ ViewSwitch = Literal[
     "lights_masks",
     "has_mask_gate",
     "folder_colors",
+    "uses_lod",
 ]  # fields of `ViewState` that are on or off
 
 

@@ -5,6 +5,7 @@ from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import no_photos, no_scene, no_shown_bank, not_replayable
 from gaga_studio.commands.base import Command, switch
 from gaga_studio.commands.modes import MODE_COMMANDS
+from gaga_studio.session import level_of_detail
 
 
 def _axis(axis: str) -> Command:
@@ -74,6 +75,13 @@ VIEW_COMMANDS: tuple[Command, ...] = (
         bank_timeline.toggle,
         enabled=not_replayable,
         is_on=lambda s: bank_timeline.timeline_of(s).is_open,
+    ),
+    switch("view.lod", "Level of detail", "uses_lod", enabled=level_of_detail.no_tree),
+    Command(
+        level_of_detail.COMMAND,
+        "Build level of detail",
+        level_of_detail.build,
+        enabled=level_of_detail.not_buildable,
     ),
     switch("view.panels", "Panels", "show_panels", "Tab"),
     switch("view.info", "Figures", "show_info", "I"),

@@ -19,13 +19,14 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.scene.scene import RGB, Placements, Revision, Scene, State
 from gaga_studio.gpu.packing import (
     WIDTH,
+    PackedSplats,
     changed_range,
     log_scale_range,
-    pack_sh,
-    pack_shape,
+    pack_splats,
     pieces,
     placement_texels,
     sh_layers,
+    words_of_colors,
 )
 
 _BLOCK = 4 * WIDTH  # rows packed at a time: temporaries stay in the cache
@@ -144,6 +145,12 @@ class SceneBuffers:
 
     def _replace(self, gaussians: Gaussians, n_placements: int) -> None:
         """New textures for new splats."""
+        self._allocate(gaussians, n_placements)
+        self.log_scale_range = log_scale_range(gaussians.log_scales)
+        self._send_gaussians(gaussians, 0)
+
+    def _allocate(self, gaussians: Gaussians, n_placements: int) -> None:
+        """Textures with a texel for each of the splats."""
         self.release()
         self._check_fits(len(gaussians))
         self.n_splats = len(gaussians)
@@ -157,8 +164,6 @@ class SceneBuffers:
         self._column("placement", 1, "u2" if n_placements <= _MOST_SHORT else "u4")
         if self.n_sh > 1:
             self._column("sh", 2, "u4", sh_layers(self.n_sh))
-        self.log_scale_range = log_scale_range(gaussians.log_scales)
-        self._send_gaussians(gaussians, 0)
 
     def _append(self, gaussians: Gaussians, n_kept: int) -> bool:
         """Send the rows from ``n_kept`` on, the others being there; False when that cannot be."""
@@ -190,16 +195,44 @@ class SceneBuffers:
         """Send the rows from ``first`` on."""
         for start in range(first, len(gaussians), _BLOCK):
             stop = min(start + _BLOCK, len(gaussians))
-            write_rows(self._texture("means"), gaussians.means[start:stop], start)
-            words = pack_shape(gaussians, start, stop, self.log_scale_range)
-            write_rows(self._texture("shape"), words, start)
-            color, layers = pack_sh(gaussians, start, stop)
-            write_rows(self._texture("color"), color, start)
-            sh = self._textures.get("sh")
-            if isinstance(sh, moderngl.TextureArray):
-                for at, width, height, rows in pieces(layers.T, start):
-                    place = (at % WIDTH, at // WIDTH, 0, width, height, len(layers))
-                    sh.write(np.ascontiguousarray(rows.T), viewport=place)
+            self._write(pack_splats(gaussians, start, stop, self.log_scale_range), start)
+        self._count("gaussians")
+
+    def _write(self, packed: PackedSplats, start: int) -> None:
+        write_rows(self._texture("means"), packed.means, start)
+        write_rows(self._texture("shape"), packed.shape, start)
+        write_rows(self._texture("color"), packed.color, start)
+        sh = self._textures.get("sh")
+        if isinstance(sh, moderngl.TextureArray):
+            for at, width, height, rows in pieces(packed.sh.T, start):
+                place = (at % WIDTH, at // WIDTH, 0, width, height, len(packed.sh))
+                sh.write(np.ascontiguousarray(rows.T), viewport=place)
+
+    # --- a pool: rows that are written one by one
+
+    def open_pool(self, pool: Scene, scale_range: tuple[float, float]) -> None:
+        """Make room for the rows of ``pool``, a scene whose Gaussians `write` sends piece by piece.
+
+        Its other columns are sent by `sync` as those of any scene.
+        """
+        self._allocate(pool.gaussians, len(pool.placements))
+        self.log_scale_range = scale_range
+        self._scene = pool
+        self._seen = Revision(pool.revision.splats, -1, -1, -1, -1, -1)
+
+    def write(self, packed: PackedSplats, start: int, columns: Mapping[str, AnyArray]) -> None:
+        """Replace rows of a pool from ``start`` on, and of its other columns by name.
+
+        Columns that are not there at the moment are passed over.
+        """
+        self._write(packed, start)
+        for name, rows in columns.items():
+            texture = self._textures.get(name)
+            if isinstance(texture, moderngl.Texture):
+                write_rows(texture, _as_texels(texture, rows), start)
+                sent = self._sent.get(name)
+                if sent is not None:
+                    sent[start : start + len(rows)] = rows
         self._count("gaussians")
 
     # --- columns that edits change
@@ -231,7 +264,7 @@ class SceneBuffers:
             start, stop = changed_range(before, column)
         texture = self._texture(name)
         rows = column[start:stop]
-        write_rows(texture, rows.astype(np.uint16) if texture.dtype == "u2" else rows, start)
+        write_rows(texture, _as_texels(texture, rows), start)
         self._sent[name] = column
         self._count(name)
 
@@ -258,9 +291,7 @@ class SceneBuffers:
             return
         if "identity" not in self._textures:
             self._column("identity", 1, "u4")
-        words = np.zeros((len(colors), 4), np.uint8)
-        words[:, :3] = colors
-        self._send_column("identity", words.view("<u4")[:, 0])
+        self._send_column("identity", words_of_colors(colors))
 
     def _send_tint(self, tint: UInt8Array | None) -> None:
         """Put the column there while it is shown: four bytes a splat that are seldom needed."""
@@ -272,7 +303,7 @@ class SceneBuffers:
             if not self.is_tinted:
                 self._column("tint", 1, "u4")
             self._tint = tint
-            self._send_column("tint", np.ascontiguousarray(tint).view("<u4")[:, 0])
+            self._send_column("tint", words_of_colors(tint))
 
     def _drop_column(self, name: str) -> None:
         self._textures.pop(name).release()
@@ -345,6 +376,11 @@ class SceneBuffers:
     def _count(self, name: str) -> None:
         self.uploads[name] += 1
         self.version += 1
+
+
+def _as_texels(texture: moderngl.Texture, rows: AnyArray) -> AnyArray:
+    """Rows of a column in the type of its texture: indices of placements are short as a rule."""
+    return rows.astype(np.uint16) if texture.dtype == "u2" else rows
 
 
 def texture_bytes(texture: DataTexture) -> int:

@@ -4,9 +4,11 @@ A splat of degree 3 takes 91 bytes in data textures; depth order and projected s
 28. The files of most trainers hold 248.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from gaga_core.arrays import AnyArray, FloatArray, UInt16Array
+from gaga_core.arrays import AnyArray, FloatArray, UInt8Array, UInt16Array, UInt32Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.scene import Placements
 
@@ -95,6 +97,35 @@ def pack_sh(gaussians: Gaussians, start: int, stop: int) -> tuple[AnyArray, AnyA
             np.clip(shares, -127, 127, out=shares)
             packed[:, : shares.shape[1]] = shares
     return halfs, np.ascontiguousarray(packed.view(np.uint64).T)
+
+
+@dataclass(frozen=True, eq=False)
+class PackedSplats:
+    """Rows as the textures hold them."""
+
+    means: FloatArray  # (K, 3)
+    shape: AnyArray  # (K, 4) uint32, of `pack_shape`
+    color: AnyArray  # (K, 4) halfs
+    sh: AnyArray  # (L, K) uint64, of `pack_sh`
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+
+def pack_splats(
+    gaussians: Gaussians, start: int, stop: int, scale_range: tuple[float, float]
+) -> PackedSplats:
+    """Pack the rows start..stop."""
+    shape = pack_shape(gaussians, start, stop, scale_range)
+    return PackedSplats(gaussians.means[start:stop], shape, *pack_sh(gaussians, start, stop))
+
+
+def words_of_colors(colors: UInt8Array) -> UInt32Array:
+    """Colors (K, 3 or 4) of a byte a channel as a texel each (K,)."""
+    words = np.zeros((len(colors), 4), np.uint8)
+    words[:, : colors.shape[1]] = colors
+    found: UInt32Array = words.view("<u4")[:, 0]
+    return found
 
 
 def placement_texels(placements: Placements) -> AnyArray:

@@ -18,6 +18,23 @@ MARGIN = 0.12  # share of the picture's size kept around it: a turning camera ha
 
 
 @dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows that are sorted alone, and what is known of each row."""
+
+    rows: IntArray  # (R,) ascending
+    reach: FloatArray  # (N,) of `sort_kernels.reaches`
+    scores: FloatArray  # (N,) of `sort_kernels.importance`
+
+    def chosen(self, budget: int) -> "_Chosen":
+        """The most important ones."""
+        if not 0 < budget < len(self.rows):
+            return _Chosen(0, self.rows, -np.inf)
+        scores, last = self.scores[self.rows], len(self.rows) - budget
+        least = np.partition(scores, last)[last]
+        return _Chosen(budget, self.rows[scores >= least][:budget], float(least))
+
+
+@dataclass(frozen=True, eq=False)
 class SortJob:
     """A snapshot to sort: columns are never written in place, so references are enough."""
 
@@ -29,6 +46,7 @@ class SortJob:
     camera: Camera
     budget: int = 0  # most important splats only; 0 = all
     coarse_budget: int = 0  # give the order of these too; 0 = not
+    only: Rows | None = None  # of a pool: its columns are written in place, but for these rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +141,10 @@ def plain_order(job: SortJob) -> DepthOrder:
     known = (job.placement >= 0) & (job.placement < len(poses))
     forward = poses[np.where(known, job.placement, 0), 2]  # (N, 4)
     depths = (job.gaussians.means * forward[:, :3]).sum(axis=1) + forward[:, 3]
+    if job.only is not None:
+        listed = np.zeros(len(known), np.bool_)
+        listed[job.only.rows] = True
+        known &= listed
     seen = known & (job.state & sort_kernels.SKIPPED == 0) & (depths >= NEAR) & np.isfinite(depths)
     rows = np.flatnonzero(seen).astype(np.int32)
     order = rows[np.argsort(-depths[rows], kind="stable")]
@@ -171,12 +193,15 @@ class SortColumns:
 
     def sort(self, job: SortJob) -> DepthOrder:
         """Cull and sort."""
-        self._prepare(job.gaussians)
-        chosen = self._choose(job.budget)
+        self._prepare(job)
+        chosen = self._choose(job, job.budget)
+        if job.only is not None and len(chosen.rows) == 0:
+            nothing = np.zeros(0, np.int32)
+            return DepthOrder(job.ticket, nothing, len(job.gaussians), 1.0, 1.0, job.budget)
         poses, stretch = _poses(job.placements, job.camera)
         n_found = sort_kernels.visible_depths(
             job.gaussians.means,
-            self._reach,
+            self._reach if job.only is None else job.only.reach,
             job.state,
             job.placement,
             chosen.rows,
@@ -199,8 +224,8 @@ class SortColumns:
         result = DepthOrder(
             job.ticket, order, len(job.gaussians), near, far, job.budget, chosen.threshold
         )
-        coarse = self._choose(job.coarse_budget)
-        if len(coarse.rows) == 0:
+        coarse = self._choose(job, job.coarse_budget)
+        if coarse.budget == 0:
             return result
         is_chosen = np.zeros(len(job.gaussians), np.bool_)
         is_chosen[coarse.rows] = True
@@ -211,20 +236,24 @@ class SortColumns:
             coarse_threshold=coarse.threshold,
         )
 
-    def _prepare(self, gaussians: Gaussians) -> None:
+    def _prepare(self, job: SortJob) -> None:
+        gaussians = job.gaussians
         if self._gaussians is gaussians:
             return
         n = len(gaussians)
-        self._reach = np.empty(n, np.float32)
-        sort_kernels.reaches(gaussians.log_scales, self._reach)
+        self._reach = np.empty(0 if job.only is not None else n, np.float32)
+        if job.only is None:
+            sort_kernels.reaches(gaussians.log_scales, self._reach)
         self._depths = np.empty(n, np.float32)
         self._ids = np.empty(n, np.int32)
         self._scores = None
         self._chosen = _ALL
         self._gaussians = gaussians
 
-    def _choose(self, budget: int) -> "_Chosen":
+    def _choose(self, job: SortJob, budget: int) -> "_Chosen":
         """The most important splats."""
+        if job.only is not None:
+            return job.only.chosen(budget)
         gaussians = self._gaussians
         if gaussians is None or not 0 < budget < len(gaussians):
             return _ALL

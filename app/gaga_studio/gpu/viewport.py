@@ -8,10 +8,13 @@ import numpy as np
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.scene.lod.tree import LodTree
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.composite import Compositor, Finish
 from gaga_studio.gpu.context import drawing, is_software
+from gaga_studio.gpu.lod_view import LodView, fits
 from gaga_studio.gpu.overlays import LineRenderer, Overlays
 from gaga_studio.gpu.slices import Slices
 from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
@@ -60,6 +63,8 @@ class Viewport:
         self._begun: tuple[object, ...] = ()  # what it will show
         self._is_draft = False
         self._is_current = True  # the picture shows what was asked for last
+        self._tree: LodTree | None = None  # of the scene
+        self._lod: LodView | None = None
         self.slices = Slices(ctx.finish)
         self.n_draws = 0  # pictures drawn so far
 
@@ -67,8 +72,17 @@ class Viewport:
     def settled(self) -> bool:
         """Whether the last picture is whole, in the depth order of its own camera and scene."""
         return self.buffers.scene is None or (
-            self._order is not None and self._order.ticket == self._ticket and self._is_current
+            self._order is not None
+            and self._order.ticket == self._ticket
+            and self._is_current
+            and (self._lod is None or self._lod.settled)
         )
+
+    def use_tree(self, tree: LodTree | None) -> None:
+        """Draw cuts of this tree of the scene from now on; None: the scene itself."""
+        if tree is not self._tree:
+            self._forget()
+            self._tree = tree
 
     def draw(
         self,
@@ -123,6 +137,25 @@ class Viewport:
         self._is_current = self._drawn == wanted
         return int(self._picture.textures[0].glo)
 
+    def n_in_picture(self, scene: Scene | None, view: ViewState) -> int:
+        """Splats that a picture of ``scene`` is drawn from at most."""
+        n = 0 if scene is None else len(scene)
+        return n if self._tree is None else min(n, view.lod_budget)
+
+    @property
+    def n_in_cut(self) -> int:
+        """Splats of the cut that is drawn; 0 without a tree."""
+        return self._lod.n_drawn if self._lod is not None else 0
+
+    @property
+    def lod_error(self) -> GagaError | None:
+        """Why the picture gets no finer: files of the tree that cannot be read."""
+        return self._lod.error if self._lod is not None else None
+
+    def finish_order(self) -> None:
+        """Wait for the depth order that was asked for last; the next `draw` uses it."""
+        self._sorter.wait(self._ticket)
+
     @property
     def texture(self) -> int:
         """OpenGL name of the last picture; 0 before the first."""
@@ -142,10 +175,15 @@ class Viewport:
     def release(self) -> None:
         """Give every OpenGL object back and end the sorter; the context must be current."""
         self._sorter.release()
+        if self._lod is not None:
+            self._lod.release()
         for part in (self._lines, self._compositor, self._splats, self.buffers, self._picture):
             part.release()
 
     def _forget(self) -> None:
+        if self._lod is not None:
+            self._lod.release()
+            self._lod = None
         self.buffers.clear()
         self._parts = None
         self._order = None
@@ -156,30 +194,36 @@ class Viewport:
         self, scene: Scene, camera: Camera, view: ViewState, overlays: Overlays, *, wait: bool
     ) -> None:
         """Bring textures and depth order up to date, as far as they are known."""
-        if scene is not self.buffers.scene:
+        shown, labels, tint = scene, overlays.labels, overlays.tint
+        if self._tree is not None and fits(self._tree, scene, view.lod_budget):
+            lod = self._pull_lod(self._tree, scene, camera, view, wait=wait)
+            shown = lod.scene
+            labels, tint = lod.overlaid("labels", labels), lod.overlaid("tint", tint)
+        elif scene is not self.buffers.scene:  # another one, or the pool of a tree
             self._forget()
         n_before = self.buffers.n_splats
         is_heat = view.mode is Mode.CONFIDENCE and scene.confidence is not None
         self.buffers.sync(
-            scene,
-            overlays.labels,
+            shown,
+            labels,
             with_confidence=is_heat,
             with_identity=_shows_identity(scene, view),
-            tint=overlays.tint,
+            tint=tint,
             muted=overlays.muted,
         )
         if self._order is not None and n_before != self.buffers.n_splats:
             self._use(self._order)
-        revision = scene.revision
+        revision = shown.revision
         wanted = (
             _Lens.of(camera),
             (revision.splats, revision.state, revision.placement, revision.placements),
             view.splat_budget,
+            self._lod and self._lod.version,
         )
         if wanted != self._sorted:
             self._sorted = wanted
             self._ticket += 1
-            self._sorter.submit(_job(self._ticket, scene, camera, view))
+            self._sorter.submit(_job(self._ticket, shown, camera, view, self._lod))
         if wait:
             self._sorter.wait(self._ticket)
         order = self._sorter.take()
@@ -189,6 +233,21 @@ class Viewport:
         if now is not None and now.coarse is not None and now.coarse_budget == view.splat_budget:
             # A motion begins: not with all splats, even while their order is the only one.
             self._use(now.thinned())
+
+    def _pull_lod(
+        self, tree: LodTree, scene: Scene, camera: Camera, view: ViewState, *, wait: bool
+    ) -> LodView:
+        """The cut of ``tree`` for this camera, as far as it is there."""
+        lod = self._lod
+        if lod is None or lod.opened is not scene or lod.budget != view.lod_budget:
+            self._forget()
+            lod = self._lod = LodView(tree, scene, self.buffers, view.lod_budget)
+        lens = _Lens.of(camera)
+        while True:
+            lod.pull(scene, camera, lens, self._order.ticket if self._order is not None else 0)
+            if not wait or lod.settled:
+                return lod
+            lod.wait()
 
     def _use(self, order: DepthOrder) -> None:
         """Draw with ``order``; a scene that has shrunk since then loses the rows that it lost."""
@@ -279,7 +338,9 @@ def scaled(camera: Camera, scale: float) -> Camera:
     return camera.resized(width, max(1, round(camera.height * scale)))
 
 
-def _job(ticket: int, scene: Scene, camera: Camera, view: ViewState) -> SortJob:
+def _job(
+    ticket: int, scene: Scene, camera: Camera, view: ViewState, lod: LodView | None
+) -> SortJob:
     return SortJob(
         ticket=ticket,
         gaussians=scene.gaussians,
@@ -289,4 +350,5 @@ def _job(ticket: int, scene: Scene, camera: Camera, view: ViewState) -> SortJob:
         camera=camera,
         budget=view.splat_budget,
         coarse_budget=view.coarse_budget,
+        only=lod.sort_job(ticket) if lod is not None else None,
     )

@@ -23,7 +23,7 @@ from gaga_core.scene.project import Project
 from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.picking import Pick, pick
-from gaga_studio.session import next_stage, saving, stages, upright
+from gaga_studio.session import level_of_detail, next_stage, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.find_options import FindOptions, lift_mode
@@ -74,7 +74,7 @@ class Session:
         self.active_view: int | None = None  # training camera last jumped to
         self.has_exported = False  # anything, since the program was started
         self.settings, problem = (settings, "") if settings else load_settings()
-        self.view.background = self.settings.background_color
+        self._apply_settings()
         if problem:
             self.notify(Level.WARNING, problem)
 
@@ -100,10 +100,14 @@ class Session:
     def change_settings(self, settings: Settings) -> None:
         """Use and save these preferences."""
         self.settings = settings
-        self.view.background = settings.background_color
+        self._apply_settings()
         if self.document is not None:
             self.document.history.set_budget(settings.undo_bytes)
         self._save_settings()
+
+    def _apply_settings(self) -> None:
+        self.view.background = self.settings.background_color
+        self.view.lod_budget = self.settings.lod_budget
 
     @notifies
     def _save_settings(self) -> None:
@@ -210,6 +214,7 @@ class Session:
             if isinstance(project, Project):
                 self.take(project)
                 upright.opened(self)
+                level_of_detail.opened(self)
             else:
                 self._forget()
                 self.photos = project

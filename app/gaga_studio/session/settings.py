@@ -26,6 +26,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "font_size": (8.0, 40.0),
     "autosave_minutes": (0.25, 30.0),
     "undo_megabytes": (64.0, 65536.0),
+    "lod_millions": (0.25, 16.0),
 }
 _Theme = Annotated[str, msgspec.Meta(pattern="^(dark|light)$")]
 _Keys = Annotated[str, msgspec.Meta(pattern="^(supersplat|blender)$")]
@@ -53,6 +54,7 @@ class Settings:
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
     undo_megabytes: float = 1024.0  # what undo may hold
+    lod_millions: float = 2.0  # splats in the picture of a scene with level of detail
     first_steps_done: bool = False  # the card of five steps is hidden
     hub_mirror: _Address = (
         ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
@@ -74,6 +76,11 @@ class Settings:
     def undo_bytes(self) -> int:
         """``undo_megabytes`` in bytes."""
         return int(self.undo_megabytes * 1e6)
+
+    @property
+    def lod_budget(self) -> int:
+        """``lod_millions`` as a number of splats."""
+        return int(self.lod_millions * 1e6)
 
     def opened(self, path: Path) -> "Settings":
         """These settings with ``path`` as the newest recent file."""

@@ -122,6 +122,8 @@ class ViewState:
     show_box: bool = False  # around the selection
     splat_budget: int = 0  # 0 = no limit
     coarse_budget: int = 0  # that a motion would begin with: its depth order is kept ready
+    uses_lod: bool = True  # large scenes are drawn from a tree, where there is one
+    lod_budget: int = 2_000_000  # splats in the picture of a scene with level of detail
     resolution_scale: float = 1.0  # of the viewport's own pixels
     show_panels: bool = True  # Tab hides everything but the picture
     show_info: bool = True  # splats, frame time and backend in the status bar

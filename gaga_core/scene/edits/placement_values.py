@@ -120,7 +120,7 @@ class AppendCopies:
         """Cut the copies off."""
         n = self.splats.n
         check_length(scene, n + self.splats.count)
-        scene.gaussians = _first(scene.gaussians, n)
+        scene.gaussians = first_rows(scene.gaussians, n)
         scene.labels = scene.labels[:n]
         scene.placement = scene.placement[:n]
         scene.state = scene.state[:n]
@@ -169,7 +169,8 @@ def _joined(g: Gaussians, chosen: IntArray) -> Gaussians:
     )
 
 
-def _first(g: Gaussians, n: int) -> Gaussians:
+def first_rows(g: Gaussians, n: int) -> Gaussians:
+    """The first ``n`` rows; columns are views."""
     return replace(
         g,
         means=g.means[:n],

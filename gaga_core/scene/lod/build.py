@@ -1,5 +1,6 @@
 """Building the tree: one pass from the opened splats up, a chunk at a time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -35,6 +36,8 @@ _REACH = 3.34  # standard deviations at which a splat ends
 _SAMPLE = 1 << 16  # splats that say how large the scene is
 _MOST_SPREAD = 90.0  # percentile of the sizes of a node's splats that is its detail
 _KEY_CHUNK = 1 << 18
+_GROWTH = 0.25  # log of size per log of opacity that has no room; 0.5 would keep all of it
+_MOST_GROWTH = 0.5
 
 
 def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[LodTree]:
@@ -143,7 +146,11 @@ def _merged(
 
 
 def merged_runs(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
-    """Every `FAN` neighbours as one splat, and of their ``rows`` that of the heaviest."""
+    """Every `FAN` neighbours as one splat, and of their ``rows`` that of the heaviest.
+
+    Where one splat cannot be as opaque as they are together, it is larger than their moments say:
+    a dense surface would let through what lies behind it.
+    """
     named = Gaussians(
         below.means,
         below.quats,
@@ -152,8 +159,21 @@ def merged_runs(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
         below.sh,
         {"row": rows},
     )
-    merged = merge_runs(named, np.arange(0, len(below), FAN, dtype=np.int64))
-    return merged, merged.extra["row"]
+    starts = np.arange(0, len(below), FAN, dtype=np.int64)
+    merged = merge_runs(named, starts)
+    together = np.add.reduceat(below.opacities * _faces(below.log_scales), starts)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        lost = np.log(together / _faces(merged.log_scales))
+    growth = np.clip(_GROWTH * np.nan_to_num(lost, posinf=0.0), 0, _MOST_GROWTH)
+    larger = merged.log_scales + growth[:, None].astype(np.float32)
+    return replace(merged, log_scales=larger), merged.extra["row"]
+
+
+def _faces(log_scales: FloatArray) -> DoubleArray:
+    """What splats cover (K,), of all directions, as `merge_splats` weights them."""
+    a, b, c = np.exp(np.minimum(log_scales, np.float32(30)).astype(np.float64).T)
+    faces: DoubleArray = a * b + b * c + c * a
+    return faces
 
 
 def _packed(splats: Gaussians, rows: IntArray) -> bytes:

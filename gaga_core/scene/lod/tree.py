@@ -110,6 +110,11 @@ class LodTree:
         """Nodes of all levels."""
         return int(self.first_nodes[-1])
 
+    @property
+    def file_bytes(self) -> int:
+        """Bytes of the files of rows."""
+        return 4 * len(self) + sum(self.sizes[1:]) * row_type(self.n_sh).itemsize
+
     def level_of(self, node: int) -> int:
         """Level of a node."""
         return int(np.searchsorted(self.first_nodes, node, side="right")) - 1

@@ -33,6 +33,7 @@ _LINE_BEFORE = {
     "view.background",
     "view.frame_selected",
     "view.lights_masks",
+    "view.lod",
     "view.panels",
     "view.front",
     "view.next_photo",

@@ -61,7 +61,10 @@ def _look(settings: Settings, dragged: DraggedPreferences) -> Settings:
     settings = _slider(settings, dragged, "ui_scale", "Size of text and buttons", "%.2f×")
     widgets.field_name("Background", em(_NAMES))
     changed, color = imgui.color_edit3("##Background", list(settings.background_color))
-    return replace(settings, background=hex_color(color)) if changed else settings
+    settings = replace(settings, background=hex_color(color)) if changed else settings
+    settings = _slider(settings, dragged, "lod_millions", "Large scenes", "%.1f M splats", _LOG)
+    widgets.tooltip("So many splats are in the picture of a scene with level of detail at most")
+    return settings
 
 
 def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:

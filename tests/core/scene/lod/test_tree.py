@@ -52,8 +52,13 @@ def test_level_one_is_the_merge_of_neighbours(built: Built) -> None:
     start, stop = tree.opened_span(first + 1)
     below = tree.order[start:stop]
     expected = merge_splats(opened.take(below), np.arange(stop - start) // FAN)
-    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+    for name in ("means", "quats", "logit_opacities", "sh"):
         assert np.array_equal(getattr(splats, name), getattr(expected, name)), name
+    # Larger, all sides alike, where the opacity has come to its end, and only there.
+    growth = splats.log_scales - expected.log_scales
+    assert np.ptp(growth, axis=1).max() < 1e-5
+    assert growth.min() > -1e-6
+    assert (growth[expected.opacities < 0.999] < 1e-5).all()
     runs = np.arange(len(rows)) * FAN
     assert all(row in below[at : at + FAN] for at, row in zip(runs, rows, strict=True))
 

@@ -1,0 +1,122 @@
+"""A tree under a scene that was edited: where its nodes stand, and which stand for too much.
+
+Merged splats know nothing of edits: a node's splats take state, placement and group of the splat
+that counts most in each. That is right as long as all splats below it were treated alike; a node of
+others is mixed, and is drawn from its children.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.kernels import run_chunks
+from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
+from gaga_core.scene.scene import Placements, Scene, State
+
+_BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
+_UNSEEN = int(State.HIDDEN | State.DELETED)
+_MOST_PLACEMENTS = 8  # of a node that are told apart
+_LEAVES = 256  # nodes that one thread looks at at once
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFacts:
+    """What the edits of a scene mean for the nodes of its tree."""
+
+    mixed: BoolArray  # (M,) splats below were not all treated alike
+    gone: BoolArray  # (M,) all splats below are hidden or deleted
+    leaf_placements: IntArray | None  # (K, C) of the nodes of level 0; -1 = no more; None = all 0
+    has_many: BoolArray  # (K,) more placements than have room there
+
+
+def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
+    """Look at every splat of the tree once; ``scene``: the opened one, with its edits."""
+    n, n_leaves = len(tree), int(tree.first_nodes[1])
+    state, placement = scene.state[:n], scene.placement[:n]
+    if not (state & np.uint8(_BITS)).any() and not placement.any():
+        none, few = np.zeros(tree.n_nodes, np.bool_), np.zeros(n_leaves, np.bool_)
+        return NodeFacts(none, none, None, few)
+    # Imported when first needed: importing numba takes a large part of the launch time.
+    from gaga_core.scene.lod.edited_kernels import leaf_facts
+
+    leaf_mixed, states = np.empty(n_leaves, np.bool_), np.empty(n_leaves, np.uint8)
+    found = np.full((n_leaves, _MOST_PLACEMENTS), -1, np.int32)
+    n_found = np.empty(n_leaves, np.int32)
+
+    def work(start: int, stop: int) -> None:
+        leaf_facts(
+            tree.order,
+            state,
+            placement,
+            _BITS,
+            NODE,
+            leaf_mixed,
+            states,
+            found,
+            n_found,
+            start,
+            stop,
+        )
+
+    run_chunks(work, n_leaves, _LEAVES)
+    keys = np.where(leaf_mixed, -1, states.astype(np.int64) << 32 | found[:, 0])
+    mixed, gone = _upwards(tree, keys)
+    return NodeFacts(mixed, gone, found, n_found > _MOST_PLACEMENTS)
+
+
+def _upwards(tree: LodTree, leaf_keys: LongArray) -> tuple[BoolArray, BoolArray]:
+    """Mixed and gone nodes (M,) by the key of each leaf: state and placement, -1 = mixed."""
+    firsts = tree.first_nodes
+    keys = np.empty(tree.n_nodes, np.int64)
+    unseen = np.empty(tree.n_nodes, np.bool_)
+    keys[: firsts[1]] = leaf_keys
+    unseen[: firsts[1]] = (leaf_keys >= 0) & (leaf_keys >> 32 & _UNSEEN != 0)
+    for level in range(1, len(tree.sizes)):
+        below = keys[firsts[level - 1] : firsts[level]]
+        starts = np.arange(0, len(below), FAN)
+        low, high = np.minimum.reduceat(below, starts), np.maximum.reduceat(below, starts)
+        here = slice(firsts[level], firsts[level + 1])
+        keys[here] = np.where(low == high, low, -1)
+        gone_below = unseen[firsts[level - 1] : firsts[level]]
+        unseen[here] = np.logical_and.reduceat(gone_below, starts)
+    return keys < 0, unseen
+
+
+def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> FloatArray:
+    """Boxes (M, 6) of the nodes where their splats stand."""
+    if facts.leaf_placements is None:
+        return tree.boxes
+    boxes = tree.boxes.copy()
+    n_leaves = int(tree.first_nodes[1])
+    opened = tree.boxes[:n_leaves]
+    placed = np.full((n_leaves, 6), np.inf, np.float32)
+    placed[:, 3:] = -np.inf
+    for column in facts.leaf_placements.T:
+        has = np.flatnonzero(column >= 0)
+        if len(has):
+            _unite(placed, has, _moved(opened[has], placements.matrix[column[has]]))
+    many = np.flatnonzero(facts.has_many)
+    if len(many):
+        for matrix in placements.matrix:
+            moved = _moved(opened[many], np.broadcast_to(matrix, (len(many), 3, 4)))
+            _unite(placed, many, moved)
+    boxes[:n_leaves] = placed
+    above = boxes[n_leaves:]
+    above[:, :3], above[:, 3:] = np.inf, -np.inf
+    union_of_children(boxes, tree.first_nodes)
+    return boxes
+
+
+def _unite(boxes: FloatArray, at: AnyArray, others: FloatArray) -> None:
+    boxes[at, :3] = np.minimum(boxes[at, :3], others[:, :3])
+    boxes[at, 3:] = np.maximum(boxes[at, 3:], others[:, 3:])
+
+
+def _moved(boxes: FloatArray, matrices: DoubleArray) -> FloatArray:
+    """Boxes (K, 6) around boxes (K, 6) moved by matrices (K, 3, 4)."""
+    middle, half = (boxes[:, :3] + boxes[:, 3:]) / 2, (boxes[:, 3:] - boxes[:, :3]) / 2
+    centre = np.einsum("kij,kj->ki", matrices[:, :, :3], middle) + matrices[:, :, 3]
+    reach = np.einsum("kij,kj->ki", np.abs(matrices[:, :, :3]), half)
+    moved: FloatArray = np.concatenate([centre - reach, centre + reach], axis=1).astype(np.float32)
+    return moved

@@ -1,0 +1,214 @@
+"""Level of detail in the picture: near the whole scene's, and exact where splats were edited."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.lod.build import build_lod_stage
+from gaga_core.scene.lod.tree import LodTree, level_file
+from gaga_core.scene.scene import Scene
+from gaga_studio.gpu.viewport import Overlays, Viewport
+from gaga_studio.session.view_state import Mode, ViewState
+from tests.scenes import objects_scene, orbit_cameras
+
+CAMERAS = orbit_cameras(12, width=160, height=120, radius=2.6)
+ALL = ViewState(lod_budget=200_000)
+FEW = ViewState(lod_budget=20_000)
+
+
+@dataclass(frozen=True)
+class Large:
+    scene: Scene
+    tree: LodTree
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Large:
+    synthetic = objects_scene(6, 6_000, sh_degree=1)
+    small = synthetic.gaussians.log_scales - np.float32(0.8)
+    gaussians = replace(synthetic.gaussians, log_scales=small)
+    folder = tmp_path_factory.mktemp("model") / "lod"
+    tree = run_stage(build_lod_stage(gaussians, folder, "digest"))
+    return Large(Scene.of(gaussians, synthetic.labels), tree)
+
+
+@pytest.fixture
+def large(made: Large) -> Large:
+    """The scene as opened: edits of another test are not there."""
+    return Large(Scene.of(made.scene.gaussians, made.scene.labels), made.tree)
+
+
+@pytest.fixture
+def whole(gl: Any) -> Iterator[Viewport]:
+    """A viewport that draws every splat."""
+    viewport = Viewport(gl)
+    yield viewport
+    viewport.release()
+
+
+def picture(
+    viewport: Viewport,
+    scene: Scene,
+    view: ViewState = ALL,
+    camera: int = 0,
+    overlays: Overlays | None = None,
+) -> UInt8Array:
+    viewport.draw(scene, CAMERAS[camera], view, overlays or Overlays(), wait=True)
+    assert viewport.settled
+    return viewport.read_pixels()
+
+
+def difference(a: UInt8Array, b: UInt8Array) -> float:
+    return float(np.abs(a.astype(np.float64) - b).mean())
+
+
+@pytest.mark.parametrize(
+    "mode", [Mode.COLOR, Mode.GROUPS, Mode.DEPTH, Mode.CENTRES, Mode.CONFIDENCE]
+)
+def test_with_budget_for_all_it_is_the_whole_picture(
+    viewport: Viewport, whole: Viewport, large: Large, mode: Mode
+) -> None:
+    large.scene.confidence = np.arange(len(large.scene)).astype(np.uint8)
+    viewport.use_tree(large.tree)
+    near = replace(ALL, mode=mode)
+    close = replace(CAMERAS[0], K=CAMERAS[0].K * np.array([[9.0], [9.0], [1.0]]))
+    for one in (viewport, whole):
+        one.draw(large.scene, close, near, wait=True)
+    assert difference(viewport.read_pixels(), whole.read_pixels()) < 0.02
+
+
+def test_within_a_budget_the_picture_is_nearer_than_a_thinned_one(
+    viewport: Viewport, whole: Viewport, large: Large
+) -> None:
+    viewport.use_tree(large.tree)
+    for budget in (20_000, 4_000):
+        few = replace(ALL, lod_budget=budget)
+        for camera in range(3):
+            fine = picture(whole, large.scene, camera=camera)
+            found = difference(picture(viewport, large.scene, few, camera), fine)
+            as_many = replace(ALL, splat_budget=viewport.n_in_cut)
+            assert found < difference(picture(whole, large.scene, as_many, camera), fine)
+
+
+def test_a_motion_does_not_pop(viewport: Viewport, large: Large) -> None:
+    viewport.use_tree(large.tree)
+    before = picture(viewport, large.scene, FEW)
+    for step in range(1, 9):
+        pose = CAMERAS[0].cam_from_world.copy()
+        pose[2, 3] -= 0.12 * step
+        camera = replace(CAMERAS[0], cam_from_world=pose)
+        # The same camera by the former cut, then with the swaps of one frame after the other.
+        viewport.draw(large.scene, camera, FEW)
+        viewport.finish_order()
+        last = None
+        while True:
+            viewport.draw(large.scene, camera, FEW)
+            viewport.finish_order()
+            now = viewport.read_pixels()
+            if last is not None:
+                assert difference(now, last) <= 1.0
+            last = now
+            if viewport.settled:
+                break
+    assert difference(before, now) > 1.0
+
+
+def test_a_scene_at_rest_is_not_drawn_again(viewport: Viewport, large: Large) -> None:
+    viewport.use_tree(large.tree)
+    picture(viewport, large.scene, FEW)
+    n = viewport.n_draws
+    for _ in range(5):
+        viewport.draw(large.scene, CAMERAS[0], FEW)
+    assert viewport.n_draws == n
+
+
+def test_edits_are_drawn_as_in_the_whole_picture(
+    viewport: Viewport, whole: Viewport, large: Large
+) -> None:
+    scene, history = large.scene, History(large.scene)
+    viewport.use_tree(large.tree)
+    groups = replace(ALL, mode=Mode.GROUPS)
+
+    def check() -> None:
+        assert difference(picture(viewport, scene, groups), picture(whole, scene, groups)) < 0.6
+
+    check()
+    first, second = (np.flatnonzero(scene.labels == group) for group in (1, 2))
+    half = first[scene.gaussians.means[first, 2] > 0]
+    history.do(edits.hide(scene, half))
+    check()
+    matrix = np.eye(3, 4)
+    matrix[2, 3] = 0.5
+    history.do(edits.transform(scene, second, matrix))
+    check()
+    history.do(edits.select(scene, second, "set"))
+    check()
+    history.do(edits.duplicate(scene, np.flatnonzero(scene.labels == 3)))
+    check()
+    history.do(edits.delete(scene, np.flatnonzero(scene.labels == 4)))
+    check()
+    while history.undo() is not None:
+        pass
+    check()
+
+
+def test_hidden_splats_leave_no_trace_of_their_merged_ones(
+    viewport: Viewport, whole: Viewport, large: Large
+) -> None:
+    scene = large.scene
+    viewport.use_tree(large.tree)
+    picture(viewport, scene, FEW)
+    history = History(scene)
+    history.do(edits.hide(scene, np.flatnonzero(scene.labels > 0)))
+    assert difference(picture(viewport, scene, FEW), picture(whole, scene)) < 3.5
+    history.do(edits.hide(scene, np.arange(len(scene))))
+    assert len(np.unique(picture(viewport, scene, FEW).reshape(-1, 3), axis=0)) == 1
+
+
+def test_labels_and_tints_of_overlays_are_those_of_the_splats(
+    viewport: Viewport, whole: Viewport, large: Large
+) -> None:
+    viewport.use_tree(large.tree)
+    groups = replace(ALL, mode=Mode.GROUPS)
+    labels = (7 - large.scene.labels).astype(np.int32)
+    tint = np.zeros((len(labels), 4), np.uint8)
+    tint[large.scene.labels == 2] = (255, 0, 0, 200)
+    for overlays in (Overlays(labels=labels), Overlays(tint=tint), Overlays()):
+        found = picture(viewport, large.scene, groups, overlays=overlays)
+        assert difference(found, picture(whole, large.scene, groups, overlays=overlays)) < 0.6
+
+
+def test_the_pool_does_not_grow(viewport: Viewport, large: Large) -> None:
+    viewport.use_tree(large.tree)
+    picture(viewport, large.scene, FEW)
+    size = viewport.nbytes
+    for camera in range(len(CAMERAS)):
+        picture(viewport, large.scene, FEW, camera)
+        assert viewport.nbytes == size
+
+
+def test_what_moves_is_drawn_with_fewer_of_the_cut(viewport: Viewport, large: Large) -> None:
+    viewport.use_tree(large.tree)
+    picture(viewport, large.scene, FEW)
+    thin = picture(viewport, large.scene, replace(FEW, splat_budget=3_000))
+    assert 1.0 < difference(thin, picture(viewport, large.scene, FEW)) < 25
+
+
+def test_a_damaged_file_ends_refining_and_is_told(
+    viewport: Viewport, large: Large, tmp_path: Path
+) -> None:
+    shutil.copytree(large.tree.folder, tmp_path / "lod")
+    (tmp_path / "lod" / level_file(2)).write_bytes(b"")
+    viewport.use_tree(replace(large.tree, folder=tmp_path / "lod"))
+    viewport.draw(large.scene, CAMERAS[0], FEW, wait=True)
+    assert viewport.lod_error is not None
+    assert "truncated" in str(viewport.lod_error)
