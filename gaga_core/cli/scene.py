@@ -29,6 +29,9 @@ class AssociateCommand:
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
     groups: Annotated[GroupSwitches, arg(name="")] = field(default_factory=GroupSwitches)
+    add: bool = False
+    """Only views that took no part yet: their masks join the groups that there are, or open new
+    ones, as the preset of these groups has it. What was decided stays."""
     backend: Literal["auto", "cpu", "cuda"] = "auto"
     """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
     json: bool = False
@@ -44,7 +47,7 @@ class AssociateCommand:
         folder = open_scene_folder(self.scene, model=self.model)
         config = self.groups.config(self.preset)
         stage = associate.associate_scene(
-            folder, masks=self.masks, config=config, rasterizer=choose(self.backend)
+            folder, self.masks, config, rasterizer=choose(self.backend), adds=self.add
         )
         report = out.follow(after_warm_up(stage))
         for note in report.notes:

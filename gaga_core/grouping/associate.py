@@ -136,6 +136,7 @@ class Association:
     mask_groups: Mapping[str, IntArray]  # view name -> group of each mask id, 0 = none
     views_per_group: IntArray  # (G + 1,)
     notes: tuple[str, ...] = ()  # sentences for the user: masks that were resized, ...
+    weight: FloatArray | None = None  # (N,) of all votes; None where surfaces decided
 
     def to_json(self) -> dict[str, object]:
         """Figures for reports and machines."""
@@ -213,7 +214,7 @@ def _by_memory_bank(task: _Task) -> Stage[Association]:
     vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config)
     votes = yield from part(vote, n_parts - 1, n_parts, STAGE)
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
-    return _association(task, bank, labels, votes.confidence)
+    return _association(task, bank, labels, votes.confidence, votes.weight)
 
 
 def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) -> Stage[Association]:
@@ -259,7 +260,8 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     if hierarchy is not None:
         around = levels_around_stage(task.gated, bank, depths, hierarchy)
         bank = yield from part(around, n_parts - 1, n_parts, STAGE)
-    return _association(task, bank, np.maximum(bank.group, 0), votes.confidence)
+    labels = np.maximum(bank.group, 0)
+    return _association(task, bank, labels, votes.confidence, votes.weight)
 
 
 def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Stage[Association]:
@@ -289,7 +291,11 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
 
 
 def _association(
-    task: _Task, bank: MemoryBank, labels: IntArray, confidence: FloatArray
+    task: _Task,
+    bank: MemoryBank,
+    labels: IntArray,
+    confidence: FloatArray,
+    weight: FloatArray | None = None,
 ) -> Association:
     hierarchy = task.config.hierarchy
     return Association(
@@ -301,6 +307,7 @@ def _association(
         notes=task.gated.notes(
             task.n_cameras, wants_levels=hierarchy is not None and hierarchy.detail is not None
         ),
+        weight=weight,
     )
 
 

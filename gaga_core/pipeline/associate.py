@@ -12,11 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.add_views import FormerGroups, add_views_stage
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
-from gaga_core.grouping.bank_file import save_bank
+from gaga_core.grouping.bank_file import load_bank, read_groups, save_bank
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
+from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.masks import mask_folder, view_key, write_labels
 from gaga_core.io.scene_folder import (
     SceneFolder,
@@ -39,12 +42,17 @@ def associate_scene(
     *,
     gaussians: Gaussians | None = None,
     rasterizer: Rasterizer | None = None,
+    adds: bool = False,
 ) -> Stage[Association]:
     """Associate the masks of the train views and write the result into ``folder.work``.
 
+    ``adds``: only views that are not in the saved bank, which joins them (`add_views_stage`); the
+    preset is the bank's.
+
     ``masks`` is a provider's name, a folder of label maps, or None for the only provider there is.
-    ``gaussians`` saves reading the model again. Written: bank.npz, labels.npz (labels, confidence),
-    masks/<stem>.png (uint16 group ids of the train views) and the entry "associate" of report.json.
+    ``gaussians`` saves reading the model again. Written: bank.npz, labels.npz (labels, confidence,
+    weight of all votes), masks/<stem>.png (uint16 group ids of the train views) and the entry
+    "associate" of report.json.
     """
     config = config or AssociateConfig()
     mask_path = mask_path_of(folder, masks)
@@ -54,9 +62,18 @@ def associate_scene(
     if gaussians is None:
         gaussians = yield from read_model(folder)
     start = time.perf_counter()
-    association = yield from associate_stage(
-        gaussians, cameras, mask_set, rasterizer or choose(), config
-    )
+    engine = rasterizer or choose()
+    if adds:
+        former = _read_former(folder, len(gaussians))
+        config = (
+            config
+            if config.preset == former.bank.preset
+            else AssociateConfig.of(former.bank.preset)
+        )
+        stage = add_views_stage(gaussians, cameras, mask_set, former, engine, config)
+    else:
+        stage = associate_stage(gaussians, cameras, mask_set, engine, config)
+    association = yield from stage
     summary = association.to_json() | {
         "mask_folder": str(mask_path),
         "config": asdict(config),
@@ -64,9 +81,10 @@ def associate_scene(
     }
     with staging_folder(folder.work) as staging:
         save_bank(staging / "bank.npz", association.bank)
-        np.savez_compressed(
-            staging / "labels.npz", labels=association.labels, confidence=association.confidence
-        )
+        arrays = {"labels": association.labels, "confidence": association.confidence}
+        if association.weight is not None:
+            arrays["weight"] = association.weight
+        np.savez_compressed(staging / "labels.npz", **arrays)  # type: ignore[arg-type]
         yield from _write_pseudo_labels(staging / "masks", cameras, mask_set, association)
         report = with_entry(folder.work / "report.json", "associate", summary)
         (staging / "report.json").write_text(report, encoding="utf-8")
@@ -85,3 +103,18 @@ def _write_pseudo_labels(
         groups = associated_labels(labels, association.mask_groups[camera.name])
         write_labels(folder / f"{view_key(camera.name)}.png", groups)
         yield Progress("Write label maps", i + 1, len(views), camera.name)
+
+
+def _read_former(folder: SceneFolder, n_gaussians: int) -> FormerGroups:
+    """Bank and labels of the last association, to add views to; ``GagaError`` when they are not
+    there, do not fit, or were saved without the weight of their votes."""
+    labels, confidence = read_groups(folder, n_gaussians)
+    bank = load_bank(folder.work / "bank.npz")
+    arrays = read_arrays(folder.work / "labels.npz", "Associate the masks again.")
+    weight = arrays.get("weight")
+    if weight is None or weight.shape != (n_gaussians,):
+        raise GagaError(
+            "These groups were saved without the weight of their votes. Associate once more "
+            "without --add."
+        )
+    return FormerGroups(bank, labels, confidence, weight.astype(np.float32))

@@ -1,0 +1,276 @@
+"""New views of a scene that was associated: their masks join its groups, or open new ones.
+
+Nothing of the former views is done again: their decisions stay in the memory bank's log, and their
+votes count by the weight that was saved with the labels. Preset "paper": the bank goes on as in
+section 3.2, as if the new views came last. Preset "robust": a mask takes the group that most of its
+pixels show; masks of things that no former mask showed are left, and the consensus of the new views
+finds the groups among them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.associate import (
+    AssociateConfig,
+    Association,
+    BankSnapshot,
+    vote_with_bank,
+)
+from gaga_core.grouping.gated_views import GatedViews
+from gaga_core.grouping.memory_bank import (
+    Decision,
+    MemoryBank,
+    add_view,
+    groups_of_masks,
+    two_best,
+    views_per_group,
+)
+from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
+from gaga_core.grouping.robust.label_masks import voting_labels
+from gaga_core.grouping.robust.surface_points import DepthMaps
+from gaga_core.grouping.views import views_with_masks
+from gaga_core.grouping.votes import Votes, splat_groups, vote_labels
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster.base import Rasterizer
+
+STAGE = "Add views"
+_SEEN, _SEEN_SHARE = 0.5, 0.03  # of views: least votes of a Gaussian that a mask has shown
+_KNOWN = 0.5  # share of a mask's pixels that must show groups, or it is of something new
+_SEEN_BACK = 0.15  # ... where neighbours say the same of the rest
+
+
+@dataclass(frozen=True, eq=False)
+class FormerGroups:
+    """What was saved of an association."""
+
+    bank: MemoryBank
+    labels: IntArray  # (N,) 0 = none
+    confidence: FloatArray  # (N,) share of the label in the vote
+    weight: FloatArray  # (N,) summed blending weight over labelled pixels
+
+
+def add_views_stage(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],  # former views and new ones
+    masks: MaskSet,
+    former: FormerGroups,
+    rasterizer: Rasterizer,
+    config: AssociateConfig,
+) -> Stage[Association]:
+    """Associate the views with masks that are not in the bank's log; the others are not touched.
+
+    Raises ``GagaError`` when there are none, or when the groups cannot be added to: those that have
+    levels of detail are made by all views together.
+    """
+    known = {decision.view for decision in former.bank.log}
+    new = [camera for camera in views_with_masks(cameras, masks) if camera.name not in known]
+    if not new:
+        raise GagaError("All views that have masks took part already. There is nothing to add.")
+    if former.bank.levels is not None or masks.are_regions:
+        raise GagaError(
+            "Groups with levels of detail are made of all views at once. Leave --add out."
+        )
+    gated = GatedViews(gaussians, new, masks, config.gate, config.depth)
+    if former.bank.preset == "paper" or config.consensus is None:
+        bank, votes = yield from _by_memory_bank(gated, former, rasterizer, config)
+    else:
+        bank, votes = yield from _by_shown_groups(gated, former, rasterizer, config)
+    merged = _added(former, votes)
+    labels = np.where(merged.labels > 0, merged.labels, np.maximum(bank.group, 0)).astype(np.int32)
+    if bank.preset == "robust":  # the votes say who owns what, not who came first
+        bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
+    return Association(
+        bank=bank,
+        labels=labels,
+        confidence=merged.confidence,
+        mask_groups=groups_of_masks(bank, [c.name for c in views_with_masks(cameras, masks)]),
+        views_per_group=views_per_group(bank),
+        notes=(f"{len(new)} views were added to {len(known)}.",),
+        weight=merged.weight,
+    )
+
+
+def _by_memory_bank(
+    gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
+) -> Stage[tuple[MemoryBank, Votes]]:
+    """The paper: the bank after the new views, and their votes."""
+    bank = former.bank
+    for i, camera in enumerate(gated.views):
+        gated.render(camera, rasterizer)
+        masks, mask_of = gated.gaussians_of(camera)
+        bank, _ = add_view(bank, camera.name, masks.ids, mask_of, config.threshold)
+        snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
+        yield Progress(STAGE, i, 2 * len(gated.views), camera.name, snapshot)
+    votes = yield from part(vote_with_bank(gated, bank, rasterizer, config), 1, 2, STAGE)
+    return bank, votes
+
+
+def _by_shown_groups(
+    gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
+) -> Stage[tuple[MemoryBank, Votes]]:
+    """Beyond the paper: masks take the groups that they show; the rest finds its own."""
+    consensus = config.consensus or ConsensusConfig()
+    seen = yield from part(_seen_labels(gated, former, rasterizer), 0, 4, STAGE)
+    depths = DepthMaps(gated.views)
+    tables: dict[str, LongArray] = {}
+    left: dict[str, IntArray] = {}
+    for i, camera in enumerate(gated.views):
+        yield Progress(STAGE, len(gated.views) + i, 4 * len(gated.views), camera.name)
+        gated.render(camera, rasterizer, depths)
+        shown = splat_groups(rasterizer, gated.gaussians, camera, seen)
+        masks = gated.masks_of(camera)
+        table = _pixels(masks.labels, shown, len(masks), former.bank.n_groups)
+        guessed = splat_groups(rasterizer, gated.gaussians, camera, former.labels)
+        is_known = _known(table, _pixels(masks.labels, guessed, len(masks), former.bank.n_groups))
+        table[:, 0], table[0] = 0, 0
+        table[~is_known] = 0
+        tables[camera.name] = table
+        rest = np.where(is_known[masks.labels], 0, masks.ids[masks.labels]).astype(np.int32)
+        if rest.any():
+            left[camera.name] = rest
+    fresh = yield from part(_new_groups(gated, left, depths, consensus), 2, 4, STAGE)
+    n_fresh = max((table.shape[1] - 1 for table in fresh.values()), default=0)
+    for camera in gated.views:
+        own = gated.masks_of(camera)
+        wide = np.zeros((len(own) + 1, former.bank.n_groups + 1 + n_fresh), np.int64)
+        wide[:, : former.bank.n_groups + 1] = tables[camera.name]
+        if camera.name in fresh:
+            rows = np.searchsorted(own.ids, _ids(left[camera.name]))
+            wide[rows, former.bank.n_groups + 1 :] = fresh[camera.name][1:, 1:]
+        tables[camera.name] = wide
+    bank = _decided(gated, former.bank, tables, n_fresh)
+
+    def label_map(camera: Camera) -> IntArray:
+        table, masks = tables[camera.name], gated.masks_of(camera)
+        merged = merged_masks(table, consensus)
+        shown = splat_groups(rasterizer, gated.gaussians, camera, seen) if len(merged) else None
+        return voting_labels(masks, table, merged, shown)
+
+    stage = vote_labels(
+        gated.gaussians,
+        gated.views,
+        label_map,
+        bank.n_groups,
+        rasterizer,
+        histogram_bytes=config.histogram_bytes,
+    )
+    return bank, (yield from part(stage, 3, 4, STAGE))
+
+
+def _seen_labels(
+    gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer
+) -> Stage[IntArray]:
+    """Labels (N,) of the Gaussians that former masks have shown, 0 = of no mask, or hardly.
+
+    What has no mask still gets votes from the borders of masks next to it. So the votes must weigh
+    as much as a view would that shows it whole, or as a few of many views would.
+    """
+    most = np.zeros((len(gated.gaussians), 1), np.float32)
+    for i, camera in enumerate(gated.views):
+        yield Progress(STAGE, i, len(gated.views), f"what {camera.name} shows")
+        weight = np.zeros_like(most)
+        rasterizer.vote(
+            gated.gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
+        )
+        np.maximum(most, weight, out=most)
+    n_former = len({decision.view for decision in former.bank.log})
+    least = most[:, 0] * max(_SEEN, _SEEN_SHARE * n_former)
+    is_seen = (former.confidence > 0) & (former.weight >= least)
+    return np.where(is_seen, former.labels, 0).astype(np.int32)
+
+
+def _known(table: LongArray, guessed: LongArray) -> BoolArray:
+    """Which masks (M + 1,) are of things that former masks showed.
+
+    ``table`` (M + 1, G + 1) counts pixels by what was seen, ``guessed`` also by what neighbours
+    labelled: the back of a thing whose front is known, as far as some of it is seen, too.
+    """
+    n_pixels, row = table.sum(axis=1), np.arange(len(table))
+    seen = table[:, 1:].sum(axis=1)
+    group = two_best(table)[0]
+    is_back = (seen >= _SEEN_BACK * n_pixels) & (guessed[row, group] >= _KNOWN * n_pixels)
+    result: BoolArray = (seen >= _KNOWN * n_pixels) | is_back
+    return result
+
+
+def _pixels(labels: IntArray, shown: IntArray, n_masks: int, n_groups: int) -> LongArray:
+    """How many pixels (M + 1, G + 1) of each mask show each group."""
+    cells = labels.astype(np.int64) * (n_groups + 1) + shown
+    counts = np.bincount(cells.ravel(), minlength=(n_masks + 1) * (n_groups + 1))
+    return counts.reshape(n_masks + 1, n_groups + 1).astype(np.int64)
+
+
+def _ids(labels: IntArray) -> IntArray:
+    """Ids of the masks of a label map, ascending."""
+    ids = np.unique(labels)
+    return ids[ids > 0].astype(np.int32)
+
+
+def _new_groups(
+    gated: GatedViews,
+    left: Mapping[str, IntArray],
+    depths: DepthMaps,
+    consensus: ConsensusConfig,
+) -> Stage[dict[str, LongArray]]:
+    """By view the table of the masks that are left and of the groups that they form."""
+    views = [camera for camera in gated.views if camera.name in left]
+    if not views:
+        return {}
+    masks = MaskSet({name: partial(left.__getitem__, name) for name in left}, gated.masks.source)
+    rest = GatedViews(gated.gaussians, views, masks, gated.gate, gated.depth)
+    found = yield from consensus_stage(views, rest.masks_of, depths, consensus)
+    return {camera.name: table for camera, table in zip(views, found, strict=True)}
+
+
+def _decided(
+    gated: GatedViews, bank: MemoryBank, tables: Mapping[str, LongArray], n_fresh: int
+) -> MemoryBank:
+    """The bank with a decision for each mask of the new views."""
+    log = list(bank.log)
+    opened: set[int] = set()
+    for camera in gated.views:
+        masks, mask_of = gated.gaussians_of(camera)
+        table = tables[camera.name]
+        first, second = two_best(table)
+        total = np.maximum(table.sum(axis=1), 1)
+        n_gaussians = np.bincount(mask_of, minlength=len(masks) + 1)
+        for m in range(1, len(masks) + 1):
+            group = int(first[m])
+            is_new = group > bank.n_groups and group not in opened
+            opened.add(group)
+            log.append(
+                Decision(
+                    view=camera.name,
+                    mask=int(masks.ids[m]),
+                    group=group,
+                    is_new=is_new,
+                    overlap=int(table[m, group]) / int(total[m]),
+                    runner_up=int(second[m]),
+                    runner_up_overlap=int(table[m, second[m]]) / int(total[m]),
+                    n_gaussians=int(n_gaussians[m]),
+                )
+            )
+    return replace(bank, n_groups=bank.n_groups + n_fresh, log=tuple(log))
+
+
+def _added(former: FormerGroups, new: Votes) -> Votes:
+    """The votes of former and new views together, as far as the best of each are known."""
+    old_best = former.confidence * former.weight
+    new_best = new.confidence * new.weight
+    is_same = former.labels == new.labels
+    takes_new = ~is_same & (new_best > old_best)
+    best = np.where(is_same, old_best + new_best, np.where(takes_new, new_best, old_best))
+    labels = np.where(takes_new, new.labels, np.where(old_best > 0, former.labels, 0))
+    labels = np.where(is_same, new.labels, labels)
+    weight = former.weight + new.weight
+    with np.errstate(invalid="ignore", divide="ignore"):
+        confidence = np.where(weight > 0, best / weight, 0).astype(np.float32)
+    return Votes(labels.astype(np.int32), np.minimum(confidence, 1), weight)
