@@ -7,6 +7,7 @@
 # make faults KILLS=100  kills each kind of program so often at random moments
 # make cluster  runs twenty scenes on a dask cluster whose workers are killed and run out of memory
 # make peers  installs the programs of others that tests compare with, where there is npm
+# make browser  installs the Chromium that tests of web pages drive, where there is apt
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 PYTHON ?= python3
 VENV := .venv
@@ -14,7 +15,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: studio test peers fuzz soak faults cluster captures check docs setup bench screenshots clean
+.PHONY: studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -23,7 +24,7 @@ studio:
 	@$(BIN)/gaga-studio --demo
 
 # A file stays in one process: what opens a window comes before what draws without a display.
-test: check peers
+test: check peers browser
 	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
 
 peers: .peers/.ready
@@ -33,6 +34,10 @@ peers: .peers/.ready
 	@command -v npm >/dev/null || { echo "no npm: tests against other programs are skipped"; exit 0; }; \
 	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .peers $(PEERS) \
 	&& touch $@ || echo "npm failed: tests against other programs are skipped"
+
+# Debian's Chromium, which tests of web pages drive.
+browser:
+	@.ci/system-libraries browser || echo "no chromium: tests of web pages are skipped"
 
 captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures

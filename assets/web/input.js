@@ -10,6 +10,7 @@ class Pointers {
     this.canvas = viewer.canvas;
     this.down = new Map(); // pointers that press: id to place
     this.start = null; // of what may become a click
+    this.grip = null; // pose and fingers when the second one came down
     this.lastTap = null;
     const on = (name, act) => this.canvas.addEventListener(name, act.bind(this), { passive: false });
     on("pointerdown", this.press);
@@ -28,11 +29,12 @@ class Pointers {
   }
 
   press(event) {
-    this.canvas.focus({ preventScroll: true });
+    this.canvas.focus({ preventScroll: true, focusVisible: false });
     this.canvas.setPointerCapture(event.pointerId);
     this.viewer.playing = null;
     this.down.set(event.pointerId, this.place(event));
     this.start = this.down.size === 1 && event.button === 0 ? this.place(event) : null;
+    this.grip = this.down.size === 2 ? { pose: this.viewer.rig.pose, places: [...this.down.values()] } : null;
     this.slides = event.button > 0 || event.shiftKey;
     this.over = null;
   }
@@ -52,9 +54,9 @@ class Pointers {
       this.leave(); // nothing is pointed at while the picture moves
       return;
     }
-    if (this.down.size === 2) this.pinch(event.pointerId, at);
-    else if (this.down.size === 1) this.drag(at[0] - before[0], at[1] - before[1]);
     this.down.set(event.pointerId, at);
+    if (this.grip) this.pinch();
+    else if (this.down.size === 1) this.drag(at[0] - before[0], at[1] - before[1]);
     this.viewer.moved();
   }
 
@@ -64,13 +66,14 @@ class Pointers {
     else this.viewer.rig.orbit(dx / height, dy / height);
   }
 
-  /** Two fingers: their middle moves the picture, their distance zooms. */
-  pinch(id, at) {
-    const [other] = [...this.down].filter(([key]) => key !== id).map(([, place]) => place);
-    const before = this.down.get(id);
-    const far = (a, b) => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
-    this.viewer.rig.zoom(far(before, other) / far(at, other));
-    this.viewer.rig.pan((at[0] - before[0]) / 2, (at[1] - before[1]) / 2, this.viewer.pageSize());
+  /** Two fingers: their middle moves the picture, their distance zooms, from where they came down. */
+  pinch() {
+    const { pose, places } = this.grip;
+    const [a, b] = places, [c, d] = [...this.down.values()];
+    const far = (p, q) => Math.max(Math.hypot(p[0] - q[0], p[1] - q[1]), 1);
+    this.viewer.rig.set(pose);
+    this.viewer.rig.pan((c[0] + d[0] - a[0] - b[0]) / 2, (c[1] + d[1] - a[1] - b[1]) / 2, this.viewer.pageSize());
+    this.viewer.rig.zoom(far(a, b) / far(c, d));
   }
 
   lift(event) {
@@ -82,6 +85,7 @@ class Pointers {
   forget(event) {
     this.down.delete(event.pointerId);
     this.start = null;
+    this.grip = null;
   }
 
   leave() {
@@ -106,7 +110,8 @@ class Pointers {
   wheel(event) {
     event.preventDefault();
     this.viewer.playing = null;
-    const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
+    // A pinch on a touchpad comes as a wheel with Ctrl, in small steps.
+    const pixels = event.deltaY * [1, 16, 400][event.deltaMode] * (event.ctrlKey ? 6 : 1);
     this.viewer.rig.zoom(Math.exp(0.0015 * Math.max(-400, Math.min(400, pixels))));
     this.viewer.moved();
   }

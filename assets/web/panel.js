@@ -172,6 +172,7 @@ class Panel {
   fold() {
     const isOpen = byId("panel").classList.toggle("open");
     byId("fold").setAttribute("aria-expanded", isOpen);
+    if (isOpen) this.entered?.scrollIntoView({ block: "nearest" });
   }
 
   /** On a wide page the list is always there, and its title is no button. */

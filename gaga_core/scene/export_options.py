@@ -24,7 +24,7 @@ _SPZ = 0.75  # of its bytes are left when it is packed, about
 # of a splat, and of an SH coefficient in the palette.
 _SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
 # The same of a web page, in base64, and of an object with its picture.
-_PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 1.0, 2_600
+_PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 0.9, 2_600
 _SPLAT = 32  # bytes of a splat in a .splat
 
 

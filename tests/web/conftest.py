@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 # Drawn by the processor: the same pictures on every machine.
-_FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+if hasattr(os, "geteuid") and os.geteuid() == 0:
+    FLAGS.append("--no-sandbox")  # which Chromium has for others than root alone
 HOSTILE = '<script>document.title = "owned"</script><img src=x onerror="document.title=1"></script>'
 
 
@@ -34,16 +36,20 @@ class Exported:
     path: Path
 
 
+def chromium() -> str | None:
+    """The program, None where there is none."""
+    return next((found for name in _NAMES if (found := shutil.which(name))), None)
+
+
 @pytest.fixture(scope="session")
 def browser() -> "Iterator[Browser]":
-    program = next((found for name in _NAMES if (found := shutil.which(name))), None)
+    program = chromium()
     if program is None:
         pytest.skip("no Chromium on this machine: install the package chromium")
     from playwright.sync_api import sync_playwright
 
-    flags = [*_FLAGS, "--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else _FLAGS
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=program, args=flags)
+        launched = playwright.chromium.launch(executable_path=program, args=FLAGS)
         yield launched
         launched.close()
 

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -194,3 +195,40 @@ def test_an_object_is_hidden_and_shown_alone(fresh: "Page", exported: Exported) 
     fresh.locator("#all").click()
     fresh.wait_for_selector(_SETTLED)
     assert psnr(_picture(fresh), whole) > 50
+
+
+def test_fingers_tap_pinch_and_open_the_list(browser: "Browser", exported: Exported) -> None:
+    """On a phone: two fingers that move apart by a half go nearer by a third, to the pixel."""
+    size: Any = {"width": 360, "height": 400}
+    context = browser.new_context(
+        viewport=size, has_touch=True, is_mobile=True, color_scheme="dark"
+    )
+    context.set_default_timeout(60_000)
+    page = context.new_page()
+    page.goto(exported.path.as_uri())
+    page.wait_for_selector(_SETTLED)
+    _, _, width, height = _box(page)
+    assert width == 360
+    touches = context.new_cdp_session(page)
+    for kind, reach in (("touchStart", 60), ("touchMove", 75), ("touchMove", 90), ("touchEnd", 0)):
+        places = [{"x": 180 + way * reach, "y": 100} for way in (-1, 1)] if reach else []
+        touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+    page.wait_for_selector(_SETTLED)
+    far = exported.shot
+    ahead = far.camera(width, height).forward * far.distance / 3
+    x, y, z = (float(part) for part in np.array(far.eye) + ahead)
+    near = replace(far, eye=(x, y, z), distance=far.distance * 2 / 3).camera(width, height)
+    rendered = CpuRasterizer().render(exported.scene.gaussians, near, background=_DARK).image
+    assert psnr(_picture(page), rendered) > 34
+    middles = [
+        exported.scene.gaussians.means[exported.scene.labels == k].mean(axis=0) for k in (5, 6)
+    ]
+    for u, v in near.project(np.array(middles, np.float64))[0]:
+        hit = pick(exported.scene, near, float(u), float(v))
+        if hit is not None and 0 < u < width and 90 < v < height - 70:
+            page.touchscreen.tap(float(u), float(v))
+            assert _selected(page) == hit.group
+    page.locator("#fold").tap()
+    assert page.locator("#list li").first.is_visible()
+    assert _box(page)[3] > 60, "the picture keeps its place over the list"
+    context.close()

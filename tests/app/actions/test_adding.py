@@ -13,10 +13,11 @@ from gaga_core.scene.export import objects_losses
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.manifest import listed_files
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import export, history, selection
+from gaga_studio.actions import bookmarks, export, history, selection
 from gaga_studio.actions import files as files_actions
 from gaga_studio.actions.export import ExportPlan
 from gaga_studio.session.session import Session
+from tests.pages import page_data
 from tests.scenes import random_gaussians
 
 
@@ -153,3 +154,24 @@ def test_a_broken_file_leaves_what_is_open(session: Session, tmp_path: Path) -> 
     assert session.document is document
     assert len(session.need().scene) == n
     assert "truncated" in session.notices[-1].text
+
+
+def test_a_page_begins_with_the_present_view(associated: Session, tmp_path: Path) -> None:
+    """With the bookmarks of the project, the names of the list, and the size that was told."""
+    selection.select_groups(associated, (1,))
+    associated.rig.orbit(70, 20)
+    bookmarks.add(associated, "from here", 3)
+    associated.rig.orbit(-40, 5)
+    plan = ExportPlan(tmp_path / "page.html", form=SplatFormat.HTML)
+    told = export.summary(associated, plan)
+    assert export.start(associated, plan)
+    assert associated.jobs.wait()
+    page, _ = page_data(plan.path)
+    assert page["start"][:3] == pytest.approx(associated.rig.shot().eye, rel=1e-5)
+    assert [mark["name"] for mark in page["bookmarks"]] == ["from here"]
+    listed = {int(g) for g in associated.objects().ids}
+    assert {item["id"] for item in page["objects"]} == {0, *listed}
+    names = {item["id"]: item["name"] for item in page["objects"]}
+    assert all(names[g] == associated.need().name_of(g) for g in listed)
+    assert page["splats"]["count"] == told.n_splats
+    assert 0.6 < told.n_bytes / plan.path.stat().st_size < 1.5
