@@ -5,13 +5,14 @@ labels the Gaussians by the same vote for all, so that only the association diff
 Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
@@ -22,12 +23,11 @@ from gaga_core.masks import Loader, MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
+if TYPE_CHECKING:  # it imports torch
+    from gaga_core.segmentation.video_tracks import Follow
+
 COVERED = 0.5  # share of a mask that a track must cover, else the mask begins a track of its own
 TRACK_IOU = 0.3  # least overlap at which a tracker keeps an id (SORT, Bewley et al. 2016)
-
-
-# photos of one size, masks (k, H, W) on the first -> masks (k, H, W) of each photo in turn
-Follow = Callable[[Sequence[UInt8Array], BoolArray], Iterator[BoolArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def overlap_tracker(inputs: Inputs) -> Stage[MaskGroups]:
 
 
 def video_tracks(
-    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: Follow
+    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: "Follow"
 ) -> Stage[MaskGroups]:
     """Tracks of a video model: each mask takes the track that covers most of it.
 
@@ -138,7 +138,7 @@ def video_tracks(
 
 
 def _tracks(
-    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: Follow
+    inputs: Inputs, photo_of: Callable[[Camera], UInt8Array], follow: "Follow"
 ) -> Stage[dict[str, IntArray]]:
     """Track ids (H, W) of every view, 0 = none; earlier tracks lie on top."""
     views = inputs.views

@@ -20,18 +20,16 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.glb_buffers import Buffers
+from gaga_core.io.glb_buffers import BIN, JSON, Buffers, heads, padded
 from gaga_core.io.packing import unit_quats
 from gaga_core.io.ply import without_broken_rows
 from gaga_core.io.spz_axes import turned
 from gaga_core.progress import Progress, Stage
 from gaga_core.sh_rotation import sh_rotation
 
-MAGIC = b"glTF"
 MOST_DEGREE = 3  # of SH that the extension has room for
 _EXTENSION = "KHR_gaussian_splatting"
 _AXES = "LUF"
-_HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MOST_NODES = 10_000
 _FLOAT, _POINTS = 5126, 0
 _TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
@@ -199,12 +197,10 @@ def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     if offset > 0xFFFFFFFF - (1 << 20):
         raise GagaError(f"{len(there):,} splats do not fit into a GLB (4 GB). Export objects.")
     gltf = _gltf(views, accessors, dict(zip(columns, range(len(columns)), strict=True)), offset)
-    text = json.dumps(gltf, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    total = _HEAD.size + 2 * _CHUNK.size + len(text) + offset
+    text = padded(json.dumps(gltf, separators=(",", ":")).encode())
+    head, middle = heads([(JSON, len(text)), (BIN, offset)])
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        file.write(_HEAD.pack(MAGIC, 2, total) + _CHUNK.pack(len(text), b"JSON") + text)
-        file.write(_CHUNK.pack(offset, b"BIN\0"))
+        file.write(head + text + middle)
         for i, values in enumerate(columns.values()):
             yield Progress("Write splats", i, len(columns), path.name)
             file.write(np.ascontiguousarray(values, "<f4").data)

@@ -1,7 +1,7 @@
 """The chunks of a GLB, and the numbers that its accessors name."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,8 @@ from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import decode_json
 
+MAGIC = b"glTF"
+JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -27,7 +29,7 @@ class Buffers:
     def of(content: bytes, name: str) -> "Buffers":
         """The chunks of a file ``name``; ``GagaError`` or ``ValueError`` when they do not fit."""
         magic, version, total = _HEAD.unpack_from(content)
-        if magic != b"glTF" or version != 2:
+        if magic != MAGIC or version != 2:
             raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
         if total > len(content):
             raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
@@ -40,8 +42,8 @@ class Buffers:
                 raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
             chunks.setdefault(kind, content[at : at + size])
             at += size
-        gltf = decode_json(chunks[b"JSON"], dict[str, Any], name, "Export it again.")
-        return Buffers(gltf, chunks.get(b"BIN\0", b""))
+        gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
+        return Buffers(gltf, chunks.get(BIN, b""))
 
     def accessor(self, index: int, width: int) -> AnyArray:
         """Numbers (N, width) of an accessor, float where it is normalized.
@@ -70,6 +72,18 @@ class Buffers:
         most = np.float32(np.iinfo(kind).max)
         shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
         return shares
+
+
+def heads(sizes: Sequence[tuple[bytes, int]]) -> list[bytes]:
+    """What stands in a GLB before each chunk of these kinds and sizes (multiples of 4 bytes)."""
+    total = _HEAD.size + sum(_CHUNK.size + size for _, size in sizes)
+    found = [_CHUNK.pack(size, kind) for kind, size in sizes]
+    return [_HEAD.pack(MAGIC, 2, total) + found[0], *found[1:]]
+
+
+def padded(text: bytes) -> bytes:
+    """JSON with spaces up to a multiple of 4 bytes."""
+    return text + b" " * (-len(text) % 4)
 
 
 def _natural(value: object) -> int:

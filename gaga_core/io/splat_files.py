@@ -13,7 +13,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io import compressed_ply, glb, spz
+from gaga_core.io import compressed_ply, glb_buffers, spz
 from gaga_core.io.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.glb import read_glb_stage, write_glb_stage
@@ -114,7 +114,7 @@ def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
         b"ply": read_ply_stage,
         spz.GZIP_MAGIC: read_spz_stage,
         spz.MAGIC: read_spz_stage,
-        glb.MAGIC: read_glb_stage,
+        glb_buffers.MAGIC: read_glb_stage,
         b"PK": read_sog_stage,
     }
     for magic, reader in by_start.items():

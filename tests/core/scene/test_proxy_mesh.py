@@ -1,0 +1,169 @@
+"""Meshes of objects whose shape is known: within a voxel, closed, and inside their solids."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats, quats_to_matrices
+from gaga_core.io.glb_buffers import Buffers
+from gaga_core.io.mesh_files import MeshFile, TriangleMesh, write_mesh
+from gaga_core.progress import run_stage
+from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.scene.collider import MOST_TRIANGLES, box_mesh, convex_collider
+from gaga_core.scene.proxy_mesh import MeshConfig, proxy_mesh_stage
+from gaga_core.scene.selection.oriented_box import oriented_box
+
+trimesh = pytest.importorskip("trimesh")
+_VOXELS = 32
+_TURN = quats_to_matrices(np.array([[0.9, 0.2, -0.3, 0.25]]))[0]
+_SIDES = np.array([1.0, 0.7, 0.5])
+
+
+def _surfels(points: DoubleArray, normals: DoubleArray, size: float, rgb: DoubleArray) -> Gaussians:
+    """Opaque discs on a surface."""
+    side = np.cross(normals, [0.31, 0.53, 0.79])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    axes = np.stack([side, np.cross(normals, side), normals], axis=2)
+    n = len(points)
+    return Gaussians(
+        means=points.astype(np.float32),
+        quats=matrices_to_quats(axes).astype(np.float32),
+        log_scales=np.tile(np.log([size, size, size / 20]), (n, 1)).astype(np.float32),
+        logit_opacities=np.full(n, 4, np.float32),
+        sh=((rgb[:, None, :] - 0.5) / 0.28209479).astype(np.float32),
+    )
+
+
+def _sphere() -> Gaussians:
+    """Radius 1; red above, blue below."""
+    out = np.random.default_rng(0).normal(size=(6000, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    rgb = np.where(out[:, 2:] > 0, [[0.9, 0.2, 0.1]], [[0.1, 0.2, 0.9]])
+    return _surfels(out, out, 0.035, rgb)
+
+
+def _box(open_below: bool) -> Gaussians:
+    """Sides 1 x 0.7 x 0.5, turned; with ``open_below`` upright and without its bottom."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.5, 0.5, (9000, 3))
+    face = rng.integers(0, 6, 9000)
+    rows = np.arange(9000)
+    points[rows, face // 2] = face % 2 - 0.5
+    normals = np.zeros((9000, 3))
+    normals[rows, face // 2] = 2 * (face % 2) - 1
+    kept = face != 4 if open_below else face >= 0
+    points, normals = points[kept] * _SIDES, normals[kept]
+    if not open_below:
+        points, normals = points @ _TURN.T, normals @ _TURN.T
+    return _surfels(points, normals, 0.02, np.full((len(points), 3), 0.5))
+
+
+def _meshed(gaussians: Gaussians) -> TriangleMesh:
+    stage = proxy_mesh_stage(gaussians, CpuRasterizer(), config=MeshConfig(_VOXELS))
+    return run_stage(stage)
+
+
+def _solid(mesh: TriangleMesh) -> Any:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+
+
+@pytest.fixture(scope="module")
+def sphere() -> TriangleMesh:
+    return _meshed(_sphere())
+
+
+def test_a_sphere_is_meshed_within_a_voxel_closed_and_in_its_colors(sphere: TriangleMesh) -> None:
+    voxel = 2 / _VOXELS
+    radius = np.linalg.norm(sphere.vertices, axis=1)
+    assert np.abs(radius - 1).max() < voxel
+    solid = _solid(sphere)
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.volume == pytest.approx(4 / 3 * np.pi, rel=0.06), "triangles face outwards"
+    assert sphere.colors is not None
+    red = sphere.colors[sphere.vertices[:, 2] > 0.2].astype(float)
+    blue = sphere.colors[(sphere.vertices[:, 2] < -0.2) & (sphere.vertices[:, 2] > -0.6)]
+    assert np.abs(red.mean(axis=0) / 255 - [0.9, 0.2, 0.1]).max() < 0.05
+    assert np.abs(blue.mean(axis=0) / 255 - [0.1, 0.2, 0.9]).max() < 0.08
+
+
+@pytest.mark.parametrize("open_below", [False, True])
+def test_a_box_is_meshed_within_a_voxel_and_an_open_bottom_is_closed(open_below: bool) -> None:
+    mesh = _meshed(_box(open_below))
+    places = mesh.vertices.astype(float) @ (np.eye(3) if open_below else _TURN)
+    extent = np.ptp((_box(open_below).means), axis=0).max()
+    voxel = extent / _VOXELS
+    beyond = np.abs(places) - _SIDES / 2
+    outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+    inside = np.where(beyond.max(axis=1) < 0, -beyond.max(axis=1), 0)
+    assert outside.max() < np.sqrt(3) * voxel, "along the diagonal of a corner"
+    assert np.quantile(outside + inside, 0.99) < voxel
+    solid = _solid(mesh)
+    assert solid.is_watertight
+    assert 0.95 < solid.volume / _SIDES.prod() < 1.2, "up to half a voxel too large"
+
+
+def test_solids_contain_the_mesh_and_are_small(sphere: TriangleMesh) -> None:
+    points = sphere.vertices.astype(np.float64)
+    hull = convex_collider(points)
+    assert len(hull.faces) <= MOST_TRIANGLES < len(sphere.faces)
+    solid = _solid(hull)
+    assert solid.is_watertight
+    assert solid.is_convex
+    assert _solid(sphere).volume < solid.volume < 1.15 * _solid(sphere).volume
+    _contains(hull, points)
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3.0)])
+    cube = convex_collider(np.vstack([corners, corners.mean(axis=0)[None]]))
+    assert len(cube.faces) == 12
+    assert len(cube.vertices) == 8
+    box = oriented_box(points, share=1.0)
+    assert box is not None
+    _contains(box_mesh(box), points)
+    with pytest.raises(GagaError, match="flat"):
+        convex_collider(np.zeros((9, 3)))
+
+
+def _contains(solid: TriangleMesh, points: DoubleArray) -> None:
+    a, b, c = (solid.vertices[solid.faces[:, k]].astype(np.float64) for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    normals, a = normals[lengths > 1e-12] / lengths[lengths > 1e-12, None], a[lengths > 1e-12]
+    height = points @ normals.T - (a * normals).sum(axis=1)
+    assert height.max() < 1e-5 * np.ptp(points), "outside of a face"
+
+
+@pytest.mark.parametrize("kind", list(MeshFile))
+def test_another_program_reads_the_same_mesh(
+    sphere: TriangleMesh, kind: MeshFile, tmp_path: Path
+) -> None:
+    path = tmp_path / f"mesh{kind.suffix}"
+    write_mesh(path, sphere, kind, "a  cup\nwith a name")
+    back = trimesh.load(path, force="mesh", process=False)
+    turn = [-1, -1, 1] if kind is MeshFile.GLB else [1, 1, 1]
+    assert back.vertices.shape == sphere.vertices.shape
+    assert np.allclose(back.vertices * turn, sphere.vertices, atol=1e-5)
+    assert np.array_equal(back.faces, sphere.faces)
+    assert back.volume > 0
+    assert sphere.colors is not None
+    wanted = sphere.colors / 255
+    if kind is MeshFile.OBJ:
+        shown = np.asarray(back.visual.vertex_colors)[:, :3] / 255
+    else:  # colors of glTF are linear; trimesh leaves them out next to a material
+        shown = Buffers.of(path.read_bytes(), path.name).accessor(1, 3)
+        wanted = np.where(wanted <= 0.04045, wanted / 12.92, ((wanted + 0.055) / 1.055) ** 2.4)
+    assert np.abs(shown - wanted).max() < 0.02
+
+
+def test_what_has_no_surface_is_one_sentence() -> None:
+    splats = _sphere().take(np.arange(3))
+    with pytest.raises(GagaError, match="few splats"):
+        _meshed(splats)
+    clear = _sphere()
+    clear.logit_opacities[:] = -9
+    with pytest.raises(GagaError, match="transparent"):
+        _meshed(clear)
