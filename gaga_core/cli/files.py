@@ -16,6 +16,7 @@ from gaga_core.scene.project import Project
 
 if TYPE_CHECKING:
     from gaga_core.io.splat_files import SplatFormat
+    from gaga_core.scene.export_mesh import MeshExport
     from gaga_core.scene.export_options import ExportOptions
 
 _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
@@ -78,11 +79,19 @@ class ExportCommand:
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
-    form: Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"] | None = (
-        None
-    )
+    form: (
+        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"]
+        | Literal["mesh", "collider", "box"]
+        | None
+    ) = None
     """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3.
-    html is one page that shows scene and objects in any browser, without a network."""
+    html is one page that shows scene and objects in any browser, without a network. mesh: the
+    closed surface of each object with colors; collider: a convex solid around it of at most 255
+    triangles; box: its oriented box (objects)."""
+    mesh_file: Literal["glb", "obj"] = "glb"
+    """Of meshes, colliders and boxes."""
+    voxels: int = 96
+    """Of a mesh along the longest side of its object: how fine it is."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     folder: str = ""
@@ -116,7 +125,8 @@ class ExportCommand:
         from gaga_core.scene.project import open_path_stage
 
         self._check()
-        form = SplatFormat(self.form) if self.form else SplatFormat.PLY
+        solid = self._solid()
+        form = SplatFormat(self.form) if self.form and solid is None else SplatFormat.PLY
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.follow(open_path_stage(self.scene))
@@ -124,7 +134,7 @@ class ExportCommand:
             return self._masks(project)
         if self.what == "cameras":
             return self._cameras(project)
-        if self.identity and form is not SplatFormat.PLY:
+        if self.identity and (solid is not None or form is not SplatFormat.PLY):
             raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
         options = self._options(project)
         field = _add_identity(project) if self.identity else None
@@ -135,7 +145,7 @@ class ExportCommand:
         if self.what == "scene":
             values = {**self._whole(project, form, options), **values}
         else:
-            values = {**self._objects(project, form, options), **values}
+            values = {**self._objects(project, solid or form, options), **values}
         if field is not None:
             write_classifier(folder / CLASSIFIER, field.weight, field.bias)
         out.result(values, as_json=self.json)
@@ -167,15 +177,33 @@ class ExportCommand:
         values: dict[str, object] = {"file": str(self.out), "gaussians": made.n_splats}
         return values | ({} if made.psnr is None else {"decimated_psnr": round(made.psnr, 2)})
 
+    def _solid(self) -> "MeshExport | None":
+        """What stands for an object in place of its splats, when that is asked for."""
+        from gaga_core.io.mesh_files import MeshFile
+        from gaga_core.scene.export_mesh import MeshExport, MeshForm
+        from gaga_core.scene.proxy_mesh import MeshConfig
+
+        if self.form not in list(MeshForm):
+            return None
+        if self.what != "objects":
+            raise GagaError(f"A {self.form} is made of an object: add --what objects.")
+        if self.decimate != 1.0:
+            raise GagaError("--decimate is for splats: choose --voxels for the size of a mesh.")
+        try:
+            config = MeshConfig(self.voxels)
+        except ValueError as error:
+            raise GagaError(f"That cannot be: {error}.") from error
+        return MeshExport(MeshForm(self.form), MeshFile(self.mesh_file), config)
+
     def _objects(
-        self, project: Project, form: "SplatFormat", options: "ExportOptions"
+        self, project: Project, form: "SplatFormat | MeshExport", options: "ExportOptions"
     ) -> dict[str, object]:
         from gaga_core.scene.export import (
             export_objects_stage,
             least_psnr,
             objects_losses,
         )
-        from gaga_core.scene.manifest import listed_files
+        from gaga_core.scene.manifest import listed_files, read_manifest
 
         scene, only = project.scene, self._only(project)
         _say(objects_losses(scene, form, only, options))
@@ -183,6 +211,9 @@ class ExportCommand:
             scene, self.out, only, source=str(self.scene), form=form, options=options
         )
         manifest = out.follow(stage)
+        missing = read_manifest(manifest).left_out
+        if missing:
+            out.say(f"Without a surface, and so left out: {', '.join(missing)}.")
         psnr = least_psnr(manifest)
         values: dict[str, object] = {
             "manifest": str(manifest),

@@ -14,12 +14,14 @@ import numpy as np
 from gaga_core.arrays import AnyArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.mesh_files import write_mesh
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.decimate import decimate_stage, picture_loss_stage
+from gaga_core.scene.export_mesh import MESH_LOSS, MeshExport, object_mesh_stage
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.manifest import MANIFEST, MANIFEST_VERSION, read_manifest
 from gaga_core.scene.objects import group_colors, group_name
@@ -85,11 +87,13 @@ def export_losses(
 
 def objects_losses(
     scene: Scene,
-    form: SplatFormat,
+    form: SplatFormat | MeshExport,
     groups: Sequence[int] | None = None,
     options: ExportOptions = _AS_IS,
 ) -> tuple[str, ...]:
     """What `export_objects_stage` of these groups in ``form`` does not keep, a sentence each."""
+    if isinstance(form, MeshExport):
+        return (MESH_LOSS,)
     if form is SplatFormat.PLY:
         return ()
     splats = objects_indices(scene, groups, options)
@@ -178,12 +182,13 @@ def export_objects_stage(
     groups: Sequence[int] | None = None,
     *,
     source: str = "",
-    form: SplatFormat = SplatFormat.PLY,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
+    A `MeshExport` writes a solid in place of the splats; an object without one is left out.
     The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file, folder}]}``,
     colors 0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files
     appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
@@ -197,29 +202,51 @@ def _export_objects(
     scene: Scene,
     folder: Path,
     groups: Sequence[int] | None,
-    how: tuple[str, SplatFormat, ExportOptions],
+    how: tuple[str, SplatFormat | MeshExport, ExportOptions],
 ) -> Stage[Path]:
     source, form, options = how
     objects = _objects(scene, groups, form.suffix, options)
     if not objects:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
-    manifest = []
+    manifest: list[dict[str, object]] = []
+    left_out: list[str] = []
     written = np.concatenate([item.splats for item in objects])
     origin = options.origin(world_means(scene, written))
     with staging_folder(folder) as staging:
         for i, item in enumerate(objects):
             step = Progress("Export objects", i, len(objects), item.name)
             gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
-            labels = scene.labels[item.splats]
-            fewer = _decimated(gaussians, labels, options, alone=True)
-            gaussians, _, psnr = yield from _as_step(step, fewer)
-            gaussians = options.applied(gaussians, origin)
-            yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
-            manifest.append(_described(item, gaussians) | {"psnr": psnr})
-        content = {"version": MANIFEST_VERSION, "source": source, "groups": manifest}
+            if isinstance(form, MeshExport):
+                try:
+                    mesh = yield from _as_step(step, object_mesh_stage(gaussians, form, options.up))
+                except GagaError:  # it has no such solid: the others are written
+                    left_out.append(item.name)
+                    continue
+                mesh = mesh.moved(origin, options.scale)
+                write_mesh(staging / item.file, mesh, form.file, item.name)
+                described = _described(item, options.applied(gaussians, origin))
+            else:
+                labels = scene.labels[item.splats]
+                fewer = _decimated(gaussians, labels, options, alone=True)
+                gaussians, _, psnr = yield from _as_step(step, fewer)
+                gaussians = options.applied(gaussians, origin)
+                yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
+                described = _described(item, gaussians) | {"psnr": psnr}
+            manifest.append(described)
+        if not manifest:
+            raise GagaError("None of these objects has a surface, so there is nothing to export.")
+        content = {
+            "version": MANIFEST_VERSION,
+            "source": source,
+            "form": str(form.form) if isinstance(form, MeshExport) else str(form),
+            "up": list(options.up),
+            "units": options.scale,
+            "left_out": left_out,
+            "groups": manifest,
+        }
         text = json.dumps(content, indent=1, ensure_ascii=False)
         (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
-        publish_all(staging, [*(item.file for item in objects), MANIFEST], folder)
+        publish_all(staging, [*(str(row["file"]) for row in manifest), MANIFEST], folder)
     return folder / MANIFEST
 
 

@@ -40,6 +40,10 @@ class Manifest(msgspec.Struct, frozen=True):
     version: int
     source: str  # the scene
     groups: list[ManifestEntry]
+    form: str = ""  # of the files: one of splats, "mesh", "collider" or "box"; older files lack it
+    up: _Direction = (0.0, 0.0, 0.0)  # unit, in the axes of a .ply; zeros: older files lack it
+    units: float = 1.0  # of the files per scene unit
+    left_out: list[str] = []  # names of objects without a surface
 
 
 def read_manifest(manifest: Path) -> Manifest:

@@ -78,7 +78,7 @@ def proxy_mesh_stage(
     surface: too few splats, or all nearly transparent.
     """
     config = config or MeshConfig()
-    finite: BoolArray = np.isfinite(gaussians.means).all(axis=1)
+    finite: BoolArray = np.isfinite(gaussians.means.sum(axis=1))
     if finite.sum() < 4:
         raise GagaError("An object of so few splats has no surface.")
     lo, hi = robust_box(gaussians.means, _SHARE)

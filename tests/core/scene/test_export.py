@@ -11,6 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io import ply
+from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.io.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
@@ -24,8 +25,11 @@ from gaga_core.scene.export import (
     objects_losses,
     slug,
 )
+from gaga_core.scene.export_mesh import MeshExport, MeshForm
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.manifest import MANIFEST, listed_files
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.proxy_mesh import MeshConfig
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
 
@@ -204,3 +208,45 @@ def test_slugs() -> None:
     assert slug("***") == ""
     assert len(slug("x" * 500)) <= 60
     assert MANIFEST == "groups.json"
+
+
+def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: Path) -> None:
+    """A collider holds every centre of a box of splats; what is flat is left out, and named."""
+    rng = np.random.default_rng(0)
+    scene = walk_scene(300)
+    labels = np.repeat([1, 2, 3], 100).astype(np.int32)
+    means = rng.uniform(-1, 1, (300, 3)).astype(np.float32) + 3
+    means[labels == 2, 2] = 0
+    scene = Scene.of(replace(scene.gaussians, means=means), labels)
+    options = ExportOptions(scale=2.0, up=(0.0, 0.6, 0.8))
+    for form in (MeshForm.BOX, MeshForm.COLLIDER):
+        how = MeshExport(form, MeshFile.OBJ, MeshConfig(8))
+        folder = tmp_path / form
+        manifest = run_stage(export_objects_stage(scene, folder, [1, 2], form=how, options=options))
+        content = json.loads(manifest.read_text(encoding="utf-8"))
+        assert content["form"] == form
+        assert content["units"] == 2
+        assert content["up"] == [0.0, 0.6, 0.8]
+        assert content["groups"][0]["file"] == f"group-1.{form}.obj"
+        lines = (folder / content["groups"][0]["file"]).read_text(encoding="utf-8").splitlines()
+        corners = np.array([line.split()[1:4] for line in lines if line[0] == "v"], float)
+        inner = np.percentile(2 * means[labels == 1], [5, 95], axis=0)
+        assert (corners.min(axis=0) < inner[0]).all()
+        assert (corners.max(axis=0) > inner[1]).all()
+        assert np.abs(corners - 6).max() < 4
+    assert objects_losses(scene, MeshExport())[0].startswith("A mesh is a solid")
+    clear = replace(scene.gaussians, logit_opacities=np.full(300, -9, np.float32))
+    scene = Scene.of(clear, labels)
+    collider = MeshExport(MeshForm.COLLIDER, MeshFile.GLB, MeshConfig(8))
+    content = json.loads(
+        run_stage(export_objects_stage(scene, tmp_path / "c", form=collider)).read_text("utf-8")
+    )
+    assert content["left_out"] == ["group 2"], "flat"
+    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == [
+        "group-1.collider.glb",
+        "group-3.collider.glb",
+        "groups.json",
+    ]
+    mesh = MeshExport(MeshForm.MESH, MeshFile.GLB, MeshConfig(8))
+    with pytest.raises(GagaError, match="None of these objects has a surface"):
+        run_stage(export_objects_stage(scene, tmp_path / "d", form=mesh))

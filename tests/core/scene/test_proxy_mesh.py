@@ -102,7 +102,8 @@ def test_a_box_is_meshed_within_a_voxel_and_an_open_bottom_is_closed(open_below:
     outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
     inside = np.where(beyond.max(axis=1) < 0, -beyond.max(axis=1), 0)
     assert outside.max() < np.sqrt(3) * voxel, "along the diagonal of a corner"
-    assert np.quantile(outside + inside, 0.99) < voxel
+    # Of an open bottom no more than the outline of its edge is seen.
+    assert np.quantile(outside + inside, 0.95) < (1.5 if open_below else 1.0) * voxel
     solid = _solid(mesh)
     assert solid.is_watertight
     assert 0.95 < solid.volume / _SIDES.prod() < 1.2, "up to half a voxel too large"
