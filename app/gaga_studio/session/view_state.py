@@ -49,6 +49,9 @@ class ToolName(StrEnum):
     POLYGON = "polygon"
     BRUSH = "brush"
     SPHERE = "sphere"
+    ERASE = "erase"
+    COLOR = "color"
+    CLONE = "clone"
     GROUND = "ground"
     MEASURE = "measure"
     MOVE = "move"
@@ -130,6 +133,8 @@ class ViewState:
     takes_splats: bool = False  # of the tools that select regions; else whole objects
     visible_only: bool = False  # they take the visible surface; else everything behind it too
     brush_radius: float = 24.0  # pixels of the screen
+    brush_color: tuple[float, float, float] = (0.8, 0.2, 0.2)  # of the color brush
+    brush_strength: float = 1.0  # 0..1
     outline: "Outline | None" = None  # of the polygon tool
     ground: tuple[Point, ...] = ()  # clicked so far with the ground tool
     measured: tuple[Point, ...] = ()  # with the tool Measure, in the frame of the opened file

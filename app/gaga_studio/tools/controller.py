@@ -12,6 +12,7 @@ from gaga_studio.tools.lasso import LassoTool
 from gaga_studio.tools.measure import MeasureTool
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.tools.object import ObjectTool
+from gaga_studio.tools.paint import CloneTool, ColorTool, EraseTool
 from gaga_studio.tools.pick import PickTool
 from gaga_studio.tools.polygon import PolygonTool
 from gaga_studio.tools.rect import RectTool
@@ -33,6 +34,9 @@ class ToolController:
             ToolName.POLYGON: PolygonTool(),
             ToolName.BRUSH: BrushTool(),
             ToolName.SPHERE: SphereTool(),
+            ToolName.ERASE: EraseTool(),
+            ToolName.COLOR: ColorTool(),
+            ToolName.CLONE: CloneTool(),
             ToolName.GROUND: GroundTool(),
             ToolName.MEASURE: MeasureTool(),
             **self.move_tools,

@@ -27,16 +27,20 @@ _worker = ThreadPoolExecutor(1, thread_name_prefix="surface")
 class Region:
     """One gesture's view of the scene: from the press to the release."""
 
-    def __init__(self, session: Session, place: ViewportPoint) -> None:
+    def __init__(
+        self, session: Session, place: ViewportPoint, *, surface_only: bool = False
+    ) -> None:
+        """``surface_only``: single splats of the visible surface, whatever the options say."""
         document = session.need()
         self._document = document
         self._camera = session.rig.camera(place.width, place.height)
         self._scene = document.settled().scene
-        self._whole = not session.view.takes_splats and document.read.has_groups()
+        takes_splats = surface_only or session.view.takes_splats
+        self._whole = not takes_splats and document.read.has_groups()
         self._depth: Future[FloatArray] | None = None
         self._through: Screen | None = None
         self._surface: Screen | None = None
-        if session.view.visible_only:
+        if surface_only or session.view.visible_only:
             self._depth = _worker.submit(_median_depth, self._scene, self._camera)
         self.how: How = place.how
 
@@ -59,6 +63,10 @@ class Region:
         self._document.history.preview(None)
         chosen, title = self._chosen(mask)
         return self._document.select(chosen, self.how, title)
+
+    def splats(self, mask: BoolArray) -> IntArray:
+        """Splats (K,) that ``mask`` (H, W) covers."""
+        return self._screen().inside(mask)
 
     def cancel(self) -> None:
         """Cancel: everything is as before the gesture."""

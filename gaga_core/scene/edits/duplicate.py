@@ -111,3 +111,23 @@ def free_group(scene: Scene) -> int:
     other = scene.identities.other  # its groups come back when labels are switched
     waiting = int(other.labels.max(initial=0)) if other is not None else 0
     return max(int(scene.labels.max(initial=0)), named, in_bank, waiting) + 1
+
+
+def clone(
+    scene: Scene, indices: AnyArray, matrix: AnyArray, group: int, title: str = "Clone"
+) -> Edit | None:
+    """Append copies of these splats, moved by ``matrix`` (3, 4) world, as part of ``group``.
+
+    What a clone brush does: nothing gets selected. Deleted splats are not copied.
+    """
+    splats = sorted_indices(indices, len(scene))
+    splats = splats[~scene.has(State.DELETED)[splats]]
+    moved = _copied_rows(scene, splats, matrix)
+    if len(splats) == 0 or moved is None:
+        return None
+    target = np.arange(moved.n_rows, dtype=np.int32)
+    target[moved.rows_from] = moved.rows_to
+    labels = PackedInts.of(np.full(len(splats), group, np.int32))
+    rows = PackedInts.of(target[scene.placement[splats]])
+    chosen = IndexSet.of(splats, len(scene))
+    return together(title, (moved, AppendCopies(title, chosen, labels, rows, State(0))))

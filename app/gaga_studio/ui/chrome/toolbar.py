@@ -89,6 +89,9 @@ def _options(session: Session) -> None:
     elif session.tool is ToolName.OBJECT:
         _rule()
         _clicks(session)
+    elif session.tool is ToolName.COLOR:
+        _rule()
+        _paint_color(session)
 
 
 def _what_regions_take(session: Session) -> None:
@@ -111,6 +114,22 @@ def _what_regions_take(session: Session) -> None:
         view.takes_splats = takes
     if takes:
         view.visible_only = depth
+
+
+def _paint_color(session: Session) -> None:
+    """The color that the brush gives, and how much of it."""
+    view = session.view
+    flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_label
+    changed, color = imgui.color_edit3("Brush color", list(view.brush_color), int(flags))
+    if changed:
+        view.brush_color = (float(color[0]), float(color[1]), float(color[2]))
+    widgets.tooltip("The color of the brush; Ctrl+click in the picture takes one from there")
+    imgui.same_line(0, em(0.4))
+    imgui.set_next_item_width(em(6))
+    changed, strength = imgui.slider_float("###Strength", view.brush_strength, 0.05, 1.0, "%.2f")
+    if changed:
+        view.brush_strength = float(strength)
+    widgets.tooltip("How much of it: 1 is all")
 
 
 def _clicks(session: Session) -> None:
