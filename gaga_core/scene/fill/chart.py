@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from gaga_core.arrays import BoolArray, DoubleArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.gaussians import Gaussians
@@ -18,6 +18,8 @@ from gaga_core.scene.fill.views import SeenView
 _FAR = 60.0  # sides of the chart: how far away its camera stands, so that it sees all from above
 _COVERED = 0.5  # alpha from which on a cell is surface
 _DOUBT = 0.2  # of the views that show the object there: so few may err at its outline
+_OPENED = 0.5  # of these: so many must see deeper when it is gone
+_RIM = 2  # cells at the edge of a hole that the splats around it half cover
 _FLAT = 0.12  # sine of the angle to the surface under which a view says nothing
 _LEAST_CELLS = 6  # of a hole
 _ENCLOSED = 0.5  # share of a hole's rim that is known surface
@@ -137,16 +139,22 @@ def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
     points = plane.world(np.dstack([chart.uv(), height]).reshape(-1, 3))
     tolerance = max(1.5 * chart.step, 4 * plane.thickness)
     behind = np.zeros(len(points), np.int32)
-    through, seen = behind.copy(), behind.copy()
+    through, seen, gone = behind.copy(), behind.copy(), behind.copy()
     for view in views:
-        above, is_object, inside = _above(view, points, plane)
-        behind += inside & (above > tolerance) & is_object
+        at, inside = _pixels_of(view, points, plane)
+        above = _above(view, view.depth[at], points, plane)
+        on_it = inside & (above > tolerance) & view.is_object[at]
+        behind += on_it
         through += inside & (above < -tolerance)
-        seen += inside & (np.abs(above) <= tolerance) & ~is_object
+        seen += inside & (np.abs(above) <= tolerance) & ~view.is_object[at]
+        gone += on_it & (_above(view, view.after[at], points, plane) < -tolerance)
     # What a view looked through is no surface; what it saw and is not known here is another one.
     free = (through > np.maximum(seen, _DOUBT * behind)) | (seen > _DOUBT * behind)
     free = free.reshape(chart.shape) & ~known
-    wanted = (behind > 0).reshape(chart.shape) & ~known & ~free
+    # A hole is where most views that the object hid it from see deeper without the object.
+    opened = (gone > _OPENED * behind).reshape(chart.shape) & (behind > 0).reshape(chart.shape)
+    hidden = (behind > 0).reshape(chart.shape) & ~known & ~free
+    wanted = ndimage.binary_dilation(opened & hidden, iterations=_RIM, mask=hidden)
     surface = continued(known.astype(float)[:, :, None], known | free, wanted)[:, :, 0] > 0.5
     return replace(chart, hole=_enclosed(wanted & surface, known))
 
@@ -162,11 +170,10 @@ def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:
     return kept[parts]
 
 
-def _above(
+def _pixels_of(
     view: SeenView, points: DoubleArray, plane: Plane
-) -> tuple[DoubleArray, BoolArray, BoolArray]:
-    """Where each of ``points`` (N, 3) is in a view: how far the seen surface lies above it along
-    the plane's normal (N,), whether that surface is the object (N,), and whether it is inside."""
+) -> tuple[tuple[LongArray, LongArray], BoolArray]:
+    """Rows and columns of the pixels at ``points`` (N, 3), and whether these say anything (N,)."""
     camera = view.camera
     pixels, depth = camera.project(points)
     column, row = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
@@ -174,10 +181,18 @@ def _above(
     inside &= (column < camera.width) & (row < camera.height)
     # Views from below the surface say nothing of its upper side, and flat ones cannot tell heights.
     eyes = camera.position - points
-    rise = eyes @ plane.axes[:, 2]
-    inside &= rise > _FLAT * np.linalg.norm(eyes, axis=1)
-    at = (np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int))
-    seen = view.depth[at].astype(np.float64)
-    safe = np.where(depth > 0, depth, 1.0)
-    share = np.where(seen > 0, seen / safe, np.inf)  # 1: the seen surface is at the point
-    return np.where(np.isfinite(share), (1 - share) * rise, -np.inf), view.is_object[at], inside
+    inside &= eyes @ plane.axes[:, 2] > _FLAT * np.linalg.norm(eyes, axis=1)
+    at = np.where(inside, row, 0).astype(np.int64), np.where(inside, column, 0).astype(np.int64)
+    return at, inside
+
+
+def _above(view: SeenView, seen: FloatArray, points: DoubleArray, plane: Plane) -> DoubleArray:
+    """How far (N,) the surface of depth ``seen`` (N,) at each of ``points`` (N, 3) lies above it.
+
+    Along the plane's normal; -inf where there is no surface.
+    """
+    camera = view.camera
+    depth = points @ camera.cam_from_world[2, :3] + camera.cam_from_world[2, 3]
+    share = seen.astype(np.float64) / np.where(depth > 0, depth, 1.0)  # 1: it is at the point
+    rise = (camera.position - points) @ plane.axes[:, 2]
+    return np.where(seen > 0, (1 - share) * rise, -np.inf)

@@ -1,6 +1,6 @@
 """The surfaces next to an object: planes through the splats around it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,6 +16,7 @@ _WIDE = 2.5  # reaches: so far around the object a surface that begins next to i
 _FLAT = 0.5  # a splat has a normal when it is thinner than this share of its second axis
 _ALIGNED = 0.8  # cosine between its normal and the plane's
 _SOLID = 0.2  # opacity
+_LAYER = 0.7  # spacings: half the height of the layer of splats that make a surface
 _NEAR = 6  # neighbours that tell the spacing
 
 
@@ -67,28 +68,33 @@ def surfaces_around(
     own = points[is_object]
     size = float(np.linalg.norm(np.percentile(own, 98, 0) - np.percentile(own, 2, 0)))
     tree = cKDTree(own[:: max(1, len(own) // 4000)])
-    candidates = np.flatnonzero(~is_object & is_known & (gaussians.opacities > _SOLID))
+    candidates = np.flatnonzero(~is_object & is_known)
     reach = _WIDE * config.reach * size
     lo, hi = own.min(0) - reach, own.max(0) + reach
     candidates = candidates[((points[candidates] > lo) & (points[candidates] < hi)).all(axis=1)]
     distance = np.asarray(tree.query(points[candidates])[0])
     candidates, distance = candidates[distance < reach], distance[distance < reach]
     normals, flat = normals_of(gaussians.take(candidates))
+    solid = gaussians.opacities[candidates] > _SOLID
     rng = np.random.default_rng(config.seed)
     found: list[Plane] = []
     for label in np.unique(labels[candidates]):
         rows = np.flatnonzero(labels[candidates] == label)
         while len(found) < 4 * config.most_surfaces:
-            near = distance[rows] < config.reach * size
+            firm = rows[solid[rows]]
+            near = distance[firm] < config.reach * size
             if near.sum() < _LEAST:
                 break
-            cloud = points[candidates[rows]]
-            plane, inliers = _ransac(cloud, normals[rows], flat[rows], near, size, rng)
-            if plane is None or inliers.sum() < _LEAST:
+            cloud = points[candidates[firm]]
+            fit, inliers = _ransac(cloud, normals[firm], flat[firm], near, size, rng)
+            if fit is None or inliers.sum() < _LEAST:
                 break
-            splats = candidates[rows[inliers]]
-            found.append(_plane(points[splats], splats, plane, own.mean(axis=0), int(label)))
-            rows = rows[~inliers]
+            plane = _plane(cloud[inliers], fit, own.mean(axis=0), int(label))
+            # With it go all splats in its layer: faint and round ones are part of what is seen.
+            layer = max(4 * plane.thickness, _LAYER * plane.spacing)
+            within = np.abs(plane.local(points[candidates[rows]])[:, 2]) < layer
+            found.append(replace(plane, splats=candidates[rows[within]]))
+            rows = rows[~within]
     found.sort(key=lambda plane: -len(plane.splats))
     return found
 
@@ -135,9 +141,7 @@ def _ransac(
     return best, most
 
 
-def _plane(
-    points: DoubleArray, splats: LongArray, plane: DoubleArray, towards: DoubleArray, label: int
-) -> Plane:
+def _plane(points: DoubleArray, plane: DoubleArray, towards: DoubleArray, label: int) -> Plane:
     normal = plane[:3]
     middle = np.median(points, axis=0)
     if (towards - middle) @ normal < 0:
@@ -152,4 +156,4 @@ def _plane(
         np.pi / _NEAR
     )  # N of them lie on a disc of area pi r^2
     thickness = float(1.4826 * np.median(np.abs(heights - np.median(heights))))
-    return Plane(origin, axes, splats, spacing, thickness, label)
+    return Plane(origin, axes, np.zeros(0, np.int64), spacing, thickness, label)

@@ -26,6 +26,7 @@ class SeenView:
     camera: Camera
     depth: FloatArray  # (H, W) camera depth of the surface; 0 where there is none
     is_object: BoolArray  # (H, W) the surface is the object
+    after: FloatArray  # (H, W) depth of the surface that is left without it; 0 where there is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +49,23 @@ def seen_stage(
     Depths are those at which half of the light is taken (median), so that they lie on a surface.
     """
     chosen = _views_of(gaussians.means[is_object].astype(np.float64), cameras, config)
+    n = len(chosen)
     total = np.zeros((len(gaussians), 1), np.float32)
     mark = np.repeat(is_object.astype(np.float32)[:, None], 3, axis=1)
-    views = []
+    frames = []
     for i, camera in enumerate(chosen):
-        yield Progress("Look behind the object", i, len(chosen), camera.name)
+        yield Progress("Look behind the object", i, 2 * n, camera.name)
         frame = rasterizer.render(gaussians, camera, channels=mark)
         shape = (camera.height, camera.width)
         rasterizer.vote(gaussians, camera, np.zeros(shape, np.int32), total)
-        views.append(SeenView(camera, frame.median_depth, frame.image[:, :, 0] > 0.5))
+        frames.append(frame)
+    rest = gaussians.take(~is_object & (total[:, 0] > config.seen))
+    views = []
+    for i, (camera, frame) in enumerate(zip(chosen, frames, strict=True)):
+        yield Progress("Look behind the object", n + i, 2 * n, camera.name)
+        after = rasterizer.render(rest, camera).median_depth
+        on_object = frame.image[:, :, 0] > 0.5
+        views.append(SeenView(camera, frame.median_depth, on_object, after))
     return Seen(tuple(views), total[:, 0])
 
 
