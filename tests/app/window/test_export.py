@@ -10,6 +10,7 @@ from gaga_core.io.splat_files import SplatFormat, read_splats
 from gaga_studio.actions import selection
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.pages import page_data
 
 pytestmark = pytest.mark.window
 
@@ -70,6 +71,20 @@ def test_files_are_of_the_form_that_was_chosen(
         d.keys(KEY.escape)
         d.frames(3)
         assert d.exists("Export/###Export now"), "the sheet is back when no place was chosen"
+        d.keys(KEY.escape)
+        d.menu("File/###Export a web page…")
+        d.frames(3)
+        assert sheet.form is SplatFormat.HTML
+        assert sheet.path.endswith(".html")
+        d.click("**/###GLB")
+        d.click("**/###Web page")  # the last one is in reach, too
+        assert sheet.form is SplatFormat.HTML
+        d.export_to(tmp_path / "page.html")
+        d.settle()
+        assert len(page_data(tmp_path / "page.html")[0]["objects"]) == n + 1
+        d.menu("File/###Export scene…")
+        d.frames(3)
+        assert sheet.form is SplatFormat.PLY, "a page is asked for by its own entry of the menu"
         d.keys(KEY.escape)
 
     drive(walk, path=tmp_path / "balls", size=size)

@@ -112,13 +112,13 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     if is_back and not imgui.is_key_pressed(imgui.Key.escape):
         sheet.waits = None
         imgui.open_popup(_SHEET)
-    if not begin_modal(_SHEET, em(33)):
+    if not begin_modal(_SHEET, em(38)):
         return
     if session.document is None:
         imgui.close_current_popup()
         imgui.end_popup()
         return
-    imgui.begin_child("Choices", ImVec2(0, body_height(em(22))))
+    imgui.begin_child("Choices", ImVec2(0, body_height(em(24))))
     _what_and_form(session, sheet)
     _options(session, sheet)
     _place(sheet, files)
