@@ -16,12 +16,19 @@ class LodCommand:
     """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
     again: bool = False
     """Build it also when there is one of this model."""
+    sog: Path | None = None
+    """Folder to write the levels to as streamed SOG (lod-meta.json), which other viewers load."""
     json: bool = False
     """Print the result as JSON."""
 
     def run(self) -> int:
         """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file."""
-        from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
+        from gaga_core.pipeline.level_of_detail import (
+            build_project_lod_stage,
+            open_project_lod,
+            opened_rows,
+        )
+        from gaga_core.scene.lod.streamed import write_streamed_sog_stage
         from gaga_core.scene.project import open_path_stage
 
         project = out.follow(open_path_stage(self.scene))
@@ -29,6 +36,10 @@ class LodCommand:
         is_new = tree is None
         if tree is None:
             tree = out.follow(build_project_lod_stage(project))
+        values: dict[str, object] = {}
+        if self.sog is not None:
+            stage = write_streamed_sog_stage(self.sog, tree, opened_rows(project))
+            values["streamed_sog"] = str(out.follow(stage))
         out.result(
             {
                 "folder": str(tree.folder),
@@ -36,6 +47,7 @@ class LodCommand:
                 "gaussians": len(tree),
                 "levels": list(tree.sizes),
                 "megabytes": round(tree.file_bytes / 1e6, 1),
+                **values,
             },
             as_json=self.json,
         )

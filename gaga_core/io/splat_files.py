@@ -24,6 +24,7 @@ from gaga_core.io.sog_writer import write_sog_stage
 from gaga_core.io.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.spz import read_spz_stage, write_spz_stage
 from gaga_core.io.spz_axes import OURS
+from gaga_core.io.streamed_sog import LOD_META, is_streamed_sog, read_streamed_sog_stage
 from gaga_core.io.web_page import plain_page, write_page_stage
 from gaga_core.progress import Stage, run_stage
 
@@ -88,13 +89,16 @@ def read_splats(path: Path) -> Gaussians:
 
 
 def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
-    """Read a .ply, compressed .ply, .splat, .spz, .ksplat, .glb or SOG (.sog or folder).
+    """Read a .ply, compressed .ply, .splat, .spz, .ksplat, .glb or SOG (.sog, folder, streamed).
 
     All give Gaussians in the frame and units of a 3DGS .ply. ``spz_axes``: of an .spz that does not
     say its own (`states_axes`). Raises ``GagaError`` with one sentence when the file is of no known
     kind, damaged, or larger than memory.
     """
     path = Path(path)
+    for listed in (path, path / LOD_META):
+        if is_streamed_sog(listed):
+            return (yield from read_streamed_sog_stage(listed))
     if is_sog_meta(path) or is_sog_meta(path / META):
         return (yield from read_sog_stage(path))
     if path.is_dir():

@@ -31,6 +31,7 @@ from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_f
 from gaga_core.io.sog import META, is_sog_meta
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.io.spz_axes import OURS, SilentAxes
+from gaga_core.io.streamed_sog import LOD_META, is_streamed_sog
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
@@ -126,6 +127,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
     if saved is not None:
         return (yield from _open_saved(saved))
     path = path / META if is_sog_meta(path / META) else path
+    path = path / LOD_META if is_streamed_sog(path / LOD_META) else path
     manifest = None if is_scene_folder(path) else manifest_in(path)
     if manifest is not None:
         scene, first, digest = yield from open_objects_stage(manifest)
@@ -133,7 +135,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
     if path.is_dir():
         yield Progress("Look at the folder", 0, 1, path.name)
         return (yield from _open_folder(open_scene_folder(path)))
-    if path.suffix.lower() == ".json" and not is_sog_meta(path):
+    if path.suffix.lower() == ".json" and not (is_sog_meta(path) or is_streamed_sog(path)):
         raise GagaError(
             f"{path.name} is not a saved project. Choose a project.json of gaga-studio."
         )

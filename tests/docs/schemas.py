@@ -10,9 +10,11 @@ from gaga_core.io.cameras_json import CameraEntry
 from gaga_core.io.mask_import_json import MaskEntry
 from gaga_core.io.masks import MaskRecord
 from gaga_core.io.splits import SplitFile
+from gaga_core.io.streamed_sog import LodMeta
 from gaga_core.models.lock_file import ModelLock
 from gaga_core.scene.camera_json import PathEntry
 from gaga_core.scene.edits.json import AnyEntry
+from gaga_core.scene.lod.tree import LodFile
 from gaga_core.scene.manifest import Manifest
 from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.script.folders import FolderOperation
@@ -27,6 +29,8 @@ TYPES: Mapping[str, object] = {
     "cameras": list[CameraEntry],
     "edit_script": list[ObjectOperation | FolderOperation | RegionOperation],
     "groups": Manifest,
+    "lod": LodFile,
+    "lod_meta": LodMeta,
     "mask_list": list[MaskEntry],
     "model_lock": ModelLock,
     "project": ProjectFile,

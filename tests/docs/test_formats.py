@@ -31,6 +31,7 @@ from gaga_core.scene.camera_json import KeyframeEntry, PathEntry, save_path
 from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export import export_objects_stage
+from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.manifest import Manifest, ManifestEntry
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.project_file import ProjectFile
@@ -101,6 +102,11 @@ def test_a_project_and_its_scene(made: SceneFolder, tmp_path: Path) -> None:
     assert banks == set(_names(made.work / "bank.npz"))
     bits = re.findall(r"(\d) (\w+)", dict(_rows("scene-*.npz"))["`state`"][-1])
     assert {name.upper(): int(bit) for bit, name in bits} == {s.name: s.value for s in State}
+
+
+def test_a_level_of_detail(tmp_path: Path) -> None:
+    run_stage(build_lod_stage(random_gaussians(100), tmp_path / "lod", "digest"))
+    _check("lod.json", _json(tmp_path / "lod" / "lod.json"))
 
 
 def _rows(heading: str) -> list[tuple[str, list[str]]]:

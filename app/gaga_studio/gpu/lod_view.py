@@ -16,10 +16,10 @@ from gaga_studio.gpu.node_pool import NodePool
 from gaga_studio.gpu.node_reader import NodeReader
 from gaga_studio.gpu.sorter import Rows
 
-_MOST_WRITES = 12  # nodes sent in one frame
-_MOST_SWAPS = 12  # nodes that are replaced by finer or coarser ones in one frame
+_MOST_WRITES = 32  # nodes sent in one frame
+_MOST_SWAPS = 24  # nodes that are replaced by finer or coarser ones in one frame
 _POOL = 2.0  # splats that the pool holds, times the budget
-_SPARE_SLOTS = 16
+_SPARE_SLOTS = 32
 _RESERVE = 8  # slots that only coarser nodes may take, which make room
 
 

@@ -12,7 +12,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.scene.lod.tree import NODE, LodTree
 from gaga_studio.gpu.packing import PackedSplats, pack_splats
 
-_MOST_WAITING = 32  # nodes that were read and not taken
+_MOST_WAITING = 64  # nodes that were read and not taken
 _NEVER = 1 << 31
 
 

@@ -30,7 +30,7 @@ FORMAT = 1
 FILE, ORDER, NODES = "lod.json", "order.i32", "nodes.npy"
 FOLDER = "lod"
 FAN = 4  # splats that become one, and children of a node
-NODE = 4096  # splats of a node: two lines of a data texture
+NODE = 2048  # splats of a node: a line of a data texture
 CHUNK = 65536  # splats that are merged, written and read at once
 CURE = "Build the level of detail again."
 
@@ -136,7 +136,12 @@ class LodTree:
 
         ``opened``: the model, whose rows are level 0. Raises ``GagaError`` when a file is damaged.
         """
-        level, (first, end) = self.level_of(node), self.span(node)
+        return self.read_places(self.level_of(node), *self.span(node), opened)
+
+    def read_places(
+        self, level: int, first: int, end: int, opened: Gaussians
+    ) -> tuple[Gaussians, IntArray]:
+        """Splats at the places ``first`` to ``end`` of a level; see `read`."""
         if level == 0:
             rows = self.order[first:end]
             plain = Gaussians(

@@ -25,7 +25,9 @@ def test_lod_is_built_once_and_again_when_the_model_changed(model: Path, capsys:
     assert first["built"] is True
     assert first["levels"] == [6_000, 1_500]
     assert answer(capsys, "lod", str(model))["built"] is False
-    assert answer(capsys, "lod", str(model), "--again")["built"] is True
+    again = answer(capsys, "lod", str(model), "--again", "--sog", str(model.parent / "web"))
+    assert again["built"] is True
+    assert answer(capsys, "info", str(again["streamed_sog"]))["gaussians"] == 6_000
     assert str(folder) in str(answer(capsys, "info", str(model))["level_of_detail"])
     write_ply(model, random_gaussians(6_000, seed=2))
     assert answer(capsys, "info", str(model))["level_of_detail"] == "none"
