@@ -6,11 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from PIL import ImageFont
 
+from gaga_core.assets import assets
 from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import COMMANDS, MENUS, Command, command, for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons
 
 # What can be done with nothing open.
 _ALWAYS = {
@@ -166,6 +170,28 @@ def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Comman
     assert run(wanted.id, session)
     assert session.jobs.wait()
     assert all(n.level != "error" for n in session.notices[n_notices:])
+
+
+@pytest.mark.parametrize("state", ["nothing open", "no objects", "objects"])
+def test_every_disabled_command_has_a_reason_that_is_a_sentence(
+    state: str, request: pytest.FixtureRequest, new_session: Callable[[], Session]
+) -> None:
+    fixtures = {"no objects": "session", "objects": "associated"}
+    name = fixtures.get(state)
+    open_now: Session = request.getfixturevalue(name) if name else new_session()
+    reasons = {c.id: c.enabled(open_now) for c in COMMANDS}
+    for id_, reason in reasons.items():
+        assert not reason or (reason[0].isupper() and reason.endswith(".")), (id_, reason)
+    assert sum(map(bool, reasons.values())) > 20
+
+
+def test_icons_are_drawn_by_the_font_and_stand_where_menus_are_short() -> None:
+    font = ImageFont.truetype(str(assets() / "fonts" / "lucide.ttf"), 20)
+    drawn = {name: sign for name, sign in vars(icons).items() if name.isupper() and sign.strip()}
+    assert [n for n, sign in drawn.items() if font.getmask(sign).getbbox() is None] == []
+    short = {*command_buttons.OBJECT_MENU, *command_buttons.SCENE_MENU, *command_buttons.SPLITS}
+    assert short - {"", *command_buttons.ICONS} == set()
+    assert set(command_buttons.ICONS) <= {c.id for c in COMMANDS}
 
 
 def test_shortcuts_find_their_command(associated: Session) -> None:

@@ -1,5 +1,6 @@
 """What the status bar says: who computes and why, and that kernels are compiled in the quiet."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,10 @@ from gaga_core import kernels
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import backend_report
 from gaga_studio.session import stages
+from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.ui.chrome import status_text
+from gaga_studio.ui.chrome import status_bar, status_text
 from tests.app.folders import write_scene
 
 
@@ -69,3 +71,14 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     assert session.scene is not None
     assert started == ["Prepare kernels"]
     assert session.jobs.running is None
+
+
+def test_a_running_job_says_what_how_far_and_how_long() -> None:
+    job = Job("Associate masks", "Associate masks", "", -1.0, None, 0.0, False)
+    assert status_bar.job_text(job) == "Associate masks", "not known how far"
+    job = replace(job, fraction=0.456)
+    assert status_bar.job_text(job) == "Associate masks  46 %"
+    assert status_bar.job_text(replace(job, eta_s=12.2)) == "Associate masks  46 %, 12 s left"
+    late = status_bar.job_text(replace(job, eta_s=200.0))
+    assert late == "Associate masks  46 %, 3 min 20 s left"
+    assert status_bar.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"

@@ -33,7 +33,7 @@ def test_objects_go_into_folders_by_hand(display: str, grouped_scene: Path, tmp_
         _filter(d)
         _parts(d)
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=folder, size=(1110, 760))
 
 
 def _make(d: Driver) -> None:

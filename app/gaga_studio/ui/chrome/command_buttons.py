@@ -14,7 +14,29 @@ ICONS = {
     "file.open_folder": icons.FOLDER,
     "file.open_file": icons.FILE,
     "file.demo": icons.DEMO,
+    "file.add_splats": icons.NEW,
     "file.save": icons.SAVE,
+    "file.save_as": icons.SAVE,
+    "edit.cancel": icons.CLOSE,
+    "edit.confirm": icons.CHECK,
+    "edit.preferences": icons.SLIDERS,
+    "select.all": icons.CHECK,
+    "select.none": icons.CLOSE,
+    "select.keep": icons.BOOKMARK_NEW,
+    "object.reset_placement": icons.RESET,
+    "object.find_in_view": icons.SEARCH,
+    "object.models": icons.UPDATE,
+    "object.name_all": icons.RENAME,
+    "object.clean_apply": icons.CHECK,
+    "object.worst_view": icons.IMAGES,
+    "view.timeline": icons.HISTORY,
+    "view.next_photo": icons.LATER,
+    "view.previous_photo": icons.EARLIER,
+    "tool.origin_here": icons.HOME,
+    "tool.reset_pivot": icons.RESET,
+    "tool.remove_corner": icons.UNDO,
+    "job.cancel": icons.CLOSE,
+    "help.about": icons.INFO,
     "file.export_scene": icons.EXPORT,
     "file.export_page": icons.EXPORT,
     "file.export_selected": icons.EXPORT,
@@ -103,7 +125,7 @@ SELECTION_BUTTONS = (
     ("file.export_selected", "Export…"),
     ("object.clean", "Clean up"),
 )
-_OBJECT_MENU = (
+OBJECT_MENU = (
     "view.frame_selected",
     "object.isolate",
     "object.hide",
@@ -121,7 +143,7 @@ _OBJECT_MENU = (
     "file.export_selected",
 )
 SPLITS = ("object.split", "object.split_masks", "object.split_here", "object.join_here")
-_SCENE_MENU = (
+SCENE_MENU = (
     "select.all",
     "select.none",
     "object.show_all",
@@ -183,7 +205,7 @@ def command_item(session: Session, command_id: str) -> None:
 
 def object_menu(session: Session) -> None:
     """What can be done with the selected objects: the context menu of list and picture."""
-    _items(session, _OBJECT_MENU)
+    _items(session, OBJECT_MENU)
 
 
 _OBJECT_POPUP, _SCENE_POPUP = "Object in the picture", "Scene in the picture"
@@ -199,13 +221,13 @@ def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
     if imgui.begin_popup(_OBJECT_POPUP):
         widgets.escape_closes()
-        _items(session, (*_OBJECT_MENU, "", "tool.pivot_here", "tool.origin_here", "tool.ground"))
+        _items(session, (*OBJECT_MENU, "", "tool.pivot_here", "tool.origin_here", "tool.ground"))
         imgui.end_popup()
     if imgui.begin_popup(_SCENE_POPUP):
         widgets.escape_closes()
         if session.view.pointed is not None:
             _items(session, ("tool.pivot_here", ""))
-        _items(session, _SCENE_MENU)
+        _items(session, SCENE_MENU)
         imgui.end_popup()
 
 

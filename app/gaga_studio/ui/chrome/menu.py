@@ -52,7 +52,7 @@ _LINE_BEFORE = {
     "help.about",
 }
 
-_IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS}
+IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS}
 
 
 def draw(session: Session, reset_layout: Callable[[], None]) -> None:
@@ -62,7 +62,7 @@ def draw(session: Session, reset_layout: Callable[[], None]) -> None:
             for command in menu:
                 if command.id in _LINE_BEFORE:
                     imgui.separator()
-                if command.id not in _IN_SUBMENUS:
+                if command.id not in IN_SUBMENUS:
                     command_buttons.command_item(session, command.id)
                 _submenu_after(session, command.id)
             if title == "View":

@@ -50,15 +50,15 @@ _BAR, _SHORT_BAR, _CANCEL, _GAPS = 7.0, 3.5, 4.8, 1.9  # ems
 def _job_width(session: Session, job: Job, room: float) -> float:
     """What the job's words, bar and button need; what a click does now gives way to them."""
     cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
-    words = imgui.calc_text_size(_job_text(job)).x + cancel + em(_GAPS)
+    words = imgui.calc_text_size(job_text(job)).x + cancel + em(_GAPS)
     return min(max(words + em(_BAR), em(24)), room)
 
 
 def _job(session: Session, job: Job, width: float) -> None:
     cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
-    words = imgui.calc_text_size(_job_text(job)).x
+    words = imgui.calc_text_size(job_text(job)).x
     bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
-    text = widgets.elided(_job_text(job), width - cancel - bar - em(_GAPS - 0.1))
+    text = widgets.elided(job_text(job), width - cancel - bar - em(_GAPS - 0.1))
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)
@@ -78,7 +78,7 @@ def _job(session: Session, job: Job, width: float) -> None:
         session.jobs.cancel()
 
 
-def _job_text(job: Job) -> str:
+def job_text(job: Job) -> str:
     """ "Associate masks 45 %, 12 s left"."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
