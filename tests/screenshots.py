@@ -22,7 +22,15 @@ from PIL import Image
 from gaga_core.demo.folder import ensure_demo
 from gaga_core.progress import run_stage
 from gaga_studio import commands
-from gaga_studio.actions import bank_timeline, camera_path, color_grade, files, objects, quality
+from gaga_studio.actions import (
+    bank_timeline,
+    camera_path,
+    color_grade,
+    files,
+    folders,
+    objects,
+    quality,
+)
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
@@ -363,6 +371,26 @@ def _quality(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _folders(d: Driver, shot: Shot) -> None:
+    """Objects in folders, one of them chosen, the groups in the colors of their folders."""
+    session = d.session
+    d.until(lambda: session.need().search.described is not None, "objects are described")
+    named = list(zip(session.objects().ids.tolist(), session.objects().names, strict=True))
+
+    def named_like(*words: str) -> list[int]:
+        return [g for g, name in named if g and any(word in name for word in words)]
+
+    colored = named_like("red ", "orange", "yellow", "green", "blue", "turquoise")
+    folders.put_in(session, "Toys", colored)
+    folders.put_in(session, "Toys/Round", [g for g in named_like("round") if g in colored])
+    folders.put_in(session, "Dishes", named_like("white", "gold"))
+    session.need().listing.toggle("Dishes")
+    folders.choose(session, "Toys/Round")
+    session.view.mode = Mode.GROUPS
+    commands.run("view.folder_colors", session)
+    shot.window(d)
+
+
 def _six_clicks(d: Driver, shot: Shot) -> None:
     """Open, find, click, isolate, export: what the guide's film shows."""
     film, session = Film(d, shot), d.session
@@ -436,6 +464,7 @@ PICTURES = (
     Picture("export", "the sheet that exports the scene, the selection or objects", _export),
     Picture("six_clicks", "the way from nothing to a file, moving", _six_clicks, opens="nothing"),
     Picture("modes", "groups, depth and confidence of one view", _modes),
+    Picture("folders", "objects in folders, in the colors of their folders", _folders),
     Picture("quality", "how well objects agree with their masks", _quality),
 )
 
