@@ -33,6 +33,7 @@ class Exported:
 
     scene: Scene
     shot: Shot  # of the first view
+    behind: Shot  # of the second bookmark, where the path ends
     path: Path
 
 
@@ -71,4 +72,4 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
     )
     path = tmp_path_factory.mktemp("page") / "balls.html"
     run_stage(export_scene_stage(scene, path, options=ExportOptions(page=content)))
-    return Exported(scene, first, path)
+    return Exported(scene, first, second, path)
