@@ -27,7 +27,8 @@ class EditCommand:
     """Apply recorded edits to a model and write the edited one."""
 
     input: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
     output: Positional[Path]
     """The .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html to write."""
     script: Path
@@ -68,7 +69,8 @@ class ExportCommand:
     """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
     scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
     out: Path
     """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene, a .json for
     cameras, a folder otherwise."""

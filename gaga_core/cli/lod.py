@@ -13,7 +13,8 @@ class LodCommand:
     """Build the level of detail of a large scene, which the window draws it by."""
 
     scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
     again: bool = False
     """Build it also when there is one of this model."""
     sog: Path | None = None

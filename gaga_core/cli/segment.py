@@ -20,7 +20,8 @@ class SegmentCommand:
     """Make an object of what clicks in views mean: VIEW,U,V with U and V in pixels of the photo."""
 
     scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb) or saved project."""
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
     click: UseAppendAction[tuple[str, ...]] = ()
     """On the object: VIEW,U,V. May be given again. Views of a lone file of splats are 0 to 18."""
     not_: Annotated[UseAppendAction[tuple[str, ...]], arg(name="not")] = ()

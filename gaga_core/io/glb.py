@@ -1,4 +1,4 @@
-"""GLB (binary glTF 2.0) with splats of the extension ``KHR_gaussian_splatting``.
+"""glTF 2.0 (.glb, .gltf) with splats of the extension ``KHR_gaussian_splatting``.
 
 Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities 0..1, SH in the
 order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned half
@@ -31,6 +31,7 @@ MOST_DEGREE = 3  # of SH that the extension has room for
 _EXTENSION = "KHR_gaussian_splatting"
 _AXES = "LUF"
 _MOST_NODES = 10_000
+_FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
 _FLOAT, _POINTS = 5126, 0
 _TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
 _EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
@@ -40,7 +41,7 @@ _EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
 
 
 def read_glb_stage(path: Path) -> Stage[Gaussians]:
-    """Read the splats of a .glb with progress.
+    """Read the splats of a .glb or .gltf with progress; its buffers lie in its folder.
 
     ``GagaError`` with one sentence when it is damaged, has no splats, or has them compressed.
     """
@@ -48,12 +49,12 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     yield Progress("Read splats", 0, 2, path.name)
     try:
         content = path.read_bytes()
-        buffers = Buffers.of(content, path.name)
+        buffers = Buffers.of(content, path)
         parts = list(_splats_of(buffers, path.name))
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except (KeyError, IndexError, TypeError, ValueError, struct.error, OverflowError) as error:
-        raise GagaError(f"{path.name} is not a valid GLB ({error}). Export it again.") from error
+        raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
     if not parts:
         raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
     yield Progress("Read splats", 1, 2, path.name)
@@ -71,7 +72,7 @@ def _splats_of(buffers: Buffers, name: str) -> Iterator[Gaussians]:
                 continue
             if any("compression" in str(key) for key in extension.get("extensions", {})):
                 raise GagaError(
-                    f"{name} holds compressed splats, which gaga-studio does not read in a GLB. "
+                    f"{name} holds compressed splats, which gaga-studio does not read in a glTF. "
                     "Convert it to .ply or .spz."
                 )
             yield _moved(_decoded(buffers, primitive["attributes"]), place)
@@ -91,6 +92,8 @@ def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]
             raise ValueError("its nodes are a circle, or too many")
         node = nodes[index]
         place = parent @ _place_of(node)
+        if not np.abs(place).max() < _FARTHEST:  # nor NaN
+            raise ValueError("a node lies or scales out of all range")
         if "mesh" in node:
             yield place, int(node["mesh"])
         waiting += [(place, int(child)) for child in node.get("children", [])]
@@ -98,14 +101,24 @@ def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]
 
 def _place_of(node: Mapping[str, Any]) -> DoubleArray:
     if "matrix" in node:
-        matrix: DoubleArray = np.array(node["matrix"], np.float64).reshape(4, 4).T
+        matrix: DoubleArray = _numbers(node["matrix"], 16).reshape(4, 4).T
         return matrix
     place = np.eye(4)
-    x, y, z, w = (float(value) for value in node.get("rotation", (0, 0, 0, 1)))
-    scale = np.array(node.get("scale", (1, 1, 1)), np.float64)
+    x, y, z, w = _numbers(node.get("rotation", (0, 0, 0, 1)), 4)
+    if not x * x + y * y + z * z + w * w > 0:
+        raise ValueError("a node's rotation has no length")
+    scale = _numbers(node.get("scale", (1, 1, 1)), 3)
     place[:3, :3] = quats_to_matrices(np.array([[w, x, y, z]]))[0] * scale
-    place[:3, 3] = node.get("translation", (0, 0, 0))
+    place[:3, 3] = _numbers(node.get("translation", (0, 0, 0)), 3)
     return place
+
+
+def _numbers(values: Sequence[float], n: int) -> DoubleArray:
+    """``n`` finite numbers (n,) of a size that can be multiplied; ``ValueError`` otherwise."""
+    found = np.array(values, np.float64)
+    if found.shape != (n,) or not np.abs(found).max() < _FARTHEST:
+        raise ValueError("a node lies or scales out of all range")
+    return found
 
 
 def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:

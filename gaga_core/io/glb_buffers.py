@@ -1,9 +1,12 @@
-"""The chunks of a GLB, and the numbers that its accessors name."""
+"""The chunks of a GLB or the files of a .gltf, and the numbers that its accessors name."""
 
+import base64
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -14,36 +17,33 @@ from gaga_core.io.json_file import decode_json
 MAGIC = b"glTF"
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_MOST_BUFFERS = 100
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 @dataclass(frozen=True, eq=False)
 class Buffers:
-    """A GLB in memory."""
+    """A glTF in memory."""
 
     gltf: Mapping[str, Any]
-    binary: bytes
+    binaries: tuple[bytes, ...]  # by the number of the buffer
 
     @staticmethod
-    def of(content: bytes, name: str) -> "Buffers":
-        """The chunks of a file ``name``; ``GagaError`` or ``ValueError`` when they do not fit."""
-        magic, version, total = _HEAD.unpack_from(content)
-        if magic != MAGIC or version != 2:
-            raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
-        if total > len(content):
-            raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
-        chunks: dict[bytes, bytes] = {}
-        at = _HEAD.size
-        while at + _CHUNK.size <= total:
-            size, kind = _CHUNK.unpack_from(content, at)
-            at += _CHUNK.size
-            if at + size > total:
-                raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
-            chunks.setdefault(kind, content[at : at + size])
-            at += size
-        gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
-        return Buffers(gltf, chunks.get(BIN, b""))
+    def of(content: bytes, path: Path) -> "Buffers":
+        """The content of a file at ``path``, .glb or .gltf, with the buffers next to it.
+
+        ``GagaError``, ``OSError`` or ``ValueError`` when they do not fit or are not there.
+        """
+        if content.startswith(MAGIC):
+            gltf, binary = _chunks(content, path.name)
+        else:
+            gltf = decode_json(content, dict[str, Any], path.name, "Export it again.")
+            binary = b""
+        rows = gltf.get("buffers", [])
+        if len(rows) > _MOST_BUFFERS:
+            raise ValueError("too many buffers")
+        return Buffers(gltf, tuple(_buffer(row, binary, path) for row in rows))
 
     def accessor(self, index: int, width: int) -> AnyArray:
         """Numbers (N, width) of an accessor, float where it is normalized.
@@ -54,9 +54,7 @@ class Buffers:
         if "sparse" in accessor or "bufferView" not in accessor:
             raise ValueError("a sparse accessor")
         view = self.gltf["bufferViews"][_natural(accessor["bufferView"])]
-        buffer = self.gltf["buffers"][_natural(view["buffer"])]
-        if view["buffer"] != 0 or "uri" in buffer:
-            raise ValueError("numbers in another file")
+        binary = self.binaries[_natural(view["buffer"])]
         if _WIDTHS[accessor["type"]] != width:
             raise ValueError(f"an accessor of {accessor['type']}")
         kind, n = np.dtype(_TYPES[accessor["componentType"]]), _natural(accessor["count"])
@@ -64,14 +62,53 @@ class Buffers:
         start = _natural(view.get("byteOffset", 0)) + _natural(accessor.get("byteOffset", 0))
         end = start + (n - 1) * step + kind.itemsize * width
         limit = _natural(view.get("byteOffset", 0)) + _natural(view["byteLength"])
-        if n < 1 or step < kind.itemsize * width or end > min(limit, len(self.binary)):
+        if n < 1 or step < kind.itemsize * width or end > min(limit, len(binary)):
             raise ValueError("an accessor that reaches beyond its buffer")
-        values = np.ndarray((n, width), kind, self.binary, start, (step, kind.itemsize))
+        values = np.ndarray((n, width), kind, binary, start, (step, kind.itemsize))
         if not accessor.get("normalized", False):
             return values
         most = np.float32(np.iinfo(kind).max)
         shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
         return shares
+
+
+def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], bytes]:
+    """JSON and numbers of a GLB."""
+    magic, version, total = _HEAD.unpack_from(content)
+    if magic != MAGIC or version != 2:
+        raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
+    if total > len(content):
+        raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+    chunks: dict[bytes, bytes] = {}
+    at = _HEAD.size
+    while at + _CHUNK.size <= total:
+        size, kind = _CHUNK.unpack_from(content, at)
+        at += _CHUNK.size
+        if at + size > total:
+            raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+        chunks.setdefault(kind, content[at : at + size])
+        at += size
+    gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
+    return gltf, chunks.get(BIN, b"")
+
+
+def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
+    """The bytes of one buffer: of the GLB itself, in the text, or of a file in the same folder."""
+    uri = row.get("uri")
+    if uri is None:
+        return binary
+    if not isinstance(uri, str):
+        raise ValueError("a buffer whose address is no text")
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.partition(",")[2], validate=True)
+    place = PurePosixPath(unquote(uri))
+    folder = path.parent.resolve()
+    file = (folder / place).resolve()
+    if ":" in uri or "\\" in place.name or not file.is_relative_to(folder) or "\0" in str(place):
+        raise GagaError(f"{path.name} asks for {uri[:80]}, outside of its folder: not read.")
+    if not file.is_file():
+        raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
+    return file.read_bytes()
 
 
 def heads(sizes: Sequence[tuple[bytes, int]]) -> list[bytes]:

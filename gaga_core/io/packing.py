@@ -11,6 +11,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 
 CHUNK = 1 << 16  # splats worked on at once
+_LONGEST = 1e18  # of a part of a quaternion: its square is a float32
 _EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _OPACITIES = np.clip(np.arange(256) / 255, _EDGE, 1 - _EDGE)
@@ -53,10 +54,16 @@ def to_bytes(values: AnyArray) -> UInt8Array:
 
 
 def unit_quats(quats: AnyArray) -> FloatArray:
-    """Quaternions (N, 4) wxyz of length 1; one of length 0 becomes the identity."""
-    length = np.linalg.norm(quats, axis=1, keepdims=True)
-    result: FloatArray = (quats / np.where(length > 0, length, 1)).astype(np.float32)
+    """Quaternions (N, 4) wxyz of length 1; one of length 0 becomes the identity.
+
+    One that is not finite, or so long that its length is not, becomes NaN: readers drop its row.
+    """
+    sane = np.abs(quats).max(axis=1, initial=0) < _LONGEST  # False for NaN
+    inside = quats if sane.all() else np.where(sane[:, None], quats, np.float32(0))
+    length = np.linalg.norm(inside, axis=1, keepdims=True)
+    result: FloatArray = (inside / np.where(length > 0, length, 1)).astype(np.float32)
     result[length[:, 0] == 0, 0] = 1
+    result[~sane] = np.nan
     return result
 
 

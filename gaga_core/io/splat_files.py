@@ -35,6 +35,7 @@ READ_SUFFIXES = (
     ".sog",
     ".ksplat",
     ".glb",
+    ".gltf",
 )  # .compressed.ply ends in .ply
 WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".html")
 _HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
@@ -89,7 +90,7 @@ def read_splats(path: Path) -> Gaussians:
 
 
 def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
-    """Read a .ply, compressed .ply, .splat, .spz, .ksplat, .glb or SOG (.sog, folder, streamed).
+    """Read a .ply (plain, compressed), .splat, .spz, .ksplat, .glb, .gltf or SOG of any kind.
 
     All give Gaussians in the frame and units of a 3DGS .ply. ``spz_axes``: of an .spz that does not
     say its own (`states_axes`). Raises ``GagaError`` with one sentence when the file is of no known
@@ -130,12 +131,13 @@ def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
         ".sog": read_sog_stage,
         ".splat": read_splat_stage,
         ".ksplat": read_ksplat_stage,
+        ".gltf": read_glb_stage,
     }
     if suffix in by_suffix:
         return by_suffix[suffix]
     raise GagaError(
         f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz, "
-        ".sog, .ksplat or .glb file."
+        ".sog, .ksplat, .glb or .gltf file."
     )
 
 

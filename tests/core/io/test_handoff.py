@@ -1,10 +1,13 @@
 """GLB, SOG and KSPLAT: what comes back, what other programs make of it, what is not believed."""
 
+import base64
 import json
 import struct
 import subprocess
+import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.glb_buffers import Buffers
+from gaga_core.io.packing import unit_quats
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
 from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
@@ -64,7 +68,7 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
     g = random_gaussians(30, seed=1, sh_degree=1)
     path = tmp_path / "a.glb"
     write_splats(path, g)
-    buffers = Buffers.of(path.read_bytes(), "a.glb")
+    buffers = Buffers.of(path.read_bytes(), path)
     gltf = json.loads(json.dumps(buffers.gltf))
     half = float(np.sqrt(0.5))
     gltf["nodes"] = [
@@ -73,7 +77,7 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
         {"mesh": 0, "matrix": np.eye(4).ravel().tolist()},
     ]
     gltf["scenes"][0]["nodes"] = [0, 1]
-    path.write_bytes(_glb(gltf, buffers.binary))
+    path.write_bytes(_glb(gltf, buffers.binaries[0]))
     back = read_splats(path)
     assert len(back) == 60
     there = g.means * [-1, -1, 1]  # left, up, front
@@ -82,17 +86,17 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
     np.testing.assert_allclose(back.log_scales[:30], g.log_scales + np.log(2), atol=1e-5)
     np.testing.assert_allclose(back.means[30:], g.means + np.array([-1, -2, 3]), atol=1e-5)
     gltf["nodes"][0]["scale"] = [1, 2, 1]
-    path.write_bytes(_glb(gltf, buffers.binary))
+    path.write_bytes(_glb(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="stretches"):
         read_splats(path)
     gltf["nodes"] = [{"children": [0], "mesh": 9}]  # found before a mesh is read
     gltf["scenes"][0]["nodes"] = [0]
-    path.write_bytes(_glb(gltf, buffers.binary))
+    path.write_bytes(_glb(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="circle"):
         read_splats(path)
     gltf["nodes"] = [{"mesh": 0}]
     gltf["accessors"][0]["count"] = 4_000_000_000
-    path.write_bytes(_glb(gltf, buffers.binary))
+    path.write_bytes(_glb(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="beyond its buffer"):
         read_splats(path)
 
@@ -103,6 +107,73 @@ def _glb(gltf: object, binary: bytes) -> bytes:
     head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     return head + chunks + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+
+
+def test_a_gltf_takes_its_numbers_from_its_own_folder_or_text_only(tmp_path: Path) -> None:
+    g = random_gaussians(40, sh_degree=1)
+    write_splats(tmp_path / "a.glb", g)
+    whole = Buffers.of((tmp_path / "a.glb").read_bytes(), tmp_path / "a.glb")
+    binary, gltf = whole.binaries[0], {**whole.gltf}
+    folder = tmp_path / "scene"
+    (folder / "parts").mkdir(parents=True)
+    (folder / "parts" / "the numbers.bin").write_bytes(binary)
+    (tmp_path / "outside.bin").write_bytes(binary)
+    (folder / "link.bin").symlink_to(tmp_path / "outside.bin")
+    text = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+
+    def read_with(uri: str) -> Gaussians:
+        gltf["buffers"] = [{"byteLength": len(binary), "uri": uri}]
+        (folder / "a.gltf").write_text(json.dumps(gltf), encoding="utf-8")
+        return read_splats(folder / "a.gltf")
+
+    expected = read_splats(tmp_path / "a.glb")
+    for uri in ("parts/the%20numbers.bin", text):
+        assert read_with(uri).means.tobytes() == expected.means.tobytes()
+        assert read_with(uri).sh.tobytes() == expected.sh.tobytes()
+    outside = ("../outside.bin", str(tmp_path / "outside.bin"), "file:///etc/passwd", "link.bin")
+    for uri in (*outside, "https://example.org/a.bin", "parts/%2e%2e/%2e%2e/outside.bin"):
+        with pytest.raises(GagaError, match="outside of its folder"):
+            read_with(uri)
+    with pytest.raises(GagaError, match="not next to it"):
+        read_with("gone.bin")
+    for uri in ("data:;base64,%%", "data:;base64,AAAA", "parts/the%20numbers.bin\0"):
+        with pytest.raises(GagaError):
+            read_with(uri)
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        {"matrix": [1e200, *[0] * 4, 1e200, *[0] * 4, 1e200, *[0] * 4, 1]},
+        {"scale": [1e300, 1e300, 1e300]},
+        {"scale": [1e14, 1e14, 1e14], "children": [1]},
+        {"rotation": [0, 0, 0, 0]},
+        {"rotation": [1e300, 0, 0, 0]},
+        {"translation": [0, 1e308]},
+    ],
+)
+def test_places_that_overflow_are_one_sentence_and_no_warning(
+    tmp_path: Path, node: dict[str, Any]
+) -> None:
+    path = tmp_path / "a.glb"
+    write_splats(path, random_gaussians(20))
+    buffers = Buffers.of(path.read_bytes(), path)
+    nodes = [{"mesh": 0, **node}, {"mesh": 0, "scale": [1e14, 1e14, 1e14]}]
+    path.write_bytes(_glb({**buffers.gltf, "nodes": nodes}, buffers.binaries[0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(GagaError, match="not a valid glTF"):
+            read_splats(path)
+
+
+def test_quaternions_without_a_length_are_rows_that_are_left_out(tmp_path: Path) -> None:
+    quats = np.tile(np.array([3e38, 3e38, 3e38, 0], np.float32), (4, 1))
+    quats[1:] = np.array([[0, 0, 0, 0], [np.nan, 0, 0, 0], [2, 0, 0, 0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unit = unit_quats(quats)
+    assert np.isnan(unit[[0, 2]]).all()
+    assert unit[[1, 3]].tolist() == [[1, 0, 0, 0]] * 2
 
 
 @pytest.mark.skipif(_VALIDATOR is None, reason="gltf-validator is not installed (make peers)")

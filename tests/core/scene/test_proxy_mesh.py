@@ -155,7 +155,7 @@ def test_another_program_reads_the_same_mesh(
     if kind is MeshFile.OBJ:
         shown = np.asarray(back.visual.vertex_colors)[:, :3] / 255
     else:  # colors of glTF are linear; trimesh leaves them out next to a material
-        shown = Buffers.of(path.read_bytes(), path.name).accessor(1, 3)
+        shown = Buffers.of(path.read_bytes(), path).accessor(1, 3)
         wanted = np.where(wanted <= 0.04045, wanted / 12.92, ((wanted + 0.055) / 1.055) ** 2.4)
     assert np.abs(shown - wanted).max() < 0.02
 
