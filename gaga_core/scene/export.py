@@ -22,7 +22,7 @@ from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.decimate import decimate_stage, picture_loss_stage
 from gaga_core.scene.export_mesh import MESH_LOSS, MeshExport, object_mesh_stage
-from gaga_core.scene.export_options import ExportOptions
+from gaga_core.scene.export_options import ExportOptions, PageContent
 from gaga_core.scene.manifest import MANIFEST, MANIFEST_VERSION, read_manifest
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
@@ -133,7 +133,7 @@ def _export_scene(
     )
     splats = splats[rows]
     if form is SplatFormat.HTML:
-        yield from write_scene_page_stage(scene, splats, gaussians, path, options)
+        yield from write_scene_page_stage(scene, splats, gaussians, path, options, origin)
         return Exported(len(splats), psnr)
     gaussians = options.applied(gaussians, origin)
     if groups:
@@ -228,10 +228,14 @@ def _export_objects(
             else:
                 labels = scene.labels[item.splats]
                 fewer = _decimated(gaussians, labels, options, alone=True)
-                gaussians, _, psnr = yield from _as_step(step, fewer)
-                gaussians = options.applied(gaussians, origin)
-                yield from _as_step(step, write_splats_stage(staging / item.file, gaussians, form))
-                described = _described(item, gaussians) | {"psnr": psnr}
+                gaussians, rows, psnr = yield from _as_step(step, fewer)
+                written_as = options.applied(gaussians, origin)
+                stage = write_splats_stage(staging / item.file, written_as, form)
+                if form is SplatFormat.HTML:
+                    page = staging / item.file, _alone(options, item), origin
+                    stage = write_scene_page_stage(scene, item.splats[rows], gaussians, *page)
+                yield from _as_step(step, stage)
+                described = _described(item, written_as) | {"psnr": psnr}
             manifest.append(described)
         if not manifest:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
@@ -248,6 +252,11 @@ def _export_objects(
         (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
         publish_all(staging, [*(str(row["file"]) for row in manifest), MANIFEST], folder)
     return folder / MANIFEST
+
+
+def _alone(options: ExportOptions, item: _Object) -> ExportOptions:
+    """``options`` for the page of one object, which begins with all of it."""
+    return replace(options, page=PageContent(title=item.name))
 
 
 def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:

@@ -64,15 +64,18 @@ def write_scene_page_stage(
     gaussians: Gaussians,
     path: Path,
     options: ExportOptions,
+    origin: DoubleArray,
 ) -> Stage[None]:
-    """Write the page of ``splats`` (K,) of ``scene``, baked as ``gaussians`` (K, world)."""
+    """Write the page of ``splats`` (K,) of ``scene``, baked as ``gaussians`` (K, world).
+
+    ``origin`` (3,), world, becomes the origin of the page.
+    """
     ids, places = np.unique(np.append(scene.labels[splats], 0), return_inverse=True)
     groups = ids.astype(np.int32), places[:-1].astype(np.int32)
     objects: list[PageObject] = []
     for entry in _objects(scene, gaussians, groups, options):
         yield Progress("Draw objects", len(objects), len(ids), entry.name)
         objects.append(entry)
-    origin = options.origin(gaussians.means)
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin
     start, radius = _start(options, gaussians)

@@ -17,7 +17,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.splat_files import SplatFormat, losses, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
-from gaga_core.scene.export import export_scene_stage
+from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.export_options import ExportOptions, PageContent
 from gaga_core.scene.scene import Scene, State
 from tests.pages import page_data
@@ -152,3 +152,20 @@ def test_what_a_page_loses_is_told() -> None:
     assert "degree 4" in said
     assert "opens a page as splats again" in said
     assert "antialiased" not in said, "that is kept"
+
+
+def test_pages_of_objects_share_an_origin_and_begin_with_the_object(tmp_path: Path) -> None:
+    content = PageContent(title="room", start=_SHOTS[0])
+    options = ExportOptions(centre=True, up=(0, 0, 1), page=content)
+    form = SplatFormat.HTML
+    run_stage(export_objects_stage(scene(), tmp_path, (1, 2), form=form, options=options))
+    pages = [page_data(path)[0] for path in sorted(tmp_path.glob("*.html"))]
+    assert [page["title"] for page in pages] == ["group 1", "the </script> one"]
+    one, two = (page["objects"][1] for page in pages)
+    apart = np.array(one["centre"]) - two["centre"]
+    means = [_MADE.gaussians.means[_MADE.labels == k].mean(axis=0) for k in (1, 2)]
+    np.testing.assert_allclose(apart, means[0] - means[1], atol=1e-4)
+    for page, item in zip(pages, (one, two), strict=True):
+        eye, distance = np.array(page["start"][:3]), page["start"][9]
+        np.testing.assert_allclose(np.linalg.norm(eye - item["centre"]), distance, rtol=0.1)
+        assert distance < 1.5, "it is near: the object fills the picture"
