@@ -173,6 +173,25 @@ def test_hidden_splats_leave_no_trace_of_their_merged_ones(
     assert len(np.unique(picture(viewport, scene, FEW).reshape(-1, 3), axis=0)) == 1
 
 
+def test_partly_hidden_and_moved_nodes_are_merged_again(
+    viewport: Viewport, whole: Viewport, large: Large
+) -> None:
+    scene, history = large.scene, History(large.scene)
+    viewport.use_tree(large.tree)
+    few = replace(FEW, lod_budget=5_000)  # too few for the splats themselves
+    coarse = difference(picture(viewport, scene, few), picture(whole, scene))
+    some = np.random.default_rng(0).permutation(len(scene))
+    history.do(edits.hide(scene, some[: len(some) * 3 // 4]))
+    assert difference(picture(viewport, scene, few), picture(whole, scene)) < 2 * coarse
+    matrix = np.eye(3, 4)
+    matrix[2, 3] = 0.6
+    history.do(edits.transform(scene, np.flatnonzero(scene.labels == 2), matrix))
+    assert difference(picture(viewport, scene, few), picture(whole, scene)) < 2 * coarse
+    while history.undo() is not None:
+        pass
+    assert difference(picture(viewport, scene, few), picture(whole, scene)) < 1.1 * coarse
+
+
 def test_labels_and_tints_of_overlays_are_those_of_the_splats(
     viewport: Viewport, whole: Viewport, large: Large
 ) -> None:

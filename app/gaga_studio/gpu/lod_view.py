@@ -20,6 +20,7 @@ _MOST_WRITES = 32  # nodes sent in one frame
 _MOST_SWAPS = 24  # nodes that are replaced by finer or coarser ones in one frame
 _POOL = 2.0  # splats that the pool holds, times the budget
 _SPARE_SLOTS = 32
+_MOST_AGAIN = 3  # level up to which nodes are merged again: 131,072 splats of level 0
 _RESERVE = 8  # slots that only coarser nodes may take, which make room
 
 
@@ -62,6 +63,8 @@ class LodView:
         self._facts: NodeFacts = node_facts(tree, scene)
         self._facts_of: tuple[int, int, int] = (-1, -1, -1)
         self._n_facts = 0
+        self._again: BoolArray = np.zeros(tree.n_nodes, np.bool_)  # merged again after edits
+        self._stale: BoolArray = np.zeros(tree.n_nodes, np.bool_)  # drawn as before an edit
         self._boxes = tree.boxes
         self._wish: Wish | None = None
         self._extra: IntArray = np.zeros(0, np.int32)  # nodes of splats that were added
@@ -86,6 +89,7 @@ class LodView:
         return self.error is not None or (
             len(self._drawn) > 0
             and np.array_equal(self._divided, self._target)
+            and not self._stale[self._drawn].any()
             and bool(self._pool.holds(self._extra).all())
         )
 
@@ -109,10 +113,16 @@ class LodView:
         """Send the nodes that were read, as far as there are slots."""
         free = self._pool.free_slots(self._needed(), shown)
         for read in self._reader.take(min(_MOST_WRITES, len(free))):
-            is_extra = read.node >= self.tree.n_nodes
-            if is_extra or self._divided[read.node] or len(free) > _RESERVE:
+            node, is_extra = read.node, read.node >= self.tree.n_nodes
+            is_late = read.edits != self._n_facts and not is_extra
+            if is_late and (self._again[node] or read.is_placed):
+                continue  # splats below it were edited meanwhile
+            is_stale = not is_extra and self._stale[node]
+            if is_extra or is_stale or self._divided[node] or len(free) > _RESERVE:
                 self._pool.write(free.pop(0), read, scene, self._buffers)
-                self.version += is_extra
+                self.version += bool(is_extra or is_stale)
+                if is_stale:
+                    self._stale[node] = False
 
     def _needed(self) -> IntArray:
         """Nodes whose slots stay."""
@@ -147,7 +157,21 @@ class LodView:
             self._boxes = placed_boxes(self.tree, self._facts, scene.placements)
             self._facts_of = facts_of
             self._n_facts += 1
+            self._merge_again(scene)
         self._pool.follow(scene)
+
+    def _merge_again(self, scene: Scene) -> None:
+        """Have nodes merged again whose splats were torn apart by edits, or are not any more."""
+        again = self._facts.torn.copy()
+        again[: self.tree.first_nodes[1]] = False  # the splats themselves
+        firsts = self.tree.first_nodes
+        again[firsts[min(_MOST_AGAIN + 1, len(firsts) - 1)] :] = False
+        changed = np.flatnonzero(again | self._again).astype(np.int32)
+        self._again = again
+        self._reader.edit(scene, again, self._n_facts)
+        is_drawn = np.isin(changed, self._drawn)
+        self._stale[changed[is_drawn]] = True
+        self._pool.forget(changed[~is_drawn])
 
     def _grow(self, scene: Scene) -> None:
         """Splats were added behind those of the tree, or taken away: nodes of their own hold them,
@@ -217,9 +241,12 @@ class LodView:
         coarser, finer = self._coarser(drawn), self._finer(drawn)
         firsts, n_children = self._children(finer)
         children = (firsts[:, None] + np.arange(FAN))[np.arange(FAN) < n_children[:, None]]
-        wanted = np.concatenate([self._extra, coarser, children]).astype(np.int32)
+        stale = drawn[self._stale[drawn]]
+        wanted = np.concatenate([self._extra, stale, coarser, children]).astype(np.int32)
         self._pool.want(np.concatenate([drawn, wanted]), self._pulls)
-        self._reader.ask(wanted[~self._pool.holds(wanted)].tolist())
+        missing = ~self._pool.holds(wanted)
+        missing[len(self._extra) : len(self._extra) + len(stale)] = True
+        self._reader.ask(wanted[missing].tolist())
 
     def _finer(self, drawn: IntArray) -> IntArray:
         """Drawn nodes that are to be divided, those first that show least."""

@@ -29,6 +29,7 @@ class NodePool:
         self._means: FloatArray = np.zeros((n, 3), np.float32)
         self._reach: FloatArray = np.zeros(n, np.float32)
         self._scores: FloatArray = np.zeros(n, np.float32)
+        self._is_placed: BoolArray = np.zeros(n, np.bool_)  # no placement moves these rows
         self._node_in: IntArray = np.full(n_slots, _NONE, np.int32)
         self._counts: IntArray = np.zeros(n_slots, np.int32)
         self._slots: IntArray = np.full(n_nodes, _NONE, np.int32)  # of each node
@@ -72,6 +73,8 @@ class NodePool:
             if is_other or before[at] != seen[at]:
                 setattr(pool, name, getattr(scene, name)[self.represents])
                 setattr(pool.revision, name, getattr(pool.revision, name) + 1)
+                if name == "placement":
+                    pool.placement[self._is_placed] = 0
         if is_other:
             pool.source = scene.source[self.represents]
         pool.placements, pool.names, pool.colors = scene.placements, scene.names, scene.colors
@@ -105,6 +108,12 @@ class NodePool:
         fresh = np.full(n_nodes - first, _NONE, np.int32)
         self._slots = np.concatenate([self._slots[:first], fresh])
 
+    def forget(self, nodes: IntArray) -> None:
+        """Take nodes out, as far as they are here: they are read again."""
+        slots = self._slots[nodes]
+        self._node_in[slots[slots != _NONE]] = _NONE
+        self._slots[nodes] = _NONE
+
     def free_slots(self, drawn: IntArray, shown: int) -> list[int]:
         """Slots that nothing needs, the one that was drawn longest ago first.
 
@@ -135,6 +144,9 @@ class NodePool:
         np.nan_to_num(self._scores[part], copy=False, nan=-np.inf)
         for name in _COLUMNS:
             getattr(self.scene, name)[part] = getattr(scene, name)[read.rows]
+        self._is_placed[part] = read.is_placed
+        if read.is_placed:
+            self.scene.placement[part] = 0
         for given, gathered in self._overlaid.values():
             gathered[part] = given[read.rows]
         buffers.write(read.packed, first, self._texels(part))

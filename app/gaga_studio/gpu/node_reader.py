@@ -2,14 +2,16 @@
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray
+from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.scene.lod.edited import merged_again
 from gaga_core.scene.lod.tree import NODE, LodTree
+from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.packing import PackedSplats, pack_splats
 
 _MOST_WAITING = 64  # nodes that were read and not taken
@@ -26,6 +28,8 @@ class ReadNode:
     logit_opacities: FloatArray  # (K,)
     rows: IntArray  # (K,) of the scene: those that the splats are, or that count most in them
     packed: PackedSplats
+    edits: int  # count of edits after which it was read, see `NodeReader.edit`
+    is_placed: bool  # whether the splats stand where they are drawn: no placement moves them
 
 
 class NodeReader:
@@ -39,6 +43,7 @@ class NodeReader:
         self._reading = -1
         self._first_changed = _NEVER  # node, while one of the former ones is being read
         self._ended = False
+        self._edited: tuple[Scene | None, BoolArray, int] = (None, np.zeros(0, np.bool_), 0)
         self.error: GagaError | None = None  # after which nothing is read any more
         self._thread = threading.Thread(target=self._work, name="gaga-lod", daemon=True)
         self._thread.start()
@@ -58,6 +63,11 @@ class NodeReader:
             self._first_changed = first
             self._wanted = [node for node in self._wanted if node < first]
             self._read = [read for read in self._read if read.node < first]
+
+    def edit(self, scene: Scene, again: BoolArray, count: int) -> None:
+        """Merge the nodes of ``again`` (M,) from the splats of ``scene`` from now on."""
+        with self._changed:
+            self._edited = replace(scene), again, count
 
     def take(self, most: int) -> list[ReadNode]:
         """At most so many nodes that were read."""
@@ -100,7 +110,11 @@ class NodeReader:
 
     def _one(self, node: int) -> ReadNode:
         extra = node - self._tree.n_nodes
-        if extra < 0:
+        scene, again, count = self._edited
+        is_again = scene is not None and extra < 0 and bool(again[node])
+        if scene is not None and is_again:
+            splats, rows = merged_again(self._tree, node, scene)
+        elif extra < 0:
             splats, rows = self._tree.read(node, self._opened)
         else:  # splats that were added since: in the order of the scene
             first = len(self._tree) + extra * NODE
@@ -113,6 +127,8 @@ class NodeReader:
             splats.logit_opacities,
             rows,
             pack_splats(splats, 0, len(splats), self._scale_range),
+            count,
+            is_again,
         )
 
     def _next(self) -> int | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.kernels import run_chunks
@@ -145,8 +145,12 @@ def _merged(
     return merged_runs(below, rows)
 
 
-def merged_runs(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
+def merged_runs(
+    below: Gaussians, rows: IntArray, starts: LongArray | None = None
+) -> tuple[Gaussians, IntArray]:
     """Every `FAN` neighbours as one splat, and of their ``rows`` that of the heaviest.
+
+    ``starts`` (P,): where runs of another length begin.
 
     Where one splat cannot be as opaque as they are together, it is larger than their moments say:
     a dense surface would let through what lies behind it.
@@ -159,7 +163,8 @@ def merged_runs(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
         below.sh,
         {"row": rows},
     )
-    starts = np.arange(0, len(below), FAN, dtype=np.int64)
+    if starts is None:
+        starts = np.arange(0, len(below), FAN, dtype=np.int64)
     merged = merge_runs(named, starts)
     together = np.add.reduceat(below.opacities * _faces(below.log_scales), starts)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -2,15 +2,18 @@
 
 Merged splats know nothing of edits: a node's splats take state, placement and group of the splat
 that counts most in each. That is right as long as all splats below it were treated alike; a node of
-others is mixed, and is drawn from its children.
+others is mixed, and is drawn from its children, or is merged again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
+from gaga_core.scene.bake import bake
+from gaga_core.scene.lod.build import merged_runs
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
 from gaga_core.scene.scene import Placements, Scene, State
 
@@ -25,6 +28,9 @@ class NodeFacts:
     """What the edits of a scene mean for the nodes of its tree."""
 
     mixed: BoolArray  # (M,) splats below were not all treated alike
+    torn: (
+        BoolArray  # (M,) ... some of them are hidden or stand elsewhere, so they merge differently
+    )
     gone: BoolArray  # (M,) all splats below are hidden or deleted
     leaf_placements: IntArray | None  # (K, C) of the nodes of level 0; -1 = no more; None = all 0
     has_many: BoolArray  # (K,) more placements than have room there
@@ -36,11 +42,12 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
     state, placement = scene.state[:n], scene.placement[:n]
     if not (state & np.uint8(_BITS)).any() and not placement.any():
         none, few = np.zeros(tree.n_nodes, np.bool_), np.zeros(n_leaves, np.bool_)
-        return NodeFacts(none, none, None, few)
+        return NodeFacts(none, none, none, None, few)
     # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.scene.lod.edited_kernels import leaf_facts
 
-    leaf_mixed, states = np.empty(n_leaves, np.bool_), np.empty(n_leaves, np.uint8)
+    leaf_mixed, leaf_torn = np.empty(n_leaves, np.bool_), np.empty(n_leaves, np.bool_)
+    states = np.empty(n_leaves, np.uint8)
     found = np.full((n_leaves, _MOST_PLACEMENTS), -1, np.int32)
     n_found = np.empty(n_leaves, np.int32)
 
@@ -50,8 +57,10 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
             state,
             placement,
             _BITS,
+            _UNSEEN,
             NODE,
             leaf_mixed,
+            leaf_torn,
             states,
             found,
             n_found,
@@ -62,7 +71,9 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
     run_chunks(work, n_leaves, _LEAVES)
     keys = np.where(leaf_mixed, -1, states.astype(np.int64) << 32 | found[:, 0])
     mixed, gone = _upwards(tree, keys)
-    return NodeFacts(mixed, gone, found, n_found > _MOST_PLACEMENTS)
+    seen = states.astype(np.int64) & _UNSEEN
+    torn, _ = _upwards(tree, np.where(leaf_torn, -1, seen << 32 | found[:, 0]))
+    return NodeFacts(mixed, torn, gone, found, n_found > _MOST_PLACEMENTS)
 
 
 def _upwards(tree: LodTree, leaf_keys: LongArray) -> tuple[BoolArray, BoolArray]:
@@ -81,6 +92,23 @@ def _upwards(tree: LodTree, leaf_keys: LongArray) -> tuple[BoolArray, BoolArray]
         gone_below = unseen[firsts[level - 1] : firsts[level]]
         unseen[here] = np.logical_and.reduceat(gone_below, starts)
     return keys < 0, unseen
+
+
+def merged_again(tree: LodTree, node: int, scene: Scene) -> tuple[Gaussians, IntArray]:
+    """Splats (K,) of a node above level 0, merged from those below that are visible, where they
+    stand now; and of each the row that counts most in it. Fewer than as opened, or none."""
+    first, end = tree.opened_span(node)
+    rows = tree.order[first:end]
+    runs = np.arange(end - first) // FAN ** tree.level_of(node)
+    visible = scene.state[rows] & np.uint8(_UNSEEN) == 0
+    rows, runs = rows[visible], runs[visible]
+    ordered = np.sort(rows)
+    baked = bake(replace(scene, gaussians=replace(scene.gaussians, extra={})), indices=ordered)
+    below = baked.take(np.searchsorted(ordered, rows))
+    if len(rows) == 0:
+        return below, rows
+    starts = np.flatnonzero(np.r_[True, runs[1:] != runs[:-1]])
+    return merged_runs(below, rows, starts)
 
 
 def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> FloatArray:

@@ -10,8 +10,10 @@ def leaf_facts(
     state: UInt8Array,
     placement: IntArray,
     bits: int,  # of a state byte that count
+    unseen: int,  # those of them that hide a splat
     node: int,  # splats of a node
     mixed: BoolArray,  # (K,) out: splats differ in state or placement
+    torn: BoolArray,  # (K,) out: some are hidden and some not, or they were placed differently
     states: UInt8Array,  # (K,) out: bits of the first splat
     found: IntArray,  # (K, C) out: different placements
     n_found: IntArray,  # (K,) out; C + 1 = more than C
@@ -22,7 +24,7 @@ def leaf_facts(
     n, most = order.shape[0], found.shape[1]
     for k in range(start, stop):
         first = order[k * node]
-        mixed[k] = False
+        mixed[k] = torn[k] = False
         states[k] = state[first] & bits
         found[k, 0] = placement[first]
         n_found[k] = 1
@@ -31,11 +33,12 @@ def leaf_facts(
             row = order[j]
             if state[row] & bits != states[k]:
                 mixed[k] = True
+                torn[k] |= (state[row] ^ states[k]) & unseen != 0
             p = placement[row]
             if p == last:
                 continue
             last = p
-            mixed[k] = True
+            mixed[k] = torn[k] = True
             is_known = False
             for c in range(min(n_found[k], most)):
                 is_known |= found[k, c] == p
