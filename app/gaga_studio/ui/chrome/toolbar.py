@@ -190,6 +190,7 @@ def _modes(session: Session, *, with_text: bool) -> None:
         for mode in Mode:
             if mode not in shown:
                 command_buttons.command_item(session, f"view.{mode}")
+        command_buttons.command_item(session, "view.folder_colors")
         imgui.separator()
         for look in SplatLook:
             command_buttons.command_item(session, f"view.look_{look}")

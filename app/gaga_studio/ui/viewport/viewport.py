@@ -243,6 +243,8 @@ def mode_badge(session: Session) -> str:
     if mode is Mode.CENTRES and session.view.centre_colors is not CentreColors.OWN:
         is_of_groups = session.view.centre_colors is CentreColors.GROUPS
         return f"Centres, in the colors of their {'groups' if is_of_groups else 'identities'}"
+    if mode is Mode.GROUPS and session.colors_by_folder:
+        return "Colors of the folders"
     if mode is Mode.MASK:
         name = session.document.name_of(session.focus) if session.document is not None else ""
         return f"Mask of {name}" if session.focus else "Mask: click an object"

@@ -96,8 +96,8 @@ def test_new_objects_go_where_those_are_that_they_come_from() -> None:
     assert scene.folders.home[copy] == "Room"
     _do(scene, edits.merge_groups(scene, (1, part, copy)))
     assert scene.folders.home.keys() == {1, 2, 3, 4}
-    fresh = edits.free_group(scene)
-    assert fresh > max(scene.folders.home), "no new object is in a folder by its number"
+    _do(scene, edits.put_in_folder(scene, (50,), "Room"))
+    assert edits.free_group(scene) == 51, "no new object is in a folder by its number"
 
 
 def test_other_groups_have_other_folders_unless_they_are_the_same() -> None:
