@@ -39,6 +39,7 @@ from gaga_core.segmentation.regions_provider import RegionsProvider
 
 STAGE = "Make masks"
 _VERSION = 1
+_WITH_LEVELS = 2  # of the keys of models' masks, since wholes and parts are written next to them
 _BLOCK = 1 << 24  # bytes hashed between two steps
 PhotoOrder = Literal["auto", "coverage", "name"]
 
@@ -71,11 +72,15 @@ class SegmentReport:
     n_masks: int = 0  # in all views
     seconds: float = 0.0
     left: tuple[str, ...] = ()  # views that were not begun when the time was up
+    flat: tuple[str, ...] = ()  # of the kept ones, those made before wholes and parts were written
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user."""
         failed = tuple(f"No masks for {name}: {reason}" for name, reason in self.failed.items())
+        if self.flat:
+            text = f"The masks of {len(self.flat)} photos are from an earlier version and have no"
+            failed += (f"{text} levels of detail. Only gaga masks --redo makes them again.",)
         if not self.left:
             return failed
         n_done = len(self.made) + len(self.kept)
@@ -91,6 +96,7 @@ class SegmentReport:
             "views_kept": len(self.kept),
             "views_failed": dict(self.failed),
             "views_left": len(self.left),
+            "views_without_levels": len(self.flat),
             "masks": self.n_masks,
             "seconds": round(self.seconds, 2),
         }
@@ -162,17 +168,18 @@ def segment_scene(
         view = view_key(camera.name)
         yield Progress(STAGE, i, len(cameras), camera.name + done.time_left(len(cameras) - i))
         try:
-            key = _key(folder, camera, provider, config, cues)
-            if not redo and _restore(folder, target / f"{view}.png", key, record.get(view, "")):
-                done.kept.append(camera.name)
+            keys = _keys(folder, camera, provider, config, cues)
+            path = target / f"{view}.png"
+            key = "" if redo else _kept_key(folder, path, keys, record.get(view, ""))
+            if key:
+                done.keep(camera.name, is_flat=key != keys[0])
             else:
-                began = time.perf_counter()
+                key, began = keys[0], time.perf_counter()
                 stage = _label_maps(folder, camera, provider, config, cues)
                 maps = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                write_labels(target / f"{view}.png", *maps)
-                write_labels(_cached(folder, key), *maps)
-                done.seconds += time.perf_counter() - began
-                done.made.append(camera.name)
+                for place in (path, _cached(folder, key)):
+                    write_labels(place, *maps)
+                done.make(camera.name, time.perf_counter() - began)
         except _PhotoError as error:
             done.failed[camera.name] = str(error)
             continue
@@ -193,6 +200,7 @@ def segment_scene(
         _count_masks(target, done.names),
         time.perf_counter() - start,
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
+        tuple(done.flat),
     )
 
 
@@ -202,8 +210,20 @@ class _Done:
 
     made: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+    flat: list[str] = field(default_factory=list)  # of those kept
     failed: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0  # of those that were made
+
+    def keep(self, name: str, *, is_flat: bool) -> None:
+        """A view had its masks; ``is_flat``: without levels of detail."""
+        self.kept.append(name)
+        if is_flat:
+            self.flat.append(name)
+
+    def make(self, name: str, seconds: float) -> None:
+        """The masks of a view were made."""
+        self.made.append(name)
+        self.seconds += seconds
 
     @property
     def names(self) -> list[str]:
@@ -257,14 +277,15 @@ def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
     return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BOX))
 
 
-def _key(
+def _keys(
     folder: SceneFolder,
     camera: Camera,
     provider: Provider,
     config: SegmentConfig,
     cues: _Cues,
-) -> str:
-    """Hash of all that a view's label map depends on."""
+) -> tuple[str, ...]:
+    """Hash of all that a view's label map depends on; of a model also the one that it had before
+    wholes and parts were written."""
     if camera.name not in folder.image_paths:
         raise _PhotoError(
             f"The photo {camera.name} is not in {folder.root / 'images'}. Put it back."
@@ -278,7 +299,11 @@ def _key(
     if cues.model_id:
         pose = [camera.K.tolist(), camera.cam_from_world.tolist(), camera.width, camera.height]
         seen = [cues.model_id, pose]
-    return fingerprint_of(_VERSION, photo, provider.fingerprint(), config.longest_side, seen)
+    parts = (photo, provider.fingerprint(), config.longest_side, seen)
+    first = fingerprint_of(_VERSION, *parts)
+    if isinstance(provider, ModelProvider):
+        return fingerprint_of(_WITH_LEVELS, *parts), first
+    return (first,)
 
 
 def _model_id(folder: SceneFolder) -> Stage[str]:
@@ -299,6 +324,11 @@ def _model_id(folder: SceneFolder) -> Stage[str]:
 
 def _cached(folder: SceneFolder, key: str) -> Path:
     return folder.work / "cache" / "masks" / f"{key}.png"
+
+
+def _kept_key(folder: SceneFolder, path: Path, keys: Sequence[str], recorded: str) -> str:
+    """The first of the keys whose map is in its place, "" if none is."""
+    return next((key for key in keys if _restore(folder, path, key, recorded)), "")
 
 
 def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:

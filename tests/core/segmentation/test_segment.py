@@ -16,6 +16,7 @@ from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import mask_folder, read_further_labels, read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.pipeline import segment
 from gaga_core.pipeline.segment import SegmentConfig, segment_scene
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
@@ -112,22 +113,41 @@ def test_regions_are_written_at_several_levels_of_detail(folder: SceneFolder) ->
     assert mask_folder(report.folder, folder.train).further[folder.train[0]]()[2].max() > 1
 
 
+def _nested_masks(image: UInt8Array) -> Stage[ScoredMasks]:
+    yield Progress("Segment", 0, 1, "")
+    masks = np.zeros((2, *image.shape[:2]), bool)
+    masks[0], masks[1, 30:60, 40:80] = True, True
+    return scored_masks(masks, [0.9, 0.8], *image.shape[:2])
+
+
+_NESTED = ModelProvider("nested", ModelCard("nested"), "0", lambda: _nested_masks, FlattenConfig())
+
+
 def test_masks_of_a_model_that_contain_each_other_are_written_as_wholes_and_parts(
     folder: SceneFolder,
 ) -> None:
-    def make(image: UInt8Array) -> Stage[ScoredMasks]:
-        yield Progress("Segment", 0, 1, "")
-        masks = np.zeros((2, *image.shape[:2]), bool)
-        masks[0], masks[1, 30:60, 40:80] = True, True
-        return scored_masks(masks, [0.9, 0.8], *image.shape[:2])
-
-    provider = ModelProvider("nested", ModelCard("nested"), "0", lambda: make, FlattenConfig())
-    report = run_stage(segment_scene(folder, provider))
+    report = run_stage(segment_scene(folder, _NESTED))
     masks = mask_folder(report.folder, folder.train)
     flat = masks.loaders[folder.train[0]]()
     wholes, parts = masks.further[folder.train[0]]()
     assert not masks.are_regions
     assert [len(np.unique(labels)) for labels in (flat, wholes, parts)] == [1, 1, 2]
+
+
+def test_masks_of_a_model_from_before_levels_are_kept_and_named(
+    folder: SceneFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as before:
+        before.setattr(segment, "_WITH_LEVELS", segment._VERSION)
+        run_stage(segment_scene(folder, _NESTED))
+    report = run_stage(segment_scene(folder, _NESTED, views="all"))
+    assert report.flat == folder.train  # kept: a model may have worked on them for hours
+    assert report.made == folder.test
+    assert f"The masks of {len(folder.train)} photos" in report.notes[0]
+    assert report.to_json()["views_without_levels"] == len(folder.train)
+    report = run_stage(segment_scene(folder, _NESTED, redo=True))
+    assert report.made == folder.train
+    assert run_stage(segment_scene(folder, _NESTED)).notes == ()
 
 
 def test_a_changed_photo_is_made_anew(folder: SceneFolder) -> None:
