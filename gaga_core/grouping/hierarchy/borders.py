@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
-from gaga_core.grouping.hierarchy.linkage import SignedGraph
+from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood
 from gaga_core.grouping.hierarchy.surfels import Surfels
 
@@ -38,6 +38,7 @@ _DEEP = 0.4  # crease from which on more is said
 _STANDS = 0.3  # crease at which standing side by side counts in full
 _ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
 _SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
+_PATCH = 0.15  # share of the samples of either side on the same plane that makes it a patch
 _FOOT = 0.1  # least crease between a thing and its support
 _OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 # Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
@@ -164,6 +165,18 @@ def noise_of(
     normals, points = _smoothed(surfels, near, cluster)
     bend, step = _shape(points, normals, a[flat], b[flat])
     return np.array([np.maximum(-bend, 0).mean(), step.mean()])
+
+
+def in_one_plane(plane: IntArray, clusters: Clusters) -> BoolArray:
+    """Which borders (B,) run within one plane (S,) for a part: noise tears patches out of it, of
+    which some samples still lie on it, while things that stand on it hardly have any there."""
+    graph, n_planes = clusters.graph, int(plane.max(initial=0)) + 1
+    n = len(graph.size)
+    table = np.bincount(clusters.cluster * n_planes + plane, minlength=n * n_planes)
+    share = table.reshape(n, n_planes) / np.bincount(clusters.cluster, minlength=n)[:, None]
+    share[:, 0] = 0  # no plane
+    result: BoolArray = np.minimum(share[graph.first], share[graph.second]).max(axis=1) > _PATCH
+    return result
 
 
 def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]:

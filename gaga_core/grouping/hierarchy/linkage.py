@@ -57,6 +57,10 @@ class Clusters:
         joins = joined(self.graph, least_evidence, least_size)
         return Clusters(joins[self.cluster], self.graph.contracted(joins))
 
+    def merged(self, into: LongArray) -> "Clusters":
+        """After joining clusters (n,) to those of dense ids ``into`` (n,)."""
+        return Clusters(into[self.cluster], self.graph.contracted(into))
+
     def set_apart(self, outside: BoolArray) -> "Clusters":
         """The same with no borders between some clusters (n,) and the others."""
         inside = ~(outside[self.graph.first] | outside[self.graph.second])

@@ -11,7 +11,14 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_graph, noise_of
+from gaga_core.grouping.hierarchy.borders import (
+    Agreement,
+    coarse_graph,
+    fine_graph,
+    in_one_plane,
+    noise_of,
+)
+from gaga_core.grouping.hierarchy.held import held_together
 from gaga_core.grouping.hierarchy.linkage import Clusters, joined
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
@@ -136,14 +143,21 @@ def _nested_clusters(
         size = np.bincount(cluster, shown).astype(np.float64)
         return Clusters(cluster, replace(graph, size=size))
 
+    def judged_again(before: Clusters) -> Clusters:
+        now = judged(before.cluster)
+        kept = in_one_plane(plane, now) & (before.graph.evidence > now.graph.evidence)
+        evidence = np.where(kept, before.graph.evidence, now.graph.evidence)
+        return Clusters(now.cluster, replace(now.graph, evidence=evidence))
+
     now = judged(fine)
     fine_to_coarse = []
     for i, evidence in enumerate(config.finer):
-        now = now.joined(evidence)
+        now = now.joined(evidence) if i == 0 else judged_again(now).joined(evidence)
         now = now if i > 0 else now.joined(-np.inf, config.least_part)
         fine_to_coarse.append(now.cluster)
     yield Progress(STAGE, 3, 4, "objects")
-    now = judged(now.cluster).joined(config.objects).joined(-np.inf, config.least_object)
+    now = judged_again(now).joined(config.objects).joined(-np.inf, config.least_object)
+    now = now.merged(held_together(near, plane, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
     crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
     outside = crumbs
