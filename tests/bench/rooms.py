@@ -1,18 +1,19 @@
-"""Two kinds of benchmark scene with known groups, each another one for every seed.
+"""Three kinds of benchmark scene with known groups, each another one for every seed.
 
 "room": boxes, balls, cylinders and stacks of them, scattered on the floor and on tables of the
 demo's empty room, seen from anywhere in its open half. "table": the objects of the demo, most of
-them in another place and some left out, seen by a sweep of cameras. What the pictures show and what
+them in another place and some left out, seen by a sweep of cameras. "contents": bowls of fruit,
+rows of books, chairs (`tests.bench.contents`), seen as a room. What the pictures show and what
 is associated are two models: the truth is a fine one, the splats under test are a coarse one with
 noise and floaters, so that true labels on them do not score 1 either. Masks have faults of the
 strength of Segment Anything: 30 % of the segments split, 12 % merged with a neighbour, 10 % missed,
 ragged edges (`gaga_core.demo.masks`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -29,8 +30,9 @@ from gaga_core.demo.textures import plain
 from gaga_core.gaussians import Gaussians
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
+from tests.bench.contents import contents_items
 
-Kind = Literal["room", "table"]
+Kind = Literal["room", "table", "contents"]
 FAULTS = Faults(split=0.30, merge=0.12, miss=0.10)
 _FINISH = Material(plain((0.6, 0.55, 0.5)))
 _FLOATERS = 0.025  # of the splats under test
@@ -59,9 +61,9 @@ def bench_scene(
     faults: Faults = FAULTS,
 ) -> Bench:
     """The scene of one seed: everything in it is drawn from (kind, seed)."""
-    stream = 0 if kind == "room" else 1
+    stream = get_args(Kind).index(kind)
     rng = np.random.default_rng((seed, stream, 0))
-    things = _room_items(rng) if kind == "room" else _table_items(rng)
+    things = _ITEMS[kind](rng)
     fine = surface_of(things, 2.5 * n_splats, np.random.default_rng((seed, stream, 1)))
     coarse = surface_of(things, n_splats, np.random.default_rng((seed, stream, 2)))
     gaussians, labels = splats_under_test(
@@ -195,3 +197,10 @@ def solid(
         patches = list(rounded_box((2 * a, 2 * b, 2 * c), 0.01).values())
     parts = tuple(Part(patch, _FINISH, (0.011, 0.011)) for patch in patches)
     return Item(shape, parts, pose(centre, yaw=yaw))
+
+
+_ITEMS: Mapping[Kind, Callable[[np.random.Generator], list[Item]]] = {
+    "room": _room_items,
+    "table": _table_items,
+    "contents": contents_items,
+}
