@@ -78,10 +78,14 @@ function decodeMeans(planes, n, room, low, high) {
 
 const OTHERS = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
-/** Quaternion, log scales and opacity as 8 x 16 bits, and how far each splat can be seen. */
+/**
+ * Quaternion, log scales and opacity as 8 x 16 bits; how far each splat can be seen; and its rank when
+ * few are drawn: importance() of app/gaga_studio/gpu/sort_kernels.py, which project.frag knows, too.
+ */
 function decodeShape(turns, sizes, looks, table, n, room) {
   const shape = new Uint16Array(8 * room);
   const reach = new Float32Array(n);
+  const importance = new Float32Array(n);
   const [low, range] = scaleRange(table);
   const fixed = table.map((log) => Math.round(((log - low) / range) * 65535));
   const quat = [0, 0, 0, 0];
@@ -95,16 +99,20 @@ function decodeShape(turns, sizes, looks, table, n, room) {
     }
     quat[largest] = Math.sqrt(Math.max(rest, 0));
     for (let k = 0; k < 4; k++) shape[8 * i + k] = Math.min(quat[k] * 32767.5 + 32768, 65535);
-    let longest = 0;
+    let longest = 0, shortest = 255, sum = 0;
     for (let k = 0; k < 3; k++) {
       const code = sizes[k * n + i];
       longest = Math.max(longest, code); // the table ascends
+      shortest = Math.min(shortest, code);
+      sum += table[code];
       shape[8 * i + 4 + k] = fixed[code];
     }
     shape[8 * i + 7] = looks[3 * n + i] * 257;
     reach[i] = 3.34 * Math.exp(table[longest]);
+    const weight = 0.5 * (sum - table[shortest] + Math.log(Math.max(looks[3 * n + i] / 255, 1e-6)));
+    importance[i] = weight - Math.log(Math.max(((i + 1) * 0.6180339887498949) % 1, 1e-9));
   }
-  return { shape, reach };
+  return { shape, reach, importance };
 }
 
 function decodeColor(looks, table, n, room) {

@@ -57,7 +57,7 @@ class Renderer {
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.splats.lines, gl.RED_INTEGER, gl.UNSIGNED_BYTE, this.state);
   }
 
-  /** Draw to the canvas. `look`: mode, hovered (object or 0), outlined, background, pixelScale. */
+  /** Draw to the canvas. `look`: mode, hovered (object or 0), outlined, background, pixelScale, threshold. */
   draw(camera, look) {
     const gl = this.gl;
     gl.disable(gl.DEPTH_TEST);
@@ -83,7 +83,7 @@ class Renderer {
     gl.uniform1i(program.at.u_hovered, look.hovered);
     gl.uniform1i(program.at.u_antialiased, this.antialiased ? 1 : 0);
     gl.uniform1i(program.at.u_tinted, 0);
-    gl.uniform1f(program.at.u_threshold, -1e9);
+    gl.uniform1f(program.at.u_threshold, look.threshold);
     this.begin(this.projected, WIDTH, Math.max(1, Math.ceil(this.nOrder / WIDTH)));
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

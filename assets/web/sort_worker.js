@@ -3,12 +3,12 @@
 
 const N_KEYS = 1 << 18;
 const NEAR = 0.01;
-let means, reach, labels, keys, ids, counts;
+let means, reach, labels, importance, keys, ids, counts;
 
 self.onmessage = (event) => {
   const job = event.data;
   if (job.means) {
-    ({ means, reach, labels } = job);
+    ({ means, reach, labels, importance } = job);
     keys = new Float32Array(reach.length);
     ids = new Uint32Array(reach.length);
     counts = new Uint32Array(N_KEYS + 1);
@@ -16,17 +16,17 @@ self.onmessage = (event) => {
   }
   const order = job.order;
   const count = sort(visible(job), order);
-  self.postMessage({ ticket: job.ticket, order, count }, [order.buffer]);
+  self.postMessage({ ticket: job.ticket, threshold: job.threshold, order, count }, [order.buffer]);
 };
 
-/** Depths and ids of the splats that can touch the picture; their number. */
-function visible({ view, lens, size, hidden }) {
+/** Depths and ids of the splats above the threshold that can touch the picture; their number. */
+function visible({ view, lens, size, hidden, threshold }) {
   const [fx, fy, cx, cy] = lens;
   const limit = 1.3 * 0.5 * Math.max(size[0] / fx, size[1] / fy);
   const stretch = Math.max(fx, fy) * Math.sqrt(1 + 2 * limit * limit);
   let n = 0;
   for (let i = 0; i < reach.length; i++) {
-    if (hidden[labels[i]]) continue;
+    if (hidden[labels[i]] || importance[i] < threshold) continue;
     const x = means[3 * i], y = means[3 * i + 1], z = means[3 * i + 2];
     const depth = view[8] * x + view[9] * y + view[10] * z + view[11];
     if (!(depth >= NEAR)) continue;

@@ -1,8 +1,9 @@
 // The picture: when to sort, when to draw, and at which resolution.
 
 const SETTLES_MS = 150; // after the last motion the picture is drawn at full resolution
-const SLOW_MS = 45, QUICK_MS = 22; // frames that lower and raise the resolution of a motion
-const COARSEST = 0.35;
+const SLOW_MS = 45, QUICK_MS = 22; // frames that lower and raise what a motion shows
+const FEWEST = 0.1, COARSEST = 0.4; // shares of the splats and of the resolution
+const ALL = -1e9; // threshold of importance
 
 class Viewer {
   constructor(canvas, scene, splats) {
@@ -22,7 +23,11 @@ class Viewer {
     this.mode = "color";
     this.playing = null; // begin of a film, ms
     this.onFrame = () => {};
+    this.motion = { share: 1, fineness: 1 }; // what a motion shows, kept until the next one
     this.fineness = 1;
+    this.threshold = ALL; // of what is to be drawn
+    this.drawnThreshold = ALL; // of the depth order that is there
+    this.ranks = Float32Array.from(splats.importance).sort();
     this.movedAt = -Infinity;
     this.version = 0; // of what is visible
     this.sorted = ""; // what the order was made for
@@ -30,7 +35,8 @@ class Viewer {
     this.free = new Uint32Array(splats.lines * WIDTH);
     this.worker = sortWorker();
     this.worker.onmessage = (event) => this.take(event.data);
-    this.worker.postMessage({ means: splats.means, reach: splats.reach, labels: splats.labels });
+    const { means, reach, labels, importance } = splats;
+    this.worker.postMessage({ means, reach, labels, importance });
     this.applyState();
     new ResizeObserver(() => this.invalidate()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.invalidate());
@@ -107,7 +113,7 @@ class Viewer {
     this.adapt(now, isMoving);
     this.resize();
     const camera = this.rig.camera([this.canvas.width, this.canvas.height]);
-    const key = `${this.version} ${camera.matrix} ${camera.lens}`;
+    const key = `${this.version} ${this.threshold} ${camera.matrix} ${camera.lens}`;
     if (key !== this.sorted && this.free) this.sort(camera, key);
     const isDrawn = !this.isStale;
     if (this.isStale && this.sorted) {
@@ -127,17 +133,17 @@ class Viewer {
     if (!path.closed && seconds >= path.seconds) this.playing = null;
   }
 
-  /** In motion the resolution follows the time of a frame; at rest it is full. */
+  /** In motion, splats first and then resolution follow the time of a frame; at rest all is shown. */
   adapt(now, isMoving) {
-    const took = now - (this.lastFrame ?? now);
+    const took = now - (this.lastFrame ?? now), { motion } = this;
     this.lastFrame = isMoving ? now : undefined;
-    if (!isMoving) {
-      if (this.fineness !== 1) this.isStale = true;
-      this.fineness = 1;
-      return;
-    }
-    if (took > SLOW_MS) this.fineness = Math.max(this.fineness * 0.85, COARSEST);
-    else if (took > 0 && took < QUICK_MS) this.fineness = Math.min(this.fineness * 1.05, 1);
+    if (took > SLOW_MS && motion.share > FEWEST) motion.share = Math.max(motion.share * 0.8, FEWEST);
+    else if (took > SLOW_MS) motion.fineness = Math.max(motion.fineness * 0.85, COARSEST);
+    else if (took > 0 && took < QUICK_MS && motion.fineness < 1) motion.fineness = Math.min(motion.fineness * 1.05, 1);
+    else if (took > 0 && took < QUICK_MS) motion.share = Math.min(motion.share * 1.05, 1);
+    this.fineness = isMoving ? motion.fineness : 1;
+    const left = isMoving ? Math.floor((1 - motion.share) * this.splats.n) : 0;
+    this.threshold = left > 0 ? this.ranks[left] : ALL;
   }
 
   resize() {
@@ -156,6 +162,7 @@ class Viewer {
       hovered: this.hovered,
       outlined: this.hovered > 0 || this.selected.some(Boolean),
       background: style.trim().split(/\s+/).map((part) => Number(part) / 255),
+      threshold: this.drawnThreshold,
       pixelScale: this.canvas.width / this.pageSize()[0],
     };
   }
@@ -165,15 +172,17 @@ class Viewer {
     const { lens, size } = camera, order = this.free;
     this.free = null;
     const view = camera.matrix.slice(0, 12);
-    this.worker.postMessage({ ticket: key, view, lens, size, hidden: this.hidden, order }, [order.buffer]);
+    const { hidden, threshold } = this;
+    this.worker.postMessage({ ticket: key, view, lens, size, hidden, threshold, order }, [order.buffer]);
   }
 
-  take({ ticket, order, count }) {
+  take({ ticket, threshold, order, count }) {
     this.renderer.setOrder(order, count);
     // The renderer keeps this order for picking; the next one is written to the former one's room.
     this.free = this.kept ?? new Uint32Array(order.length);
     this.kept = order;
     this.sorted = ticket;
+    this.drawnThreshold = threshold;
     this.invalidate();
   }
 }

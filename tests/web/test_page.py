@@ -102,6 +102,30 @@ def test_the_picture_is_that_of_the_renderer(fresh: "Page", exported: Exported) 
         assert psnr(_picture(fresh), rendered[image]) > 36, key
 
 
+def test_a_drag_turns_and_the_picture_is_whole_again(fresh: "Page", exported: Exported) -> None:
+    """Half a turn about up a height of the picture; splats that a motion left out are back."""
+    x, y, width, height = _box(fresh)
+    fresh.mouse.move(x + 40, y + 90)
+    fresh.mouse.down()
+    for to in (50, 60, 70, 80, 90, 100):  # the first step says that this is no click
+        fresh.mouse.move(x + to, y + 90)
+    fresh.mouse.up()
+    fresh.mouse.move(2, 2)
+    fresh.wait_for_selector(_SETTLED)
+    shot, angle = exported.shot, -np.pi * 50 / height
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    camera = shot.camera(width, height)
+    pivot = camera.position + shot.distance * camera.forward
+    pose = np.eye(4)
+    pose[:3, :3] = camera.cam_from_world[:3, :3] @ turn.T
+    pose[:3, 3] = -pose[:3, :3] @ (pivot + turn @ (camera.position - pivot))
+    turned = replace(camera, cam_from_world=pose)
+    rendered = CpuRasterizer().render(exported.scene.gaussians, turned, background=_DARK).image
+    assert psnr(_picture(fresh), rendered) > 36
+
+
 def test_a_click_selects_what_the_window_selects(fresh: "Page", exported: Exported) -> None:
     """In the middle of every object, at its rim, on the floor and where nothing is."""
     scene = exported.scene
