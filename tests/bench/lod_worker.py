@@ -24,6 +24,7 @@ from gaga_core.geometry import look_at
 from gaga_core.io.ply import write_ply
 from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
 from gaga_core.progress import run_stage
+from gaga_core.scene.lod.pick_rows import PickBoxes
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection.picking import pick
 from gaga_studio.gpu.viewport import Viewport
@@ -121,7 +122,13 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
     first_s = _cpu(lambda: settled(cameras[0]))
     frames = [_cpu(partial(settled, camera)) for camera in cameras[1:]]
     drawn = viewport.n_in_cut
-    picks = [_cpu(partial(pick, scene, cameras[0], 480.5, y)) for y in (200.5, 300.5, 400.5)]
+    boxes = PickBoxes.of(tree, scene)
+
+    def click(v: float) -> None:
+        rows = boxes.rows_at(cameras[0], 480.5, v, n)
+        pick(scene, cameras[0], 480.5, v, rows=rows)
+
+    picks = [_cpu(partial(click, v)) for v in (200.5, 300.5, 400.5, 350.5, 250.5)]
     viewport.release()
     return Cost(
         n=n,

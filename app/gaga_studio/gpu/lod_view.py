@@ -17,7 +17,7 @@ from gaga_studio.gpu.node_reader import NodeReader
 from gaga_studio.gpu.sorter import Rows
 
 _MOST_WRITES = 32  # nodes sent in one frame
-_MOST_SWAPS = 24  # nodes that are replaced by finer or coarser ones in one frame
+_MOST_SWAPS = 16  # nodes that are replaced by finer or coarser ones in one frame
 _POOL = 2.0  # splats that the pool holds, times the budget
 _SPARE_SLOTS = 32
 _MOST_AGAIN = 3  # level up to which nodes are merged again: 131,072 splats of level 0

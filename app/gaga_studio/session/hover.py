@@ -6,6 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 from gaga_core.camera import Camera
+from gaga_core.scene.lod.pick_rows import PickBoxes
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick
 
@@ -44,10 +45,11 @@ class Hovering:
         camera_of: Callable[[int, int], Camera],
         pose: object,
         antialiased: bool | None = None,
+        boxes: PickBoxes | None = None,
     ) -> None:
         """Take an answer, ask the next question. ``pose`` tells whether the camera moved.
 
-        ``antialiased`` is how the splats are drawn, as in `pick`.
+        ``antialiased`` is how the splats are drawn, as in `pick`; ``boxes`` of a large scene.
         """
         if self._answer is not None:
             if not self._answer.done():
@@ -66,7 +68,7 @@ class Hovering:
         camera = camera_of(wanted[2], wanted[3])
         # Edits replace columns, never change them in place: this is the scene as it is now.
         self._answer = self._pool.submit(
-            _group_at, replace(scene), camera, (wanted[0], wanted[1]), antialiased
+            _group_at, replace(scene), camera, (wanted[0], wanted[1]), antialiased, boxes
         )
 
     def shut_down(self) -> None:
@@ -75,7 +77,12 @@ class Hovering:
 
 
 def _group_at(
-    scene: Scene, camera: Camera, at: tuple[float, float], antialiased: bool | None
+    scene: Scene,
+    camera: Camera,
+    at: tuple[float, float],
+    antialiased: bool | None,
+    boxes: PickBoxes | None,
 ) -> int:
-    found = pick(scene, camera, *at, antialiased=antialiased)
+    rows = None if boxes is None else boxes.rows_at(camera, *at, len(scene))
+    found = pick(scene, camera, *at, antialiased=antialiased, rows=rows)
     return found.group if found is not None else 0

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
+from gaga_core.scene.lod.pick_rows import PickBoxes
 from gaga_studio.session.notices import Level, notifies
 
 if TYPE_CHECKING:
@@ -36,6 +37,20 @@ def tree_of(session: "Session") -> "LodTree | None":
     if document is None or session.training is not None or not session.view.uses_lod:
         return None
     return document.lod if len(document.scene) > LARGE else None
+
+
+def pick_boxes(session: "Session") -> PickBoxes | None:
+    """Boxes that tell a click in a large scene which splats to look at; None: all of them.
+
+    Also while the level of detail is switched off: what is found is the same.
+    """
+    document = session.document
+    tree = None if document is None else document.lod
+    if document is None or tree is None or len(document.scene) < len(tree):
+        return None
+    now = document.scene.revision
+    key = (id(tree), now.placement, now.placements)
+    return document.read.once("pick boxes", key, lambda: PickBoxes.of(tree, document.scene))
 
 
 def failed(session: "Session", error: GagaError) -> None:

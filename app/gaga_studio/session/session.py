@@ -277,7 +277,8 @@ class Session:
             self.hovering.away()
         else:
             look = self.view.is_antialiased(self.scene)
-            self.hovering.update(self.scene, self.rig.camera, self.rig.pose, look)
+            boxes = level_of_detail.pick_boxes(self)
+            self.hovering.update(self.scene, self.rig.camera, self.rig.pose, look, boxes)
 
     # --- reading
 
@@ -381,7 +382,9 @@ class Session:
         camera = self.rig.camera(width, height)
         if self.scene is None:
             return None
-        return pick(self.scene, camera, u, v, antialiased=self.view.is_antialiased(self.scene))
+        boxes, look = level_of_detail.pick_boxes(self), self.view.is_antialiased(self.scene)
+        rows = None if boxes is None else boxes.rows_at(camera, u, v, len(self.scene))
+        return pick(self.scene, camera, u, v, antialiased=look, rows=rows)
 
     def hover(self, u: float, v: float, width: int, height: int) -> None:
         """Note that the mouse is at this pixel: `hovered_group` follows once it rests."""

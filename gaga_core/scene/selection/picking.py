@@ -1,11 +1,12 @@
 """What is under a pixel: the exact alpha-weighted vote of the splats that it shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import T_MIN
 from gaga_core.raster.cpu.pick_kernels import pick_pixel
@@ -29,14 +30,25 @@ class Pick:
 
 
 def pick(
-    scene: Scene, camera: Camera, u: float, v: float, *, antialiased: bool | None = None
+    scene: Scene,
+    camera: Camera,
+    u: float,
+    v: float,
+    *,
+    antialiased: bool | None = None,
+    rows: IntArray | None = None,
 ) -> Pick | None:
     """Blend the one pixel whose centre is (u, v), as the rasterizer would; ``None`` if it is empty.
 
     Hidden and deleted splats do not count; placements do (position, shape, opacity). For the pixel
     in column x and row y pass x + 0.5 and y + 0.5. ``antialiased``: the mode of the display;
-    None = that of the file.
+    None = that of the file. ``rows`` (K,) ascending: look at these splats alone (`lod.pick_rows`).
     """
+    if rows is not None:
+        among = pick(_only(scene, rows), camera, u, v, antialiased=antialiased)
+        if among is None:
+            return None
+        return replace(among, indices=rows[among.indices], splat=int(rows[among.splat]))
     look = scene.gaussians.is_antialiased if antialiased is None else antialiased
     index, alphas, depths = _hits(scene, camera, (u, v), look)
     if len(index) == 0:
@@ -64,6 +76,22 @@ def pick(
         depth=depth,
         point=camera.unproject(u, v, depth),
         splat=int(index[weights.argmax()]),
+    )
+
+
+def _only(scene: Scene, rows: IntArray) -> Scene:
+    """The scene with these rows alone, as far as `pick` reads it."""
+    g = scene.gaussians
+    chosen = Gaussians(
+        g.means[rows], g.quats[rows], g.log_scales[rows], g.logit_opacities[rows], g.sh[rows]
+    )
+    return replace(
+        scene,
+        gaussians=replace(chosen, comments=g.comments),
+        labels=scene.labels[rows],
+        state=scene.state[rows],
+        placement=scene.placement[rows],
+        source=scene.source[rows],
     )
 
 
