@@ -30,9 +30,9 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 
 _ON_BOX, _ON_FLOOR = 400, 80  # splats of a box, and of the ground around it
-_SPLIT, _MERGE, _MISS = 0.2, 0.08, 0.1  # chance of each box in each view
+_SPLIT, _MERGE, _MISS = 0.15, 0.06, 0.1  # chance of each box in each view
 _LEAST = 40  # pixels of a mask
-_FAR = 14.0  # scene units beyond which boxes have no masks
+_FAR = 10.0  # scene units beyond which boxes have no masks
 _MATCH = 0.5  # IoU
 
 
@@ -107,14 +107,16 @@ def _on_boxes(
 def cameras(scene: Hall, n: int, size: tuple[int, int], seed: int = 1) -> tuple[Camera, ...]:
     """Cameras all over the hall that look at boxes some squares away."""
     rng = np.random.default_rng(seed)
-    K = np.array([[0.8 * size[0], 0, size[0] / 2], [0, 0.8 * size[0], size[1] / 2], [0, 0, 1]])
-    eyes = np.c_[rng.uniform(0, 1, (n, 2)) * scene.size, rng.uniform(1.8, 3.2, n)]
+    K = np.array([[0.7 * size[0], 0, size[0] / 2], [0, 0.7 * size[0], size[1] / 2], [0, 0, 1]])
+    # Evenly over the ground: the sequence of Roberts, 2018.
+    even = (rng.uniform(size=2) + np.outer(np.arange(n), (0.7548776662, 0.5698402910))) % 1
+    eyes = np.c_[even * scene.size, rng.uniform(2.6, 4.0, n)]
     found = []
     for i, eye in enumerate(eyes):
         # Towards the middle of the hall from its border, anywhere from its middle.
         inner = rng.uniform(0.15, 0.85, 2) * scene.size
         way = inner - eye[:2]
-        way *= rng.uniform(2.5, 5.0) / max(float(np.linalg.norm(way)), 1e-6)
+        way *= rng.uniform(2.0, 4.5) / max(float(np.linalg.norm(way)), 1e-6)
         target = np.array([*(eye[:2] + way), 0.3])
         pose = look_at(eye, target, np.array([0, 0, 1.0]))
         found.append(Camera(K, pose, *size, f"{i:05d}.png"))

@@ -1,0 +1,52 @@
+"""Association of many objects: halls of boxes of growing size, and what each costs.
+
+Views and splats grow with the boxes, so cost near linear means time in proportion to them. Every
+run is a process of its own (`hall`). Small halls show the growth; ``GAGA_BENCH_LONG=1`` adds 1,000
+boxes and 300 views. The largest, ``python -m tests.bench.hall 4000 1000``, runs by hand.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+from tests.bench.figures import Figure
+from tests.bench.hall import Cost
+
+_SIZES = ((125, 40), (250, 75), (500, 150))
+_LONG = ((1000, 300),)
+_LARGEST = (4000, 1000)
+_LIMIT_MIB = 4096
+
+
+def figures() -> list[Figure]:
+    """CPU time, memory, precision and recall by size, and the power of the growth."""
+    sizes = _SIZES + (_LONG if os.environ.get("GAGA_BENCH_LONG") else ())
+    costs = [run(*size) for size in sizes]
+    found = []
+    for cost in costs:
+        name = f"hall: {cost.objects} boxes, {cost.views} views"
+        found += [
+            Figure(f"{name}: association", cost.cpu_s, "CPU-s"),
+            Figure(f"{name}: peak memory", cost.peak_mib, "MiB", f"<= {_LIMIT_MIB}"),
+            Figure(f"{name}: precision", cost.precision, "", ">= 0.95"),
+            Figure(f"{name}: recall", cost.recall, "", ">= 0.94"),
+        ]
+    views, seconds = [cost.views for cost in costs], [cost.cpu_s for cost in costs]
+    power, base = np.polyfit(np.log(views), np.log(seconds), 1)
+    n_boxes, n_views = _LARGEST
+    expected = float(np.exp(base) * n_views**power)
+    found += [
+        Figure("hall: time grows with boxes and views to the power", float(power), ""),
+        Figure(f"hall: expected of {n_boxes} boxes, {n_views} views", expected, "CPU-s"),
+    ]
+    return found
+
+
+def run(n_boxes: int, n_views: int) -> Cost:
+    """One run in a process of its own."""
+    command = [sys.executable, "-m", "tests.bench.hall", str(n_boxes), str(n_views)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return Cost(**json.loads(done.stdout))
