@@ -21,9 +21,8 @@ from gaga_core.grouping.associate import (
     AssociateConfig,
     Association,
     BankSnapshot,
-    vote_with_bank,
 )
-from gaga_core.grouping.gated_views import GatedViews
+from gaga_core.grouping.gated_views import GatedViews, vote_with_bank
 from gaga_core.grouping.memory_bank import (
     Decision,
     MemoryBank,
@@ -109,7 +108,9 @@ def _by_memory_bank(
         bank, _ = add_view(bank, camera.name, masks.ids, mask_of, config.threshold)
         snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
         yield Progress(STAGE, i, 2 * len(gated.views), camera.name, snapshot)
-    votes = yield from part(vote_with_bank(gated, bank, rasterizer, config), 1, 2, STAGE)
+    votes = yield from part(
+        vote_with_bank(gated, bank, rasterizer, config.histogram_bytes), 1, 2, STAGE
+    )
     return bank, votes
 
 

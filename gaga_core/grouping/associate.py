@@ -12,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks
-from gaga_core.grouping.gated_views import DepthKind, GatedViews
+from gaga_core.grouping.gated_views import DepthKind, GatedViews, vote_with_bank
 from gaga_core.grouping.hierarchy.given import levels_around_stage
 from gaga_core.grouping.hierarchy.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.memory_bank import (
@@ -34,10 +34,9 @@ from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_s
 from gaga_core.grouping.views import (
     has_further,
     load_further,
-    load_labels,
     views_with_masks,
 )
-from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, associated_labels, vote_labels
+from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
@@ -211,7 +210,7 @@ def _by_memory_bank(task: _Task) -> Stage[Association]:
     bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
     # Fig. 2: every mask shows its group's id. Pixels vote for the Gaussians that they show; one
     # that no mask shows keeps the group that the bank has it in.
-    vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config)
+    vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config.histogram_bytes)
     votes = yield from part(vote, n_parts - 1, n_parts, STAGE)
     labels = np.where(votes.labels > 0, votes.labels, np.maximum(bank.group, 0))
     return _association(task, bank, labels, votes.confidence, votes.weight)
@@ -340,25 +339,6 @@ def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
         message = f"{camera.name}: {bank.n_groups} groups"
         yield Progress(STAGE, i + 1, len(order), message, snapshot)
     return bank
-
-
-def vote_with_bank(
-    gated: GatedViews, bank: MemoryBank, rasterizer: Rasterizer, config: AssociateConfig
-) -> Stage[Votes]:
-    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in."""
-    groups = groups_of_masks(bank, [camera.name for camera in gated.views])
-
-    def label_map(camera: Camera) -> IntArray:
-        return associated_labels(load_labels(gated.masks, camera)[0], groups[camera.name])
-
-    return vote_labels(
-        gated.gaussians,
-        gated.views,
-        label_map,
-        bank.n_groups,
-        rasterizer,
-        histogram_bytes=config.histogram_bytes,
-    )
 
 
 # --- steps of the consensus alone

@@ -15,9 +15,12 @@ from gaga_core.grouping.gate import (
     gaussians_of_masks,
     open_bounds,
 )
+from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.views import has_further, load_labels
+from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
+from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer
 
 DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
@@ -104,3 +107,22 @@ class GatedViews:
                 "view; they were resized."
             )
         return tuple(notes)
+
+
+def vote_with_bank(
+    gated: GatedViews, bank: MemoryBank, rasterizer: Rasterizer, histogram_bytes: int
+) -> Stage[Votes]:
+    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in."""
+    groups = groups_of_masks(bank, [camera.name for camera in gated.views])
+
+    def label_map(camera: Camera) -> IntArray:
+        return associated_labels(load_labels(gated.masks, camera)[0], groups[camera.name])
+
+    return vote_labels(
+        gated.gaussians,
+        gated.views,
+        label_map,
+        bank.n_groups,
+        rasterizer,
+        histogram_bytes=histogram_bytes,
+    )

@@ -18,6 +18,8 @@ from tests.bench.hall import Cost
 _SIZES = ((125, 40), (250, 75), (500, 150))
 _LONG = ((1000, 300),)
 _LARGEST = (4000, 1000)
+_VIEWS, _BOXES, _SMALL = (40, 80, 160), 125, ("320", "240")  # more views of the same boxes
+_MANY_VIEWS = 5000
 _LIMIT_MIB = 4096
 
 
@@ -42,11 +44,26 @@ def figures() -> list[Figure]:
         Figure("hall: time grows with boxes and views to the power", float(power), ""),
         Figure(f"hall: expected of {n_boxes} boxes, {n_views} views", expected, "CPU-s"),
     ]
-    return found
+    return found + _more_views()
 
 
-def run(n_boxes: int, n_views: int) -> Cost:
+def _more_views() -> list[Figure]:
+    """How time and memory grow with the views of one hall."""
+    costs = [run(_BOXES, n, *_SMALL) for n in _VIEWS]
+    seconds, memory = [cost.cpu_s for cost in costs], [cost.peak_mib for cost in costs]
+    power = np.polyfit(np.log(_VIEWS), np.log(seconds), 1)[0]
+    by_view, mib_by_view = (np.polyfit(_VIEWS, values, 1)[0] for values in (seconds, memory))
+    name = f"hall: {_BOXES} boxes, 320x240"
+    return [
+        Figure(f"{name}: time grows with views to the power", float(power), "", "<= 1.15"),
+        Figure(f"{name}: one view more", 1e3 * float(by_view), "CPU-ms"),
+        Figure(f"{name}: memory that one view more takes", float(mib_by_view), "MiB"),
+        Figure(f"{name}: expected of {_MANY_VIEWS} views", float(by_view) * _MANY_VIEWS, "CPU-s"),
+    ]
+
+
+def run(n_boxes: int, n_views: int, *size: str) -> Cost:
     """One run in a process of its own."""
-    command = [sys.executable, "-m", "tests.bench.hall", str(n_boxes), str(n_views)]
+    command = [sys.executable, "-m", "tests.bench.hall", str(n_boxes), str(n_views), *size]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return Cost(**json.loads(done.stdout))

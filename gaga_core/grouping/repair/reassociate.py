@@ -14,9 +14,10 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
-from gaga_core.grouping.associate import BankSnapshot, vote_with_bank
+from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+from gaga_core.grouping.gated_views import vote_with_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks, two_best
 from gaga_core.grouping.repair.reassociate_points import VotingMaps, follow_points
 from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
@@ -86,7 +87,7 @@ def reassociate_stage(
     yield from part(gather_stage(evidence, rasterizer), 0, 3, STAGE)
     if is_paper:
         redone = yield from part(_refill(evidence, bank, forced, move.view, free), 1, 3, STAGE)
-        vote = vote_with_bank(evidence.gated, redone, rasterizer, evidence.config)
+        vote = vote_with_bank(evidence.gated, redone, rasterizer, evidence.config.histogram_bytes)
         votes = yield from part(vote, 2, 3, STAGE)
     else:
         yield Progress(STAGE, 1, 3, "points", None)
