@@ -62,10 +62,11 @@ def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
     plain = group_colors(np.array([entry.id for entry in entries], np.int32))
     colors: dict[int, RGB] = {}
     for entry, usual in zip(entries, plain, strict=True):
-        if np.abs(np.array(entry.color) - usual).max() > 1e-3:
-            colors[entry.id] = entry.color
-    named = [entry for entry in entries if entry.name != f"group {entry.id}"]
-    scene.names = dict(sorted((entry.id, entry.name) for entry in named))
+        red, green, blue = (min(max(value, 0.0), 1.0) for value in entry.color)
+        if np.abs(np.array((red, green, blue)) - usual).max() > 1e-3:
+            colors[entry.id] = (red, green, blue)
+    names = {entry.id: " ".join(entry.name.split()) for entry in entries}
+    scene.names = {g: name for g, name in sorted(names.items()) if name not in ("", f"group {g}")}
     scene.colors = dict(sorted(colors.items()))
     scene.folders = Folders.of((), {entry.id: entry.folder for entry in entries})
 

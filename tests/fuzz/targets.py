@@ -30,6 +30,8 @@ from gaga_core.pipeline.place import read_entry
 from gaga_core.pipeline.placement_report import notes_of, placement_of
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.export import export_objects_stage
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
@@ -97,7 +99,15 @@ def _project(folder: Path) -> None:
     project = run_stage(open_path_stage(folder / "a.ply"))
     project.scene.labels[:] = np.arange(300) % 7
     project.scene.names = {1: "one", 2: "two"}
+    project.scene.folders = Folders.of(("a/b",), {1: "a/b", 3: "c"})
     save_project(project)
+
+
+def _exported(folder: Path) -> None:
+    scene = Scene.of(_gaussians(), np.arange(300, dtype=np.int32) % 4)
+    scene.names, scene.colors = {1: "one"}, {2: (1.0, 0.0, 0.5)}
+    scene.folders = Folders.of((), {1: "a/b", 3: "c"})
+    run_stage(export_objects_stage(scene, folder / "out"))
 
 
 def _scene_folder(folder: Path) -> None:
@@ -201,6 +211,9 @@ TARGETS: Mapping[str, Target] = {
     "splats in a SOG folder": Target(_sog_folder, read_splats),
     **{f"masks {form}": _masks(form) for form in FORMS},
     "bank": Target(_bank, lambda f: load_bank(f / "bank.npz")),
+    "exported objects": Target(
+        _exported, lambda f: run_stage(open_path_stage(f / "out")), "out/groups.json"
+    ),
     "project": Target(
         _project, lambda f: run_stage(open_path_stage(f / "a.gaga")), "a.gaga/*"
     ),
