@@ -221,7 +221,17 @@ def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
     if imgui.begin_popup(_OBJECT_POPUP):
         widgets.escape_closes()
-        _items(session, (*OBJECT_MENU, "", "tool.pivot_here", "tool.origin_here", "tool.ground"))
+        _items(
+            session,
+            (
+                *OBJECT_MENU,
+                "object.folder",
+                "",
+                "tool.pivot_here",
+                "tool.origin_here",
+                "tool.ground",
+            ),
+        )
         imgui.end_popup()
     if imgui.begin_popup(_SCENE_POPUP):
         widgets.escape_closes()

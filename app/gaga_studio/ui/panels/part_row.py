@@ -43,9 +43,16 @@ class PartRow:
             imgui.end_popup()
         self._begin()
         imgui.table_set_column_index(1)
-        lower(columns.height)
-        with theme.text_color(theme.DIM):
-            imgui.text_unformatted(part.name)
+        is_high = columns.splats < 0 and columns.height >= 2.2 * imgui.get_text_line_height()
+        lower(columns.height, 1 + is_high)
+        left = imgui.get_cursor_pos_x()
+        widgets.dim(part.name)
+        if is_high:
+            top = imgui.get_item_rect_max().y
+            imgui.set_cursor_pos_x(left)
+            imgui.set_cursor_screen_pos(imgui.ImVec2(imgui.get_cursor_screen_pos().x, top))
+            with theme.text_color(theme.FAINT):
+                imgui.text_unformatted(f"{len(part.rows):,} splats")
         if columns.splats >= 0:
             imgui.table_set_column_index(columns.splats)
             lower(columns.height)
