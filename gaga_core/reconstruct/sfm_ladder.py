@@ -159,7 +159,6 @@ class _State:
         self.attempts: list[dict[str, object]] = []
         self.failure = ""
         self.looked_closely = False  # whether photos seen from wide apart were matched too
-        self._fewest_refused = len(photos.photos)  # scenes that a refused placement has, at least
         self._start = time.monotonic()
 
     @property
@@ -175,10 +174,7 @@ class _State:
         best = self.best
         if best is None or not best.is_right or best.share < self.ladder.enough:
             return False
-        if len(best.scenes) == 1:
-            return True
-        # One model of all that no check accepts yet is no proof of several scenes.
-        return self.looked_closely and self._fewest_refused >= len(best.scenes)
+        return len(best.scenes) == 1 or self.looked_closely
 
     def is_hopeless(self, config: SfmConfig) -> bool:
         """Whether more attempts of this kind cannot help.
@@ -197,8 +193,6 @@ class _State:
 
     def take(self, placement: Placement) -> None:
         """Keep it when it is better than the best."""
-        if not placement.is_right and placement.share >= self.ladder.enough:
-            self._fewest_refused = min(self._fewest_refused, len(placement.scenes))
         if self.best is None or _rank(placement) > _rank(self.best):
             self.best = placement
 
@@ -255,9 +249,8 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
             if not (folder / f"{step}.finished").is_file():
                 break
             title = f"{rung.title}, {mapper} mapping" if mapper else rung.title
-            for placement in _placements(state, folder / mapper, title, reason):
-                placed.append(placement)
-                state.take(placement)
+            placed += _placements(state, folder / mapper, title, reason)
+            state.take(max(placed, key=_rank))
             if state.is_enough:
                 break
     except GagaError as error:

@@ -1,15 +1,11 @@
 """Two models of one mapping: parts of one scene, or scenes of their own."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaga_core.reconstruct.photos import Photo, PhotoSet
-from gaga_core.reconstruct.sfm_checks import Verdict
-from gaga_core.reconstruct.sfm_ladder import LadderConfig, Placement, _State
-from gaga_core.reconstruct.sfm_metrics import SfmFacts, summarize
+from gaga_core.reconstruct.sfm_metrics import SfmFacts
 from gaga_core.reconstruct.sfm_scenes import scenes_of
 from tests.core.conftest import PlacedRoom
 
@@ -56,33 +52,3 @@ def test_models_that_share_matches_are_parts_of_one_scene(
     ]
     assert [facts.names for facts in scenes_of(linked)] == [two[0].names]
     assert scenes_of(two[:1]) == (two[0],)
-
-
-def test_one_model_that_a_check_refuses_is_no_proof_of_several_scenes(
-    two: tuple[SfmFacts, SfmFacts],
-) -> None:
-    """Two scenes are believed after a closer look, unless that held all photos in one model."""
-    names = (*two[0].names, *two[1].names)
-    photos = PhotoSet(tuple(Photo(name, name, 64, 64) for name in names))
-    state = _State(photos, LadderConfig(), 1, {})
-    apart = Placement(
-        title="",
-        reason="",
-        model=Path(),
-        facts=two[0],
-        summary=summarize(two[0]),
-        verdicts=(),
-        scenes=(two[0].names, two[1].names),
-        n_photos=len(names),
-    )
-    state.take(apart)
-    assert not state.is_enough
-    state.looked_closely = True
-    assert state.is_enough
-    whole = replace(apart, scenes=(names,))
-    state.take(replace(whole, verdicts=(Verdict("clusters", "error", "Two groups."),)))
-    assert state.best is apart
-    assert not state.is_enough
-    state.take(whole)
-    assert state.best is whole
-    assert state.is_enough
