@@ -156,7 +156,11 @@ def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
     hidden = (behind > 0).reshape(chart.shape) & ~known & ~free
     wanted = ndimage.binary_dilation(opened & hidden, iterations=_RIM, mask=hidden)
     surface = continued(known.astype(float)[:, :, None], known | free, wanted)[:, :, 0] > 0.5
-    return replace(chart, hole=_enclosed(wanted & surface, known))
+    hole = _enclosed(wanted & surface, known)
+    # What is next to it was seen by few views, and stood in the object's shadow: it is made again.
+    rim = (behind > 0).reshape(chart.shape) & known
+    hole |= ndimage.binary_dilation(hole, iterations=_RIM, mask=rim | hole)
+    return replace(chart, hole=hole, known=known & ~hole)
 
 
 def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:

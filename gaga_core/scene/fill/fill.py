@@ -144,7 +144,7 @@ class _Work:
             if not chart.hole.any():
                 continue
             self._fill_chart(chart)
-            self.dropped |= hidden & _under(chart, self.points)
+            self.dropped |= ~self.is_object & _under(chart, self.points)
             n_filled += 1
             if n_filled == self.config.most_surfaces:
                 return
@@ -203,7 +203,7 @@ def _under(chart: Chart, points: DoubleArray) -> BoolArray:
     """Splats at ``points`` (N, 3) that lie in the hole's place (N,)."""
     local = chart.plane.local(points)
     row, column, inside = chart.cells(local)
-    near = np.abs(local[:, 2]) < 4 * chart.step
+    near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
     result: BoolArray = inside & near & chart.hole[row, column]
     return result
 

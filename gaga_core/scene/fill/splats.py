@@ -13,6 +13,7 @@ from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import Chart, drawn
 
 _PIECE = 5.0  # side of a copied piece, spacings of the splats
+_SMALL, _INWARD = 0.7, 0.7  # largest deviation: in spacings, and in ways to the hole's edge
 _ROUNDS = 3  # of correcting colors by what is drawn
 _GAP_ROUNDS = 4  # of splats for what the pieces leave open
 _THIN = 0.8  # alpha under which a cell gets a splat more
@@ -57,7 +58,15 @@ def _placed(
     most = 3 * chart.plane.thickness
     lift = np.clip(local[:, 2] - chart.at(chart.height, local), -most, most)
     target = np.column_stack([places, chart.at(height, places) + lift])
-    return replace(gaussians.take(donors), means=chart.plane.world(target).astype(np.float32))
+    # Large splats would lie over what is known next to the hole.
+    inward = chart.at(ndimage.distance_transform_edt(chart.hole) * chart.step, places)
+    largest = np.log(np.maximum(_SMALL * chart.plane.spacing, _INWARD * inward))
+    copies = gaussians.take(donors)
+    return replace(
+        copies,
+        means=chart.plane.world(target).astype(np.float32),
+        log_scales=np.minimum(copies.log_scales, largest[:, None]).astype(np.float32),
+    )
 
 
 def _gaps(

@@ -8,8 +8,11 @@ from gaga_core.scene.fill.chart import Chart
 from gaga_core.scene.fill.smooth import blurred
 
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
-_LEAST = 1.04  # gain under which nothing is changed
+_RIM = 4.0  # cells from the hole: a shadow is seen there
+_SHADOW = 1.1  # mean factor there under which nothing is a shadow: textures vary as much
+_LEAST = 1.06  # gain under which nothing is changed
 _MOST = 4.0
+_BRIGHT = 85  # percentile of the surroundings: nothing is made brighter than that
 _DARK = 0.02  # color that counts as black
 
 
@@ -24,20 +27,27 @@ def gains(chart: Chart) -> DoubleArray:
     if not chart.hole.any() or not chart.known.any():
         return ones
     size = np.sqrt(chart.hole.sum())
-    low = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), max(2.0, size / 12))
+    low = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), max(1.2, size / 16))
     distance = ndimage.distance_transform_edt(~chart.hole)
     far = chart.known & (distance > 0.5 * size)
     if far.sum() < 30:
         return ones
     log = np.log(np.maximum(low, _DARK))
     light = _fitted(log, far)
+    light = np.minimum(light, np.percentile(log[far], _BRIGHT, axis=0))
     ratio = np.exp(light - log)
+    rim = chart.known & (distance > 1) & (distance <= _RIM)
+    if not rim.any() or (ratio @ _LUMA)[rim].mean() < _SHADOW:
+        return ones
     stained = chart.known & (ratio @ _LUMA > _LEAST)
     parts, _ = ndimage.label(stained | chart.hole)
     touched = np.unique(parts[chart.hole])
     stained &= np.isin(parts, touched)
-    fade = np.clip(2.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
-    result = np.clip(1 + (ratio - 1) * fade, 1.0, _MOST)
+    fade = np.clip(3.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
+    # A bright cell next to a dark one is not made brighter than the light allows.
+    fine = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), 0.7)
+    room = np.maximum(np.exp(light) / np.maximum(fine, _DARK), 1.0)
+    result = np.clip(1 + (np.minimum(ratio, room) - 1) * fade, 1.0, _MOST)
     soft = ndimage.gaussian_filter(stained.astype(float), 1.0)[:, :, None]
     factors: DoubleArray = 1 + (result - 1) * soft
     return factors

@@ -11,7 +11,7 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.scene.fill.config import FillConfig
 
 _TRIES = 300  # planes that are tried for each surface
-_LEAST = 60  # splats of a surface
+_LEAST = 30  # splats of a surface
 _WIDE = 2.5  # reaches: so far around the object a surface that begins next to it is followed
 _FLAT = 0.5  # a splat has a normal when it is thinner than this share of its second axis
 _ALIGNED = 0.8  # cosine between its normal and the plane's
