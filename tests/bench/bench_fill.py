@@ -1,0 +1,111 @@
+"""Delete and fill: how near the filled hole comes to the scene that never had the object.
+
+Holes are pixels of held-out views that the object covered and where the scene without it is open or
+shows something deeper than the truth; all other pixels are outside. Settings were chosen on other
+scenes: solids of seeds 0 and 1, the demo of seed 0, ycb_table.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.raster.base import Frame
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.fill.edits import filled_edit
+from gaga_core.scene.fill.fill import fill_stage
+from gaga_core.scene.scene import Scene
+from tests.bench.figures import Figure
+from tests.bench.fill_cases import FillCase, demo_cases, placed_cases, solid_cases
+
+_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+_DEEPER = 0.008  # of the depth: so much deeper than the truth is a hole
+_LEAST = 50  # pixels of a hole in all views, under which an object hid nothing
+_SOLIDS, _SPLATS = (2, 3), 40_000
+_DEMO = {1: (11, 21), 2: (12, 32)}  # teapot, oil bottle; mug, lamp
+
+
+@dataclass(frozen=True)
+class Score:
+    """Summed squared errors of one object and numbers of values, in the hole and outside."""
+
+    n_hole: int
+    hole: tuple[float, float]  # left open, filled: dB
+    outside: tuple[float, float]
+    behind: tuple[float, float]  # where the object was, its shadow too
+    cpu: float  # seconds
+
+
+def figures() -> list[Figure]:
+    """Gains in dB over leaving the hole, over objects that hid something, and processor time."""
+    found: list[Figure] = []
+    for kind, cases in _kinds():
+        scores = [score(case) for case in cases]
+        holes = [s for s in scores if s.n_hole >= _LEAST]
+        gains = np.array([s.hole[1] - s.hole[0] for s in holes])
+        outside = np.array([s.outside[1] - s.outside[0] for s in scores])
+        behind = np.array([s.behind[1] - s.behind[0] for s in scores])
+        if len(holes):
+            found += [
+                Figure(f"fill: {kind}, gain in the hole", float(gains.mean()), "dB", ">= 6"),
+                Figure(f"fill: {kind}, spread of it", float(gains.std()), "dB"),
+                Figure(f"fill: {kind}, least of it", float(gains.min()), "dB"),
+            ]
+        found += [
+            Figure(f"fill: {kind}, objects with a hole", len(holes), f"of {len(scores)}"),
+            Figure(f"fill: {kind}, where the object was", float(behind.mean()), "dB"),
+            Figure(f"fill: {kind}, outside, mean", float(outside.mean()), "dB", ">= -0.05"),
+            Figure(f"fill: {kind}, outside, least", float(outside.min()), "dB"),
+            Figure(f"fill: {kind}, time", float(np.mean([s.cpu for s in scores])), "CPU-s"),
+        ]
+    return found
+
+
+def _kinds() -> Iterator[tuple[str, Iterator[FillCase]]]:
+    yield "solids", (case for seed in _SOLIDS for case in solid_cases(seed, 4, _SPLATS))
+    demo = (demo_cases(seed, groups, _SPLATS) for seed, groups in _DEMO.items())
+    yield "demo", (case for cases in demo for case in cases)
+    if (_DATA / "ycb_crowd").is_dir():
+        yield "ycb_crowd", placed_cases(_DATA / "ycb_crowd", 5, 2)
+
+
+def score(case: FillCase) -> Score:
+    """Fill one object's place and compare with the truth in the held-out views."""
+    scene = Scene.of(case.gaussians, case.labels)
+    is_object = case.labels == case.group
+    start = process_time()
+    found = run_stage(fill_stage(scene, is_object, case.train, choose("cpu")))
+    History(scene).do(filled_edit(scene, found, "Delete and fill"))
+    cpu = process_time() - start
+    models = (case.gaussians.take(~is_object), bake(scene), case.truth)
+    sums, counts = np.zeros((3, 2)), np.zeros(3)
+    for camera in case.test:
+        left, filled, truth = (choose("cpu").render(model, camera) for model in models)
+        on_object = choose("cpu").label_splat(case.gaussians, camera, case.labels).labels
+        covered = on_object == case.group
+        hole = covered & _opened(left, truth)
+        errors = np.stack([_errors(left, truth), _errors(filled, truth)], axis=2)
+        for k, where in enumerate((hole, ~hole, covered)):
+            sums[k] += errors[where].sum(axis=0)
+            counts[k] += 3 * where.sum()
+    db = -10 * np.log10(np.maximum(sums, 1e-9) / np.maximum(counts, 1)[:, None])
+    hole, outside, behind = ((float(a), float(b)) for a, b in db)
+    return Score(int(counts[0] / 3), hole, outside, behind, cpu)
+
+
+def _opened(left: Frame, truth: Frame) -> BoolArray:
+    deeper = left.median_depth > truth.median_depth * (1 + _DEEPER)
+    result: BoolArray = (deeper | (left.alpha < 0.5)) & (truth.alpha > 0.5)
+    return result
+
+
+def _errors(frame: Frame, truth: Frame) -> DoubleArray:
+    difference = np.clip(frame.image, 0, 1) - np.clip(truth.image, 0, 1)
+    result: DoubleArray = (difference.astype(np.float64) ** 2).sum(axis=2)
+    return result
