@@ -10,7 +10,7 @@ from gaga_core.scene.selection.picking import pick
 from tests.core.scene.lod.conftest import Built
 from tests.scenes import orbit_cameras
 
-CAMERAS = orbit_cameras(5, width=160, height=120, radius=1.9)
+CAMERAS = orbit_cameras(3, width=160, height=120, radius=1.9)
 
 
 def check(built: Built, scene: Scene, seed: int) -> float:
@@ -19,7 +19,7 @@ def check(built: Built, scene: Scene, seed: int) -> float:
     rng = np.random.default_rng(seed)
     shares = []
     for camera in CAMERAS:
-        for u, v in rng.uniform((0, 0), (160, 120), (8, 2)):
+        for u, v in rng.uniform((0, 0), (160, 120), (5, 2)):
             rows = boxes.rows_at(camera, u, v, len(scene))
             shares.append(len(rows) / len(scene))
             whole, found = pick(scene, camera, u, v), pick(scene, camera, u, v, rows=rows)
