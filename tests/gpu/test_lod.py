@@ -1,6 +1,7 @@
 """Level of detail in the picture: near the whole scene's, and exact where splats were edited."""
 
 import shutil
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +15,11 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.tree import LodTree, level_file
+from gaga_core.scene.lod.tree import NODE, LodTree, level_file
 from gaga_core.scene.scene import Scene
+from gaga_studio.gpu import lod_view
+from gaga_studio.gpu.node_pool import NodePool
+from gaga_studio.gpu.node_reader import NodeReader
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.session.view_state import Mode, ViewState
 from tests.scenes import objects_scene, orbit_cameras
@@ -122,6 +126,46 @@ def test_a_motion_does_not_pop(viewport: Viewport, large: Large) -> None:
     assert difference(before, now) > 1.0
 
 
+def test_one_frame_replaces_few_nodes(
+    viewport: Viewport, large: Large, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lod_view, "_MOST_SWAPS", 1)
+    viewport.use_tree(large.tree)
+    sizes = [0]
+    viewport.draw(large.scene, CAMERAS[0], FEW)
+    for _ in range(300):
+        viewport.finish_order()
+        viewport.draw(large.scene, CAMERAS[0], FEW)
+        sizes += [viewport.n_in_cut] if viewport.n_in_cut != sizes[-1] else []
+        if viewport.settled:
+            break
+        time.sleep(0.005)  # the reader's thread
+    assert len(sizes) > 3
+    assert np.abs(np.diff(sizes)).max() <= 3 * NODE
+
+
+def test_slots_stay_until_a_later_order_is_drawn(viewport: Viewport, large: Large) -> None:
+    tree, scene = large.tree, large.scene
+    pool = NodePool(3, tree.n_nodes, scene)
+    viewport.buffers.open_pool(pool.scene, (-20.0, 20.0))
+    reader = NodeReader(tree, scene.gaussians, (-20.0, 20.0))
+    reader.ask([0, 1])
+    nodes = []
+    while len(nodes) < 2:
+        reader.wait()
+        nodes += reader.take(2)
+    reader.release()
+    for slot, read in enumerate(nodes):
+        pool.write(slot, read, scene, viewport.buffers)
+    none = np.zeros(0, np.int32)
+    pool.sort_job(np.array([0], np.int32), 5)
+    assert 0 not in pool.free_slots(none, 5)  # it is being sorted
+    pool.sort_job(np.array([1], np.int32), 6)
+    assert 0 not in pool.free_slots(none, 5)  # the picture still shows it
+    assert sorted(pool.free_slots(none, 6)) == [0, 2]
+    assert pool.free_slots(np.array([0], np.int32), 6) == [2]
+
+
 def test_a_scene_at_rest_is_not_drawn_again(viewport: Viewport, large: Large) -> None:
     viewport.use_tree(large.tree)
     picture(viewport, large.scene, FEW)
@@ -197,12 +241,19 @@ def test_labels_and_tints_of_overlays_are_those_of_the_splats(
 ) -> None:
     viewport.use_tree(large.tree)
     groups = replace(ALL, mode=Mode.GROUPS)
+    close = replace(CAMERAS[0], K=CAMERAS[0].K * np.array([[9.0], [9.0], [1.0]]))
     labels = (7 - large.scene.labels).astype(np.int32)
     tint = np.zeros((len(labels), 4), np.uint8)
     tint[large.scene.labels == 2] = (255, 0, 0, 200)
     for overlays in (Overlays(labels=labels), Overlays(tint=tint)):
         found = picture(viewport, large.scene, groups, overlays=overlays)
         assert difference(found, picture(whole, large.scene, groups, overlays=overlays)) < 0.6
+    few = replace(FEW, mode=Mode.GROUPS, lod_budget=9_000)
+    for overlays in (Overlays(labels=labels), Overlays(tint=tint)):
+        viewport.draw(large.scene, CAMERAS[6], few, overlays, wait=True)
+        for one in (viewport, whole):  # nodes that come now have these labels, too
+            one.draw(large.scene, close, few, overlays, wait=True)
+        assert difference(viewport.read_pixels(), whole.read_pixels()) < 0.6
 
 
 def test_the_pool_does_not_grow(viewport: Viewport, large: Large) -> None:
