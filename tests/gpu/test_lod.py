@@ -155,8 +155,13 @@ def test_slots_stay_until_a_later_order_is_drawn(viewport: Viewport, large: Larg
         reader.wait()
         nodes += reader.take(2)
     reader.release()
+    assert pool.overlaid("labels", scene.labels) is not None
     for slot, read in enumerate(nodes):
         pool.write(slot, read, scene, viewport.buffers)
+        part = slice(slot * NODE, slot * NODE + len(read.rows))
+        overlaid = pool.overlaid("labels", scene.labels)
+        assert overlaid is not None
+        assert np.array_equal(overlaid[part], scene.labels[read.rows])
     none = np.zeros(0, np.int32)
     pool.sort_job(np.array([0], np.int32), 5)
     assert 0 not in pool.free_slots(none, 5)  # it is being sorted
