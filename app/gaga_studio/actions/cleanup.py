@@ -10,6 +10,7 @@ from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene.cleanup import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import files, history, objects, unchanged
@@ -89,7 +90,7 @@ def export(
     what: stages.Export,
     path: Path,
     *,
-    form: SplatFormat = SplatFormat.PLY,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
 ) -> None:
     """Export as `files.export` does; whole selected objects are cleaned first if that is wanted."""

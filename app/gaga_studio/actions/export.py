@@ -1,5 +1,6 @@
 """One export: what, in which form, how changed, where to; and what it will be like."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.splat_files import SplatFormat, form_of
 from gaga_core.scene.export import (
     export_losses,
@@ -14,13 +16,17 @@ from gaga_core.scene.export import (
     objects_indices,
     objects_losses,
 )
+from gaga_core.scene.export_mesh import MeshExport, MeshForm
 from gaga_core.scene.export_options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.scene.scene import Scene
 from gaga_core.scene.web_page import content_of
 from gaga_studio.actions import cleanup
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
 from gaga_studio.system import file_manager, paths
+
+_FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,7 @@ class ExportPlan:
 
     path: Path
     what: Export = "scene"
-    form: SplatFormat = SplatFormat.PLY
+    form: SplatFormat | MeshExport = SplatFormat.PLY  # solids: of objects only
     options: ExportOptions = field(default_factory=ExportOptions)
 
 
@@ -84,6 +90,8 @@ def summary(session: Session, plan: ExportPlan) -> ExportSummary:
 
 def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     scene, options, groups = session.need().scene, plan.options, session.selected_groups() or None
+    if isinstance(plan.form, MeshExport):
+        return _mesh_summary(scene, plan.form, groups, options)
     if plan.what == "objects":
         splats = objects_indices(scene, groups, options)
         n_files = len(np.unique(scene.labels[splats]))
@@ -102,6 +110,22 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if n_splats < len(splats):
         lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
+
+
+def _mesh_summary(
+    scene: Scene, how: MeshExport, groups: Sequence[int] | None, options: ExportOptions
+) -> ExportSummary:
+    splats = objects_indices(scene, groups, options)
+    n_files = len(np.unique(scene.labels[splats]))
+    lost = objects_losses(scene, how, groups, options)
+    return ExportSummary(len(splats), n_files, n_files * _mesh_bytes(how), lost)
+
+
+def _mesh_bytes(how: MeshExport) -> int:
+    """About how large the file of an object is: of a mesh, as of a ball that fills its voxels."""
+    n = 250 if how.form is not MeshForm.MESH else round(5 * how.config.voxels**2 * _FILLED)
+    vertex, triangle = (24, 12) if how.file is MeshFile.GLB else (50, 19)
+    return n // 2 * vertex + n * triangle
 
 
 def form_of_name(name: str) -> SplatFormat | None:

@@ -14,6 +14,7 @@ from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import kept_of_added, read_added_stage, spread
+from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
 from gaga_studio.actions import identities
 from gaga_studio.session import stages
@@ -87,7 +88,7 @@ def export(
     path: Path,
     *,
     groups: bool = False,
-    form: SplatFormat = SplatFormat.PLY,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
 ) -> None:
     """Write what is visible, the selection, or one file per (selected, else any) object.

@@ -61,6 +61,12 @@ FILE_COMMANDS: tuple[Command, ...] = (
         enabled=not_exportable_objects,
     ),
     Command(
+        "file.export_meshes",
+        "Export meshes…",
+        ask(Request.EXPORT_MESHES),
+        enabled=not_exportable_objects,
+    ),
+    Command(
         "file.export_masks",
         "Export masks…",
         ask(Request.EXPORT_MASKS),

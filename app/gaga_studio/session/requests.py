@@ -37,6 +37,7 @@ class Request(Enum):
     SAVE_SCRIPT = auto()
     EXPORT_SCENE = auto()
     EXPORT_PAGE = auto()
+    EXPORT_MESHES = auto()
     EXPORT_SELECTED = auto()
     OPEN_PATH = auto()  # of the camera
     SAVE_PATH = auto()

@@ -28,8 +28,9 @@ from gaga_core.scene.export import (
     export_scene_stage,
     least_psnr,
 )
+from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
-from gaga_core.scene.manifest import listed_files
+from gaga_core.scene.manifest import listed_files, read_manifest
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.system import paths
@@ -190,7 +191,7 @@ def export_stage(
     *,
     chosen: Sequence[int] = (),
     groups: bool = False,
-    form: SplatFormat = SplatFormat.PLY,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
 ) -> Stage[str]:
     """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
@@ -202,6 +203,9 @@ def export_stage(
             n_files = len(listed_files(manifest))
             where = paths.shown(manifest.parent)
             said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+            missing = read_manifest(manifest).left_out
+            if missing:
+                said += f" Left out, without a surface: {', '.join(missing)}."
             return said + _lost(least_psnr(manifest), "the object that lost most")
 
         return objects()

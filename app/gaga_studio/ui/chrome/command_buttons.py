@@ -41,6 +41,7 @@ ICONS = {
     "file.export_page": icons.EXPORT,
     "file.export_selected": icons.EXPORT,
     "file.export_objects": icons.EXPORT,
+    "file.export_meshes": icons.EXPORT,
     "edit.undo": icons.UNDO,
     "edit.redo": icons.REDO,
     "edit.duplicate": icons.DUPLICATE,
@@ -141,6 +142,7 @@ OBJECT_MENU = (
     "object.fill",
     "",
     "file.export_selected",
+    "file.export_meshes",
 )
 SPLITS = ("object.split", "object.split_masks", "object.split_here", "object.join_here")
 SCENE_MENU = (

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.splat_files import WRITE_SUFFIXES, SplatFormat
+from gaga_core.scene.export_mesh import MeshExport, MeshForm
 from gaga_core.scene.export_options import ExportOptions, Point
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio import commands
@@ -61,6 +63,21 @@ _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     ),
 )
 
+_SOLIDS: tuple[tuple[MeshForm | None, str, str, str], ...] = (
+    (None, "", "Splats", "For programs that know splats"),
+    (MeshForm.MESH, "", "Mesh", "The closed surface with its colors, for any 3D program"),
+    (
+        MeshForm.COLLIDER,
+        "",
+        "Collider",
+        "A convex solid around the surface, of at most 255 triangles, for physics engines",
+    ),
+    (MeshForm.BOX, "", "Box", "The smallest box around it, turned as it lies"),
+)
+_FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
+    (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Lies as the GLB of the splats."),
+    (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Lies as the PLY of the splats."),
+)
 _SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
 
 
@@ -70,6 +87,8 @@ class ExportSheet:
 
     what: Export = "scene"
     form: SplatFormat = SplatFormat.PLY
+    solid: MeshForm | None = None  # of objects, in place of their splats
+    mesh_file: MeshFile = MeshFile.GLB
     options: ExportOptions = field(default_factory=ExportOptions)
     path: str = ""  # as it is typed
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
@@ -81,14 +100,16 @@ def register(table: RequestTable, sheet: ExportSheet) -> None:
         (Request.EXPORT_SCENE, "scene"),
         (Request.EXPORT_SELECTED, "selected"),
         (Request.EXPORT_OBJECTS, "objects"),
+        (Request.EXPORT_MESHES, "objects"),
         (Request.EXPORT_PAGE, "scene"),
     ):
         form = SplatFormat.HTML if request is Request.EXPORT_PAGE else None
-        table.register(request, _opener(sheet, what, form))  # type: ignore[arg-type]  # an Export
+        solid = MeshForm.MESH if request is Request.EXPORT_MESHES else None
+        table.register(request, _opener(sheet, what, form, solid))  # type: ignore[arg-type]  # Export
 
 
 def _opener(
-    sheet: ExportSheet, what: Export, form: SplatFormat | None
+    sheet: ExportSheet, what: Export, form: SplatFormat | None, solid: MeshForm | None
 ) -> Callable[[Session], None]:
     def opens(session: Session) -> None:
         if session.document is None:
@@ -97,6 +118,7 @@ def _opener(
         # A page is asked for by name; other requests go back to splats.
         other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
         sheet.form = other if form is None else form
+        sheet.solid = solid  # asked for by name, too
         # A box is of one scene; the rest is wanted again.
         sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
         _propose(session, sheet)
@@ -118,7 +140,7 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
         imgui.close_current_popup()
         imgui.end_popup()
         return
-    imgui.begin_child("Choices", ImVec2(0, body_height(em(24))))
+    imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
     _options(session, sheet)
     _place(sheet, files)
@@ -130,7 +152,10 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
 
 
 def _plan(sheet: ExportSheet) -> ExportPlan:
-    return ExportPlan(Path(sheet.path.strip()).expanduser(), sheet.what, sheet.form, sheet.options)
+    form: SplatFormat | MeshExport = sheet.form
+    if sheet.what == "objects" and sheet.solid is not None:
+        form = MeshExport(sheet.solid, sheet.mesh_file)
+    return ExportPlan(Path(sheet.path.strip()).expanduser(), sheet.what, form, sheet.options)
 
 
 def _propose(session: Session, sheet: ExportSheet) -> None:
@@ -145,6 +170,15 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
     if what != sheet.what:
         sheet.what = what
         _propose(session, sheet)
+    if sheet.what == "objects":
+        widgets.field_name("As", em(_NAMES))
+        sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={})
+        if sheet.solid is not None:
+            widgets.field_name("Form", em(_NAMES))
+            sheet.mesh_file = widgets.segmented("File", _FILES, sheet.mesh_file, why_not={})
+            widgets.under_fields(em(_NAMES))
+            widgets.dim(next(hint for f, _, _, hint in _FILES if f is sheet.mesh_file), wrap=True)
+            return
     widgets.field_name("Form", em(_NAMES))
     form = widgets.segmented("Form", _FORMS, sheet.form, why_not={})
     if form is not sheet.form:
@@ -164,9 +198,9 @@ def _with_suffix(sheet: ExportSheet, form: SplatFormat) -> str:
 def _options(session: Session, sheet: ExportSheet) -> None:
     options = sheet.options
     degree = session.need().scene.gaussians.sh_degree
-    if degree > 0:
-        options = _color(options, degree)
-    options = _fewer(options)
+    if sheet.what != "objects" or sheet.solid is None:
+        options = _color(options, degree) if degree > 0 else options
+        options = _fewer(options)
     widgets.field_name("Placement", em(_NAMES))
     changed, centre = widgets.checkbox("Middle at the origin", options.centre)
     widgets.tooltip("The middle of all that is written becomes the origin; files still fit")
