@@ -9,13 +9,16 @@
 # make peers  installs the programs of others that tests compare with, where there is npm
 # make browser  installs the Chromium that tests of web pages drive, where there is apt
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
+# make app     a folder dist/gaga-studio that starts on a Linux without Python (a few minutes)
+# make app-models  torch and what reads models, as the folder dist/models to put into it
+# make test-app    starts that folder in a bare Debian root (as root, with debootstrap and Xvfb)
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
+.PHONY: app app-models test-app studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -75,6 +78,24 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --upgrade pip
 	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,docs]'
 	@touch $(STAMP)
+
+app: setup
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[app]'
+	@$(BIN)/pyinstaller --noconfirm --log-level WARN --distpath dist --workpath build/app app/bundle/gaga-studio.spec
+	@mkdir -p dist/gaga-studio/desktop
+	@cp app/bundle/install.sh LICENSE dist/gaga-studio/
+	@cp app/bundle/gaga-studio.desktop app/bundle/gaga-studio.svg app/bundle/gaga-studio.xml dist/gaga-studio/desktop/
+	@du -sh dist/gaga-studio
+
+app-models: setup
+	@rm -rf dist/models
+	@$(BIN)/python -m pip install --quiet -c constraints.txt --target dist/models torch transformers huggingface_hub httpx2
+	@rm -rf dist/models/numpy dist/models/numpy.libs dist/models/numpy-*  # the program has all of it
+	@du -sh dist/models
+
+test-app:
+	@test -x dist/gaga-studio/gaga-studio || $(MAKE) app
+	@GAGA_TEST_APP=dist/gaga-studio $(BIN)/python -m pytest -q tests/test_app_folder.py
 
 bench: setup
 	@$(BIN)/python -m tests.bench

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.ffmpeg import ffmpeg_program
@@ -40,13 +41,22 @@ def examine() -> list[Finding]:
         try:
             findings.append(Finding(package, importlib.metadata.version(package), True))
         except importlib.metadata.PackageNotFoundError:
-            findings.append(Finding(package, "missing: install gaga-studio again with pip", False))
+            findings.append(_missing(package))
     findings.append(_ffmpeg())
     findings += [_extra(*extra) for extra in _EXTRAS]
     findings += _registered()
     findings.append(_cuda())
     findings.append(_rasterizer())
     return findings
+
+
+def _missing(package: str) -> Finding:
+    """A package that is not there; the program of `make app` comes without torch."""
+    if package == "torch" and getattr(sys, "frozen", False):
+        where = Path(sys.executable).parent / "models"
+        text = f"not installed (masks and words by models, CUDA): put its folder at {where}"
+        return Finding(package, text, True)
+    return Finding(package, "missing: install gaga-studio again with pip", False)
 
 
 def _ffmpeg() -> Finding:

@@ -47,6 +47,13 @@ def test_files_are_of_the_form_that_was_chosen(
             for entry in listed:
                 assert entry["file"].endswith(kind.suffix)
                 assert len(read_splats(tmp_path / kind / entry["file"])) == entry["count"]
+        d.menu("File/###Export meshes…")
+        d.frames(3)
+        d.click("**/###Box")
+        d.click("**/###OBJ")
+        d.export_to(tmp_path / "boxes")
+        d.settle()
+        assert len(list((tmp_path / "boxes").glob("*.box.obj"))) == n
         selection.select_groups(session, (int(session.objects().ids[1]),))
         d.menu("File/###Export objects…")
         d.frames(3)
