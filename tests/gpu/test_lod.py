@@ -19,7 +19,7 @@ from gaga_core.scene.lod.tree import NODE, LodTree, level_file
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu import lod_view
 from gaga_studio.gpu.node_pool import NodePool
-from gaga_studio.gpu.node_reader import NodeReader
+from gaga_studio.gpu.node_reader import NodeReader, ReadNode
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.session.view_state import Mode, ViewState
 from tests.scenes import objects_scene, orbit_cameras
@@ -150,7 +150,7 @@ def test_slots_stay_until_a_later_order_is_drawn(viewport: Viewport, large: Larg
     viewport.buffers.open_pool(pool.scene, (-20.0, 20.0))
     reader = NodeReader(tree, scene.gaussians, (-20.0, 20.0))
     reader.ask([0, 1])
-    nodes = []
+    nodes: list[ReadNode] = []
     while len(nodes) < 2:
         reader.wait()
         nodes += reader.take(2)

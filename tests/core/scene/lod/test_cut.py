@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gaga_core.arrays import BoolArray
 from gaga_core.scene.lod.cut import Cut, choose_cut, drawn_nodes, node_counts, parent_of
 from tests.core.scene.lod.conftest import Built, N
 from tests.scenes import orbit_cameras
@@ -61,7 +62,7 @@ def test_divided_nodes_stay_so_for_a_small_motion(built: Built) -> None:
     changes = {True: 0, False: 0}  # with the last cut in mind, and without
     for start in CAMERAS:
         for keeps in changes:
-            divided = None
+            divided: BoolArray | None = None
             for step in range(12):  # to and fro
                 pose = start.cam_from_world.copy()
                 pose[2, 3] += 0.05 * (-1) ** step
