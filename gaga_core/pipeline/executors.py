@@ -300,6 +300,9 @@ def _sentence(problem: BaseException) -> str:
 
 def _run_ray(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig) -> Answers:
     """The workers of a ray cluster, or of one that is started here."""
+    if not engine.address:
+        # Ray's own switch, read when it is imported: without a cluster it stays on this machine.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
         import ray
     except ImportError as error:
@@ -313,7 +316,6 @@ def _run_ray(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig
                 log_to_driver=False,
                 logging_level=logging.ERROR,
                 include_dashboard=False,
-                _node_ip_address=_HERE,
             )
     except (ConnectionError, ValueError) as problem:
         raise GagaError(

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import psutil
@@ -172,23 +173,24 @@ def test_dask_started_here_listens_on_this_machine_alone_and_says_nothing(
     beyond localhost, not a line on the terminal."""
     pytest.importorskip("distributed", reason="the extra executors is not installed")
     listening: set[str] = set()
-
-    def watched() -> Stage[ScenesReport]:
-        stage = run_scenes([scenes / "a", scenes / "b"], engine=EngineConfig("dask", 2, 1))
-        while True:
-            try:
-                step = next(stage)
-            except StopIteration as end:
-                report: ScenesReport = end.value
-                return report
-            listening.update(listeners())
-            yield step
-
-    report = run_and_kill(watched(), scenes)
+    report = run_and_kill(watched(scenes, EngineConfig("dask", 2, 1), listening), scenes)
     complete(scenes, report)
     assert [outcome.attempts for outcome in report.outcomes].count(2) == 1
     assert listening == {"127.0.0.1"}
     assert capfd.readouterr().err == ""
+
+
+def watched(scenes: Path, engine: EngineConfig, listening: set[str]) -> Stage[ScenesReport]:
+    """Run both scenes, by name; the addresses that are listened on meanwhile are added."""
+    stage = run_scenes([scenes / "a", scenes / "b"], engine=engine)
+    while True:
+        try:
+            step = next(stage)
+        except StopIteration as end:
+            report: ScenesReport = end.value
+            return report
+        listening.update(listeners())
+        yield step
 
 
 def listeners() -> set[str]:
@@ -204,6 +206,11 @@ def listeners() -> set[str]:
 
 
 @pytest.mark.slow
-def test_ray_workers(scenes: Path) -> None:
-    pytest.importorskip("ray", reason="ray is not installed")
-    complete(scenes, run_stage(run_scenes(scenes, engine=EngineConfig("ray", 2, 1))))
+def test_ray_workers_and_one_that_dies(scenes: Path) -> None:
+    if find_spec("ray") is None:  # importing it here would read its switches too early
+        pytest.skip("ray is not installed")
+    listening: set[str] = set()
+    report = run_and_kill(watched(scenes, EngineConfig("ray", 2, 1), listening), scenes)
+    complete(scenes, report)
+    assert [outcome.attempts for outcome in report.outcomes].count(2) == 1
+    assert listening <= {"127.0.0.1", "::ffff:127.0.0.1"}
