@@ -15,7 +15,7 @@ def convex_collider(points: DoubleArray) -> TriangleMesh:
     """A convex solid around points (N, 3), of at most 255 triangles.
 
     It is their convex hull where that has so few, else the hull of 64 planes around them: the faces
-    of the oriented box, and the rest evenly in all directions. Raises ``GagaError`` when the points
+    of the oriented box, and the rest evenly around it. Raises ``GagaError`` when the points
     lie in a plane.
     """
     from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
@@ -48,6 +48,9 @@ def _normals(box: OrientedBox | None) -> DoubleArray:
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)  # the golden angle: evenly over the sphere
     across = np.sqrt(1 - height**2)
     even = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    if box is not None:  # even where the box is a cube: long things are wrapped as tightly
+        even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
+        even /= np.linalg.norm(even, axis=1, keepdims=True)
     return np.vstack([sides, even])
 
 

@@ -118,6 +118,10 @@ def test_solids_contain_the_mesh_and_are_small(sphere: TriangleMesh) -> None:
     assert solid.is_convex
     assert _solid(sphere).volume < solid.volume < 1.15 * _solid(sphere).volume
     _contains(hull, points)
+    long = points * [1, 8, 2] @ _TURN.T
+    wrapped = convex_collider(long)
+    assert _solid(wrapped).volume < 1.15 * 16 * _solid(sphere).volume, "long things, too"
+    _contains(wrapped, long)
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3.0)])
     cube = convex_collider(np.vstack([corners, corners.mean(axis=0)[None]]))
     assert len(cube.faces) == 12
