@@ -40,7 +40,7 @@ def figures() -> list[Figure]:
         few, many = (_run(n, environment) for n in (_FEW, _MANY))
     found = []
     for name, value in many.items():
-        bar = "<= 16" if name in ("at rest", "memory bank", "scrolling") else ""
+        bar = "<= 16" if name in ("at rest", "memory bank") else ""
         found.append(Figure(f"window, {_MANY} groups: {name}", value, "CPU-ms", bar))
         found.append(Figure(f"window, {_FEW} groups: {name}", few[name], "CPU-ms"))
     return found
