@@ -43,7 +43,7 @@ def gains(chart: Chart) -> DoubleArray:
     parts, _ = ndimage.label(stained | chart.hole)
     touched = np.unique(parts[chart.hole])
     stained &= np.isin(parts, touched)
-    fade = np.clip(3.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
+    fade = np.clip(2.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
     # A bright cell next to a dark one is not made brighter than the light allows.
     fine = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), 0.7)
     room = np.maximum(np.exp(light) / np.maximum(fine, _DARK), 1.0)
