@@ -27,6 +27,7 @@ from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Scene, State
 
 _STAGE = "Fill the hole"
+_RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
 _VISIBLE = 1.02  # factor of a color from which on it is changed
 _BASE = 3.0  # cells: what is finer is texture
 
@@ -144,7 +145,9 @@ class _Work:
             if not chart.hole.any():
                 continue
             self._fill_chart(chart)
-            self.dropped |= ~self.is_object & _under(chart, self.points)
+            # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
+            small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * plane.spacing
+            self.dropped |= (hidden | (small & ~self.is_object)) & _under(chart, self.points)
             n_filled += 1
             if n_filled == self.config.most_surfaces:
                 return
