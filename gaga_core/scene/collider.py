@@ -8,6 +8,14 @@ from gaga_core.io.mesh_files import TriangleMesh
 from gaga_core.scene.selection.oriented_box import OrientedBox, oriented_box
 
 MOST_TRIANGLES = 255  # that PhysX, and the engines on it, take of a convex hull
+# Rows of `OrientedBox.corners`, counter-clockwise seen from outside.
+_BOX_FACES = np.array(
+    [
+        [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6],
+    ],
+    np.int32,
+)  # fmt: skip
 _PLANES = 64  # of a hull that is simplified: 4 * 64 - 12 triangles at most
 
 
@@ -35,9 +43,11 @@ def convex_collider(points: DoubleArray) -> TriangleMesh:
 
 
 def box_mesh(box: OrientedBox) -> TriangleMesh:
-    """The oriented box as twelve triangles."""
-    thick = np.maximum(box.size, 1e-6 * max(float(box.size.max()), 1e-12))
-    return _hull_mesh(OrientedBox(box.centre, box.axes, thick).corners())
+    """The oriented box as twelve triangles; sides without a length get one that float32 tells."""
+    least = 1e-6 * max(float(box.size.max()), float(np.abs(box.centre).max()), 1e-12)
+    corners = OrientedBox(box.centre, box.axes, np.maximum(box.size, least)).corners()
+    faces = _BOX_FACES if np.linalg.det(box.axes) > 0 else _BOX_FACES[:, ::-1]
+    return TriangleMesh(corners.astype(np.float32), np.ascontiguousarray(faces))
 
 
 def _normals(box: OrientedBox | None) -> DoubleArray:

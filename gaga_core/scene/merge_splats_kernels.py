@@ -160,12 +160,15 @@ def merge_rows(
                 most, heaviest[k] = w, i
             weights[m] = w
             total += w
+        if not total > 0.0:  # nothing of them is seen: they count alike
+            weights[:n] = 1.0
+        sum_of_weights = total if total > 0.0 else float(n)
         for a in range(3):
             mean[a] = 0.0
         color[:], other[:] = 0.0, 0.0
         for m in range(n):
             i = order[lo + m]
-            w = weights[m] / total
+            w = weights[m] / sum_of_weights
             weights[m] = w
             for a in range(3):
                 mean[a] += w * (np.float64(means[i, a]) - np.float64(means[top, a]))

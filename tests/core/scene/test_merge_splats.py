@@ -88,3 +88,13 @@ def test_whole_numbers_are_those_of_the_splat_that_covers_most() -> None:
     weights = _weights(splats)
     assert list(merged.extra["group"]) == [weights[:20].argmax(), 20 + weights[20:].argmax()]
     assert merged.extra["group"].dtype == np.int32
+
+
+def test_invisible_splats_merge_to_an_invisible_one_and_count_for_nothing_next_to_others() -> None:
+    splats = random_gaussians(8, seed=2)
+    logits = np.array([-np.inf] * 4 + [-np.inf, 1.0, -np.inf, -np.inf], np.float32)
+    merged = merge_runs(replace(splats, logit_opacities=logits), np.array([0, 4]))
+    assert np.isneginf(merged.logit_opacities[0])
+    assert np.allclose(merged.means[0], splats.means[:4].mean(axis=0), atol=1e-5)
+    assert np.isfinite(merged.log_scales).all()
+    assert np.allclose(merged.means[1], splats.means[5], atol=1e-5)

@@ -133,6 +133,18 @@ def test_solids_contain_the_mesh_and_are_small(sphere: TriangleMesh) -> None:
         convex_collider(np.zeros((9, 3)))
 
 
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_the_box_of_one_splat_or_of_some_on_a_plane_is_a_solid(mirror: int) -> None:
+    flat = np.array([[0, 0, 5], [2, 0, 5], [2, 1, 5], [0, 1, 5.0]]) * [mirror, 1, 1]
+    for points in (flat, flat[:2], flat[:1], np.repeat(flat[:1], 9, axis=0)):
+        box = oriented_box(points, share=1.0)
+        assert box is not None
+        mesh = box_mesh(box)
+        assert len(np.unique(mesh.vertices, axis=0)) == 8
+        assert _solid(mesh).volume > 0, "the faces look outwards"
+        _contains(mesh, points)
+
+
 def _contains(solid: TriangleMesh, points: DoubleArray) -> None:
     a, b, c = (solid.vertices[solid.faces[:, k]].astype(np.float64) for k in range(3))
     normals = np.cross(b - a, c - a)
