@@ -88,12 +88,14 @@ def test_two_scenes_in_one_folder(tmp_path: Path) -> None:
 
 @pytest.mark.capture
 def test_two_arcs_with_a_gap_between(tmp_path: Path) -> None:
-    """0.1.0 took the arcs for two scenes and kept one of them."""
+    """0.1.0 took the arcs for two scenes and kept one of them without a word.
+
+    They are joined, or one is right and what the other needs is said; never a wrong whole.
+    """
     true = scenes.two_arcs(tmp_path / "in")
     made = placed(tmp_path / "in", tmp_path / "scene")
-    assert made.share == 1
-    assert len(made.cameras) == len(true)
     assert made.off(true) < _OFF
+    assert made.share == 1 or (made.share >= 0.5 and "Add photos in between" in made.notes)
 
 
 @pytest.mark.capture
