@@ -6,12 +6,13 @@ the same folder differ, so that a path means one folder.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, islice
 
 from gaga_core.errors import GagaError
 
 SEPARATOR = "/"
 MOST_LETTERS = 200  # of a name
+MOST_DEPTH = 32  # folders that lie in each other
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Folders:
     def free(self, parent: str, name: str) -> str:
         """The path of a new folder: "Cups", or "Cups 2" where that is taken."""
         taken = set(self.paths)
-        names = (name if i == 1 else f"{name} {i}" for i in count(1))
+        ends = ("" if i == 1 else f" {i}" for i in count(1))
+        names = (name[: MOST_LETTERS - len(end)].rstrip() + end for end in ends)
         return next(path for path in (path_of(parent, n) for n in names) if path not in taken)
 
 
@@ -83,9 +85,9 @@ def is_inside(path: str, folder: str) -> bool:
 
 
 def tidy_path(path: str) -> str:
-    """A path without needless spaces and empty names."""
+    """A path without needless spaces and empty names, and not too long."""
     names = (" ".join(name.split())[:MOST_LETTERS].strip() for name in path.split(SEPARATOR))
-    return SEPARATOR.join(name for name in names if name)
+    return SEPARATOR.join(islice((name for name in names if name), MOST_DEPTH))
 
 
 def checked_name(name: str) -> str:

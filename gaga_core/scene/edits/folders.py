@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.folder_values import SetFolders
 from gaga_core.scene.folders import (
+    MOST_DEPTH,
+    SEPARATOR,
     Folders,
     checked_name,
     is_inside,
@@ -27,7 +29,7 @@ def put_in_folder(
 
     Groups that lie in one of ``folders`` stay in it and go along. A folder whose name is taken
     there gets a number. Raises ``GagaError`` for a folder that is not there, one that would go into
-    itself, and for "no group" (0).
+    itself or too deep, and for "no group" (0).
     """
     into = tidy_path(folder)
     now = Folders.of([*scene.folders.paths, into], scene.folders.home)
@@ -127,6 +129,8 @@ def _tops(paths: Sequence[str]) -> list[str]:
 
 def _renamed(folders: Folders, before: str, after: str) -> Folders:
     paths = [_moved(path, before, after) for path in folders.paths]
+    if any(path.count(SEPARATOR) >= MOST_DEPTH for path in paths):
+        raise GagaError(f"At most {MOST_DEPTH} folders lie in each other. Choose another place.")
     return Folders.of(paths, {g: _moved(p, before, after) for g, p in folders.home.items()})
 
 

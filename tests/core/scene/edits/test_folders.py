@@ -7,7 +7,7 @@ from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.folders import Folders
+from gaga_core.scene.folders import MOST_DEPTH, MOST_LETTERS, Folders
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
@@ -175,3 +175,22 @@ def test_folders_that_do_not_fit_each_other_are_refused(
 def test_any_paths_become_a_tree() -> None:
     made = Folders.of([" a / b ", "//", ""], {3: "c//d", 4: " "})
     assert made == Folders(("a", "a/b", "c", "c/d"), {3: "c/d"})
+
+
+def test_no_name_is_so_long_that_two_folders_become_one() -> None:
+    scene = walk_scene()
+    long = "x" * MOST_LETTERS
+    _do(scene, edits.put_in_folder(scene, (1,), f"A/{long}"))
+    _do(scene, edits.put_in_folder(scene, (2,), f"B/{long}"))
+    _do(scene, edits.put_in_folder(scene, (), "B", [f"A/{long}"]))
+    assert len(scene.folders.paths) == 4
+    assert scene.folders.home[1] != scene.folders.home[2]
+
+
+def test_folders_lie_in_each_other_to_a_depth_that_a_list_can_show() -> None:
+    scene = walk_scene()
+    assert max(path.count("/") for path in Folders.of(["a/" * 900], {}).paths) == MOST_DEPTH - 1
+    _do(scene, edits.put_in_folder(scene, (1,), "a/" * (MOST_DEPTH - 1)))
+    _do(scene, edits.put_in_folder(scene, (2,), "b/c"))
+    with pytest.raises(GagaError, match="At most"):
+        edits.put_in_folder(scene, (), scene.folders.home[1], ["b"])
