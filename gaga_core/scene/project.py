@@ -93,7 +93,8 @@ class Project:
         folder = self.placed_folder
         if folder is None:
             return ()
-        named = tuple(camera for camera in folder.cameras if camera.name in set(folder.train))
+        train = set(folder.train)
+        named = tuple(camera for camera in folder.cameras if camera.name in train)
         return named or folder.cameras
 
     @property

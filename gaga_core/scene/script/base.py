@@ -1,6 +1,6 @@
 """What every operation of an edit script is, and what it acts on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from gaga_core.scene.script.fields import Groups, Vector
 from gaga_core.scene.selection import algebra
 
 _T = TypeVar("_T")
+Views = Callable[[], Sequence[Camera]]  # of the photos, around the scene as it is now; world
 
 
 def _snake(name: str) -> str:
@@ -36,11 +37,11 @@ class Operation(Struct, frozen=True, forbid_unknown_fields=True, tag_field="op",
         """
         raise NotImplementedError
 
-    def edit_seen(self, scene: Scene, views: Sequence[Camera]) -> Edit | None:
-        """The edit, where it also asks what the cameras of the photos (now, world) saw."""
+    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
+        """The edit, where it also asks what the cameras of the photos saw."""
         return self.edit(scene)
 
-    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
+    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
         """Apply it through ``history``; its title, "" when it changed nothing."""
         edit = self.edit_seen(scene, views)
         return edit.title if edit is not None and history.do(edit) else ""

@@ -1,13 +1,12 @@
 """The operations of edit scripts that act on objects: each makes an edit of a scene."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 from msgspec import UNSET, UnsetType, field
 
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
@@ -21,6 +20,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import (
     OnSplats,
     Operation,
+    Views,
     centred,
     given,
     groups_of,
@@ -317,9 +317,9 @@ class Fill(OnSplats, frozen=True):
     lighten: Flag = True  # take its shadow off what it stood on
 
     def edit(self, scene: Scene) -> Edit | None:
-        return self.edit_seen(scene, ())
+        return self.edit_seen(scene, tuple)
 
-    def edit_seen(self, scene: Scene, views: Sequence[Camera]) -> Edit | None:
+    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
         # SciPy's and numba's import takes long: only where something is filled.
         from gaga_core.raster import choose
         from gaga_core.scene.fill.config import FillConfig
@@ -328,7 +328,7 @@ class Fill(OnSplats, frozen=True):
 
         splats = fillable(scene) if self.groups is UNSET else self.splats(scene)
         config = FillConfig(lighten=self.lighten)
-        found = run_stage(fill_stage(scene, splats, views, choose(), config))
+        found = run_stage(fill_stage(scene, splats, views(), choose(), config))
         return filled_edit(scene, found, fill_title(scene, splats))
 
 
@@ -340,7 +340,7 @@ class Undo(Operation, frozen=True):
 
     times: Count = 1
 
-    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
+    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
         titles = _until_none(history.undo, self.times)
         return f"Undo {titles}" if titles else ""
 
@@ -350,7 +350,7 @@ class Redo(Operation, frozen=True):
 
     times: Count = 1
 
-    def run(self, history: History, scene: Scene, views: Sequence[Camera] = ()) -> str:
+    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
         titles = _until_none(history.redo, self.times)
         return f"Redo {titles}" if titles else ""
 

@@ -12,14 +12,13 @@ without it acts on the selection. What the window records (`History.recorded`) a
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args, get_type_hints
 
 import msgspec
 import numpy as np
 
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import explain_json_error
 from gaga_core.scene.edits import Edit
@@ -30,7 +29,7 @@ from gaga_core.scene.edits.packed_entries import MOST_ROWS
 from gaga_core.scene.edits.placement_values import AppendCopies
 from gaga_core.scene.edits.values import Edits
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.base import Operation
+from gaga_core.scene.script.base import Operation, Views
 from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import Duplicate, ObjectOperation
 from gaga_core.scene.script.regions import RegionOperation
@@ -95,7 +94,7 @@ def run_script(
     scene: Scene,
     content: object,
     history: History | None = None,
-    views: Callable[[], Sequence[Camera]] = tuple,
+    views: Views = tuple,
 ) -> tuple[str, ...]:
     """Check all of a script, then apply it through ``history``; the titles of what changed.
 
@@ -105,11 +104,11 @@ def run_script(
     """
     steps = parse_script(content, len(scene))
     history = History(scene) if history is None else history
-    titles = [_run(step, history, scene, views()) for step in steps]
+    titles = [_run(step, history, scene, views) for step in steps]
     return tuple(title for title in titles if title)
 
 
-def _run(step: Step, history: History, scene: Scene, views: Sequence[Camera]) -> str:
+def _run(step: Step, history: History, scene: Scene, views: Views) -> str:
     """Apply an operation; its title, "" when it changed nothing."""
     if step.operation is None:
         return _replay(step, history)

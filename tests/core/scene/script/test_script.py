@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, selected_indices
@@ -252,3 +253,11 @@ def test_numbers_beyond_all_scenes_are_a_sentence(step: dict[str, object]) -> No
     scene = Scene.of(objects_scene().gaussians, objects_scene().labels)
     with pytest.raises(GagaError, match="Operation 1"):
         run_script(scene, [step])
+
+
+def test_cameras_are_placed_only_for_what_looks_through_them() -> None:
+    def views() -> tuple[Camera, ...]:
+        raise AssertionError("nothing was filled")
+
+    scene = walk_scene()
+    assert run_script(scene, [{"op": "hide", "groups": [3]}, {"op": "undo"}], views=views)
