@@ -68,9 +68,9 @@ def start(session: Session, *, lighten: bool = True) -> None:
 
     def done(result: "tuple[Filling, Edit | None]") -> None:
         found, edit = result
-        if edit is None or not check():
+        if not check():
             return
-        if not found:
+        if edit is None or not found:
             session.notify(Level.INFO, _NOTHING)
             return
         document.show_filling(found, edit)

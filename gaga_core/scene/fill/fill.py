@@ -79,8 +79,8 @@ def fill_stage(
 ) -> Stage[Filling]:
     """Find what the splats ``indices`` (K,) hide from ``cameras``, and what would fill it.
 
-    Deleted splats may be among them: what they left is filled. Without cameras that show the
-    object, views from all around it are taken.
+    Deleted splats may be among them: what they left is filled. Locked ones that they hid stay.
+    Without cameras that show the object, views from all around it are taken.
     """
     settings = FillConfig() if config is None else config
     chosen = np.zeros(len(scene), np.bool_)
@@ -95,6 +95,7 @@ def fill_stage(
     for i, part in enumerate(parts):
         yield Progress(_STAGE, i, len(parts))
         work.fill(part)
+    work.dropped &= (scene.state[rows] & np.uint8(State.LOCKED)) == 0
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
     splats = gaussians.take(np.zeros(0, np.int64))
     for piece in work.made:

@@ -158,6 +158,19 @@ def test_without_photos_it_is_looked_at_from_all_around(table: Table) -> None:
     assert len(found.splats) > 100
 
 
+def test_locked_splats_that_it_hid_stay(table: Table) -> None:
+    labels = np.append(table.labels, np.full(9, 3, np.int32))
+    inside = table.empty.take(np.arange(9))
+    low = np.array([[x, y, 0.2] for x in (-0.05, 0, 0.05) for y in (-0.05, 0, 0.05)], np.float32)
+    scene = Scene.of(joined(table.gaussians, replace(inside, means=low)), labels)
+    free, locked = np.flatnonzero(labels == 3)[::2], np.flatnonzero(labels == 3)[1::2]
+    History(scene).do(edits.lock(scene, locked))
+    coarse = FillConfig(most_cells=40)
+    hid = run_stage(fill_stage(scene, labels == BOX, table.cameras[::4], CPU, coarse)).unseen
+    assert np.isin(free, hid).all()
+    assert not np.isin(locked, hid).any()
+
+
 def test_a_damaged_project_names_its_file(table: Table, found: Filling, tmp_path: Path) -> None:
     write_ply(tmp_path / "table.ply", table.gaussians)
     project: Project = run_stage(open_path_stage(tmp_path / "table.ply"))
