@@ -103,7 +103,8 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
     for done, (name, parts) in enumerate(names):
         yield Progress("Read splats", done, len(names), name)
         chunk = yield from read_sog_stage(_chunk_path(path, name))
-        if any(part.stop > len(chunk) for part in parts):
+        n_asked = sum(part.stop - part.start for part in parts)  # at one level none is asked twice
+        if n_asked > len(chunk) or any(part.stop > len(chunk) for part in parts):
             raise GagaError(f"{name} has fewer splats than {path} says. Export it again.")
         rows = [np.arange(part.start, part.stop) for part in parts]
         pieces.append(chunk.take(np.concatenate(rows)) if rows else chunk)

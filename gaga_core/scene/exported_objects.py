@@ -16,6 +16,7 @@ from gaga_core.scene.objects import group_colors
 from gaga_core.scene.scene import RGB, Added, Scene
 
 _MOST_ID = (1 << 31) - 1
+_NO_SPLATS = ("mesh", "collider", "box", "html")  # forms, as the manifest names them
 
 
 def manifest_in(path: Path) -> Path | None:
@@ -30,7 +31,13 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
     Returns the scene, that file and its fingerprint. Ids, names, colors and folders are those of
     the export. Raises ``GagaError`` when the manifest is damaged, names nothing, or a file is gone.
     """
-    entries = read_manifest(manifest).groups
+    content = read_manifest(manifest)
+    entries = content.groups
+    if content.form in _NO_SPLATS:
+        raise GagaError(
+            f"{manifest.parent} holds objects as {content.form}, which has no splats. Open the "
+            "scene that they are of, or export them as splats."
+        )
     if not entries:
         raise GagaError(f"{manifest} names no objects, so there is nothing to open.")
     if not all(0 < entry.id <= _MOST_ID for entry in entries):

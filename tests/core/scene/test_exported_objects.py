@@ -79,6 +79,8 @@ def test_a_manifest_of_an_older_version_has_no_folders(scene: Scene, tmp_path: P
         ({"id": 0}, "damaged"),
         ({"id": 1 << 40}, "damaged"),
         ({"file": "none.ply"}, "is gone"),
+        ({"form": "mesh"}, "no splats"),
+        ({"form": "html"}, "no splats"),
     ],
 )
 def test_a_damaged_manifest_is_one_sentence(
@@ -86,7 +88,7 @@ def test_a_damaged_manifest_is_one_sentence(
 ) -> None:
     manifest = run_stage(export_objects_stage(scene, tmp_path, (1, 2)))
     content = json.loads(manifest.read_text())
-    if "groups" in change:
+    if "groups" in change or "form" in change:
         content |= change
     else:
         content["groups"][0] |= change

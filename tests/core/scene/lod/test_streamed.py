@@ -113,7 +113,9 @@ def test_damaged_lists_are_told(
         read_splats(tmp_path)
 
 
-def test_deep_trees_and_ranges_beyond_a_chunk_are_told(written: Path, tmp_path: Path) -> None:
+def test_deep_trees_ranges_beyond_a_chunk_and_the_same_one_often_are_told(
+    written: Path, tmp_path: Path
+) -> None:
     meta = json.loads(written.read_text(encoding="utf-8"))
     deep = meta["tree"]
     for _ in range(100):
@@ -121,9 +123,14 @@ def test_deep_trees_and_ranges_beyond_a_chunk_are_told(written: Path, tmp_path: 
     (tmp_path / LOD_META).write_text(json.dumps({**meta, "tree": deep}), encoding="utf-8")
     with pytest.raises(GagaError, match="deeper"):
         read_splats(tmp_path)
-    next(leaves(meta["tree"]))["lods"]["0"]["count"] = N + 1
-    (tmp_path / LOD_META).write_text(json.dumps(meta), encoding="utf-8")
     for name in meta["filenames"]:
         (tmp_path / name.split("/")[0]).symlink_to(written.parent / name.split("/")[0])
+    leaf = next(leaves(meta["tree"]))
+    often = {"bound": leaf["bound"], "children": [leaf] * 9}
+    (tmp_path / LOD_META).write_text(json.dumps({**meta, "tree": often}), encoding="utf-8")
+    with pytest.raises(GagaError, match="fewer splats"):
+        read_splats(tmp_path)
+    leaf["lods"]["0"]["count"] = N + 1
+    (tmp_path / LOD_META).write_text(json.dumps(meta), encoding="utf-8")
     with pytest.raises(GagaError, match="fewer splats"):
         read_splats(tmp_path)
