@@ -6,6 +6,12 @@ function fail(error) {
   status.textContent = error instanceof PageError ? error.message : `The page is damaged (${error.message}). Export it again.`;
 }
 
+/** Nothing is wrong, and nothing is loaded any more. */
+function rest() {
+  byId("status").className = "quiet";
+  byId("status").textContent = "";
+}
+
 async function start() {
   if (typeof DecompressionStream === "undefined") {
     throw new PageError("This browser is too old for this page. Open it in a newer one.");
@@ -15,14 +21,17 @@ async function start() {
   const canvas = byId("picture");
   const viewer = new Viewer(canvas, { ...scene, count: splats.n }, splats);
   canvas.addEventListener("webglcontextlost", (event) => {
-    event.preventDefault();
+    event.preventDefault(); // it may come back
     fail(new PageError("The graphics of this device gave up. Load the page again."));
+  });
+  canvas.addEventListener("webglcontextrestored", () => {
+    viewer.restore();
+    rest();
   });
   const panel = new Panel(viewer.scene, viewer);
   new Pointers(viewer, panel);
   listenToKeys(viewer, panel, makeViews(scene, viewer));
-  byId("status").className = "quiet";
-  byId("status").textContent = "";
+  rest();
 }
 
 /** The bar under the picture; what its keys do. */
@@ -70,4 +79,6 @@ function makeViews(scene, viewer) {
   return acts;
 }
 
+// Shaders are compiled when they are first drawn with: what a driver refuses shows up in a frame.
+addEventListener("error", (event) => event.error instanceof PageError && fail(event.error));
 start().catch(fail);

@@ -24,6 +24,7 @@ class Renderer {
     this.isFloat = Boolean(gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float"));
     this.nOrder = 0;
     this.order = null; // as it was sent
+    this.drawn = null; // order and its length of the last picture
     this.state = new Uint8Array(splats.lines * WIDTH);
     this.programs = new Map();
     this.empty = gl.createVertexArray();
@@ -63,6 +64,7 @@ class Renderer {
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
     this.ellipses = null;
+    this.drawn = { order: this.order, n: this.nOrder };
     this.project(camera, look);
     this.blend(camera, look.outlined);
     this.finish(camera, look);
@@ -140,20 +142,22 @@ class Renderer {
    * picture: the object of greatest summed weight, and the splat where half of the light is gone.
    */
   pick(u, v) {
+    if (!this.drawn) return null;
+    const { order, n } = this.drawn; // a later order may wait to be drawn
     const words = this.readEllipses();
     const floats = new Float32Array(words.buffer);
     const { labels } = this.splats;
     const sums = new Map();
     const hits = [];
     let light = 1;
-    for (let k = this.nOrder - 1; k >= 0; k--) {
+    for (let k = n - 1; k >= 0; k--) {
       const tail = words[4 * k + 3];
       if (tail === 0) continue;
       const dx = u - floats[4 * k], dy = v - floats[4 * k + 1];
       const alpha = alphaAt(dx, dy, words[4 * k + 2], tail);
       if (alpha < 1 / 255) continue;
       if (light * (1 - alpha) < T_MIN) break;
-      const splat = this.order[k];
+      const splat = order[k];
       sums.set(labels[splat], (sums.get(labels[splat]) ?? 0) + light * alpha);
       light *= 1 - alpha;
       hits.push([splat, 1 - light]);
@@ -168,7 +172,7 @@ class Renderer {
   readEllipses() {
     if (this.ellipses) return this.ellipses;
     const gl = this.gl;
-    const lines = Math.max(1, Math.ceil(this.nOrder / WIDTH));
+    const lines = Math.max(1, Math.ceil(this.drawn.n / WIDTH));
     const words = new Uint32Array(4 * WIDTH * lines);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.projected.framebuffer);
     gl.readBuffer(gl.COLOR_ATTACHMENT0);

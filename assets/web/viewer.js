@@ -9,10 +9,8 @@ class Viewer {
   constructor(canvas, scene, splats) {
     this.canvas = canvas;
     this.scene = scene;
-    const palette = new Float32Array(4 * WIDTH * Math.ceil(scene.objects.length / WIDTH));
-    scene.objects.forEach((object, i) => palette.set([...object.color, 1], 4 * i));
-    this.renderer = new Renderer(canvas, splats, palette, scene.antialiased);
     this.splats = splats;
+    this.renderer = this.makeRenderer();
     const calm = matchMedia("(prefers-reduced-motion: reduce)");
     this.rig = new CameraRig(scene.up, scene.radius, !calm.matches);
     calm.addEventListener("change", () => (this.rig.jumps = !calm.matches));
@@ -41,6 +39,20 @@ class Viewer {
     new ResizeObserver(() => this.invalidate()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.invalidate());
     this.invalidate();
+  }
+
+  makeRenderer() {
+    const { objects, antialiased } = this.scene;
+    const palette = new Float32Array(4 * WIDTH * Math.ceil(objects.length / WIDTH));
+    objects.forEach((object, i) => palette.set([...object.color, 1], 4 * i));
+    return new Renderer(this.canvas, this.splats, palette, antialiased);
+  }
+
+  /** All textures and programs again, after the graphics lost them. */
+  restore() {
+    this.renderer = this.makeRenderer();
+    this.sorted = ""; // the new textures have no order yet
+    this.applyState();
   }
 
   // --- what to show
@@ -107,6 +119,7 @@ class Viewer {
 
   frame(now) {
     this.pending = null;
+    if (this.renderer.gl.isContextLost()) return; // until `restore`
     if (this.playing !== null) this.playOn(now);
     if (this.rig.update(now)) this.movedAt = now;
     const isMoving = now - this.movedAt < SETTLES_MS;

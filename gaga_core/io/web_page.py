@@ -98,7 +98,8 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
             yield Progress("Write page", n * done // _STEPS, n, path.name)
             columns[name] = base64.b64encode(gzip.compress(content, mtime=0)).decode("ascii")
         columns = {"scene": _json(_described(page, head)), **columns}
-        temporary.write_text(_assembled(page.title, columns), encoding="utf-8")
+        # A title from the name of a folder may have bytes that are no text: they become "?".
+        temporary.write_text(_assembled(page.title, columns), encoding="utf-8", errors="replace")
 
 
 def viewer_bytes() -> int:

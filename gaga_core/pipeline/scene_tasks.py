@@ -57,7 +57,7 @@ class ScenesReport:
     """What became of all."""
 
     outcomes: tuple[SceneOutcome, ...] = field(default=())  # by name
-    page: Path | None = None  # report.html, once it is written
+    page: Path | None = None  # gaga-run.html, once it is written
 
     @property
     def failed(self) -> tuple[SceneOutcome, ...]:

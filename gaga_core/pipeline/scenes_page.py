@@ -56,7 +56,8 @@ ended without an answer.</p>
 </table></body></html>
 """
     with atomic_write(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        # Names of folders may have bytes that are no text: they become "?".
+        temporary.write_text(page, encoding="utf-8", errors="replace")
 
 
 def _row(outcome: SceneOutcome, folder: Path) -> str:

@@ -65,7 +65,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
     )
     first, second = (Shot.of_camera(made.cameras[k], 3.4) for k in (0, 3))
     content = PageContent(
-        title=f"{HOSTILE} {{{{script}}}}",
+        title=f"{HOSTILE} {{{{script}}}} {os.fsdecode(bytes([0xE9]))}",
         bookmarks=(Bookmark(HOSTILE, first, 1), Bookmark("from behind", second, 2)),
         path=CameraPath((Keyframe(first), Keyframe(second, 0.4))),
         cameras=made.cameras,

@@ -156,7 +156,7 @@ def test_names_are_text_and_never_markup(fresh: "Page", exported: Exported) -> N
     names = fresh.locator("#list b").all_inner_texts()
     assert HOSTILE in names
     assert any("& {{style}}" in name for name in names)
-    assert fresh.title() == f"{HOSTILE} {{{{script}}}}"
+    assert fresh.title() == f"{HOSTILE} {{{{script}}}} ?", "no text is a question mark"
     assert fresh.locator("#bookmarks button").first.inner_text() == HOSTILE
     fresh.locator("#list .name", has_text="document.title").click()
     assert _selected(fresh) == 1
@@ -223,6 +223,38 @@ def test_an_object_is_hidden_and_shown_alone(fresh: "Page", exported: Exported) 
     fresh.locator("#all").click()
     fresh.wait_for_selector(_SETTLED)
     assert psnr(_picture(fresh), whole) > 50
+
+
+def test_graphics_that_were_lost_come_back(fresh: "Page") -> None:
+    """The message goes, the picture is what it was, and what was selected still is."""
+    fresh.locator("#list .name", has_text="red ball").click()
+    fresh.mouse.move(2, 2)
+    fresh.wait_for_selector(_SETTLED)
+    before = _picture(fresh)
+    fresh.evaluate(
+        """() => {
+            const gl = document.getElementById("picture").getContext("webgl2");
+            window.lost = gl.getExtension("WEBGL_lose_context");
+            window.lost.loseContext();
+        }"""
+    )
+    fresh.wait_for_selector("#status.failure")
+    fresh.evaluate("window.lost.restoreContext()")
+    fresh.wait_for_selector("#status.quiet", state="attached")
+    fresh.wait_for_selector(_SETTLED)
+    assert psnr(_picture(fresh), before) > 50
+    assert _selected(fresh) == 3
+
+
+def test_a_driver_that_refuses_a_shader_is_named(
+    context: "BrowserContext", exported: Exported
+) -> None:
+    page = context.new_page()
+    page.add_init_script("WebGL2RenderingContext.prototype.getShaderParameter = () => false")
+    page.goto(exported.path.as_uri())
+    page.wait_for_selector("#status.failure")
+    assert "graphics driver refuses" in page.locator("#status").inner_text()
+    page.close()
 
 
 def test_fingers_tap_pinch_and_open_the_list(browser: "Browser", exported: Exported) -> None:
