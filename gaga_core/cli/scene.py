@@ -45,7 +45,8 @@ class AssociateCommand:
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
-        config = self.groups.config(self.preset)
+        preset = associate.saved_preset(folder) if self.add else self.preset
+        config = self.groups.config(preset)
         stage = associate.associate_scene(
             folder, self.masks, config, rasterizer=choose(self.backend), adds=self.add
         )

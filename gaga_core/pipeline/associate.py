@@ -17,14 +17,17 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.add_views import FormerGroups, add_views_stage
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.bank_file import load_bank, read_groups, save_bank
+from gaga_core.grouping.memory_bank import Preset
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.masks import mask_folder, view_key, write_labels
 from gaga_core.io.scene_folder import (
+    AssociateEntry,
     SceneFolder,
     mask_path_of,
     read_model,
+    read_report_entry,
     select_views,
     with_entry,
 )
@@ -46,8 +49,9 @@ def associate_scene(
 ) -> Stage[Association]:
     """Associate the masks of the train views and write the result into ``folder.work``.
 
-    ``adds``: only views that are not in the saved bank, which joins them (`add_views_stage`); the
-    preset is the bank's.
+    ``adds``: only views that are not in the saved bank, which joins them (`add_views_stage`), by
+    its own preset (`saved_preset`). Raises ``GagaError`` when the bank is of another preset or of
+    other masks.
 
     ``masks`` is a provider's name, a folder of label maps, or None for the only provider there is.
     ``gaussians`` saves reading the model again. Written: bank.npz, labels.npz (labels, confidence,
@@ -64,12 +68,9 @@ def associate_scene(
     start = time.perf_counter()
     engine = rasterizer or choose()
     if adds:
-        former = _read_former(folder, len(gaussians))
-        config = (
-            config
-            if config.preset == former.bank.preset
-            else AssociateConfig.of(former.bank.preset)
-        )
+        former = _read_former(folder, len(gaussians), mask_path)
+        if config.preset != former.bank.preset:
+            raise GagaError(f"These groups are of the preset {former.bank.preset}. Choose it.")
         stage = add_views_stage(gaussians, cameras, mask_set, former, engine, config)
     else:
         stage = associate_stage(gaussians, cameras, mask_set, engine, config)
@@ -105,9 +106,24 @@ def _write_pseudo_labels(
         yield Progress("Write label maps", i + 1, len(views), camera.name)
 
 
-def _read_former(folder: SceneFolder, n_gaussians: int) -> FormerGroups:
+def saved_preset(folder: SceneFolder) -> Preset:
+    """The preset that made the groups of the scene; ``GagaError`` when there are none."""
+    path = folder.work / "bank.npz"
+    if not path.is_file():
+        raise GagaError(f"There are no groups in {folder.work} yet. Associate the masks first.")
+    return load_bank(path).preset
+
+
+def _read_former(folder: SceneFolder, n_gaussians: int, mask_path: Path) -> FormerGroups:
     """Bank and labels of the last association, to add views to; ``GagaError`` when they are not
-    there, do not fit, or were saved without the weight of their votes."""
+    there, do not fit, are of other masks, or were saved without the weight of their votes."""
+    entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
+    # By name: a scene folder may have moved since.
+    if entry is not None and Path(entry.mask_folder).name not in ("", mask_path.name):
+        raise GagaError(
+            f"These groups are of the masks in {entry.mask_folder}. Choose those, or associate "
+            "without --add."
+        )
     labels, confidence = read_groups(folder, n_gaussians)
     bank = load_bank(folder.work / "bank.npz")
     arrays = read_arrays(folder.work / "labels.npz", "Associate the masks again.")

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -105,6 +106,32 @@ def test_regions_become_objects_with_levels_and_masks_of_models_do_not(
     assert json.loads(capsys.readouterr().out)["groups"] == labels.max()
     record.write_text(json.dumps({"provider": "sam2", "views": {}}), encoding="utf-8")
     assert run_stage(associate_scene(folder, config=robust)).bank.levels is None
+
+
+def test_new_views_join_by_the_same_settings_and_of_the_same_masks(
+    folder: SceneFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The preset is that of the groups, and switches that are given count."""
+    masks, last = folder.root / "masks" / "sim", folder.train[-2:]
+    held = {name: (masks / name).read_bytes() for name in last}
+    for name in last:
+        (masks / name).unlink()
+    command, strict = ["associate", str(folder.root)], ["--threshold", "0.95"]
+    assert main([*command, "--add"]) == 1
+    assert "no groups" in capsys.readouterr().err
+    assert main([*command, "--preset", "paper", *strict]) == 0
+    for name in last:
+        (masks / name).write_bytes(held[name])
+    shutil.copytree(masks, masks.with_name("other"))
+    assert main([*command, "--add", "--masks", "other"]) == 1
+    assert "of the masks in" in capsys.readouterr().err
+    assert main([*command, "--add", "--masks", "sim", *strict]) == 0
+    added = load_bank(folder.work / "bank.npz")
+    assert main([*command, "--preset", "paper", "--masks", "sim", *strict]) == 0
+    whole = load_bank(folder.work / "bank.npz")
+    assert {decision.view for decision in whole.log} == set(folder.train)
+    assert added.log == whole.log
+    assert np.array_equal(added.group, whole.group)
 
 
 def test_a_detail_needs_levels_and_a_number_in_range() -> None:
