@@ -40,7 +40,8 @@ class EditCommand:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
-        from gaga_core.io.splat_files import form_of
+        from gaga_core.io.splat_files import SplatFormat, form_of
+        from gaga_core.pipeline.describe import describe_project
         from gaga_core.scene.export import export_losses, export_scene_stage
         from gaga_core.scene.export_options import ExportOptions
         from gaga_core.scene.project import open_path_stage
@@ -55,6 +56,8 @@ class EditCommand:
         project = out.follow(open_path_stage(self.input))
         scene = project.scene
         titles = run_script(scene, script, views=lambda: project.training_views)
+        if form_of(self.output) is SplatFormat.HTML:
+            describe_project(project)  # the names in its list
         options = ExportOptions(up=_up(project), page=content_of(project))
         _say(export_losses(scene, form_of(self.output), groups=self.groups))
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
@@ -162,6 +165,9 @@ class ExportCommand:
             )
         if self.what in ("masks", "cameras") and self.decimate != 1.0:
             raise GagaError(f"--decimate is for splats: leave it out for {self.what}.")
+        if self.what != "objects" and (self.folder or self.only):
+            switch = "--folder" if self.folder else "--only"
+            raise GagaError(f"{switch} chooses objects: add --what objects.")
 
     def _whole(
         self, project: Project, form: "SplatFormat", options: "ExportOptions"

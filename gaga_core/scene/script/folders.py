@@ -32,7 +32,7 @@ class PutInFolder(Operation, frozen=True):
     def edit(self, scene: Scene) -> Edit | None:
         groups = groups_of(scene, self.groups)
         if not groups:
-            raise GagaError('nothing is selected. Give "groups", or select first.')
+            raise GagaError('no object is selected. Give "groups", or select first.')
         return edits.put_in_folder(scene, groups, self.folder)
 
 

@@ -195,6 +195,23 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
         assert {e["id"]: e["folder"] for e in manifest["groups"]} == {g: folders[g] for g in wanted}
     wrong = ("--what", "objects", "--out", str(tmp_path / "no"), "--folder", "Attic")
     assert "no folder" in refusal(capsys, "export", saved, *wrong)
+    for switches in (("--folder", "Kitchen"), ("--only", "3")):
+        whole = refusal(capsys, "export", saved, "--out", str(tmp_path / "whole.ply"), *switches)
+        assert "--what objects" in whole
+    assert not (tmp_path / "whole.ply").exists()
+
+
+def test_a_page_of_an_edited_scene_calls_objects_by_names_and_words(
+    scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    page, script = tmp_path / "a.html", tmp_path / "s.json"
+    script.write_text('[{"op": "rename", "groups": [2], "name": "kettle"}]')
+    answer(capsys, "edit", str(scene), str(page), "--script", str(script))
+    found = re.search(r'id="scene">(.*?)</script>', page.read_text(encoding="utf-8"))
+    assert found is not None
+    names = {entry["id"]: entry["name"] for entry in json.loads(found[1])["objects"]}
+    assert names[2] == "kettle"
+    assert not any(name.startswith("group ") for name in names.values())
 
 
 def test_masks_are_exported_as_the_edited_scene_shows_them(

@@ -137,7 +137,7 @@ def test_a_script_names_folders_and_acts_on_all_that_is_in_them() -> None:
     assert set(np.unique(scene.labels[scene.state == 6])) == {2, 3}
     with pytest.raises(GagaError, match=r'Operation 1 .*no folder "Attic/"'):
         run_script(scene, [{"op": "hide", "groups": ["Attic/"]}])
-    with pytest.raises(GagaError, match="nothing is selected"):
+    with pytest.raises(GagaError, match="no object is selected"):
         run_script(scene, [{"op": "put_in_folder", "folder": "Room"}])
 
 
