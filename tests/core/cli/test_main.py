@@ -195,8 +195,8 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
         assert {e["id"]: e["folder"] for e in manifest["groups"]} == {g: folders[g] for g in wanted}
     wrong = ("--what", "objects", "--out", str(tmp_path / "no"), "--folder", "Attic")
     assert "no folder" in refusal(capsys, "export", saved, *wrong)
-    for switches in (("--folder", "Kitchen"), ("--only", "3")):
-        whole = refusal(capsys, "export", saved, "--out", str(tmp_path / "whole.ply"), *switches)
+    for chosen in (("--folder", "Kitchen"), ("--only", "3")):
+        whole = refusal(capsys, "export", saved, "--out", str(tmp_path / "whole.ply"), *chosen)
         assert "--what objects" in whole
     assert not (tmp_path / "whole.ply").exists()
 
