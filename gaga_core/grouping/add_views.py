@@ -34,7 +34,7 @@ from gaga_core.grouping.memory_bank import (
 from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
 from gaga_core.grouping.robust.label_masks import voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.views import views_with_masks
+from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import Votes, splat_groups, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
@@ -70,7 +70,9 @@ def add_views_stage(
     levels of detail are made by all views together.
     """
     known = {decision.view for decision in former.bank.log}
-    new = [camera for camera in views_with_masks(cameras, masks) if camera.name not in known]
+    others = [camera for camera in views_with_masks(cameras, masks) if camera.name not in known]
+    # A label map without any mask leaves no decision: it would be new for ever.
+    new = [camera for camera in others if load_labels(masks, camera)[0].any()]
     if not new:
         raise GagaError("All views that have masks took part already. There is nothing to add.")
     if former.bank.levels is not None or masks.are_regions:
@@ -92,7 +94,7 @@ def add_views_stage(
         confidence=merged.confidence,
         mask_groups=groups_of_masks(bank, [c.name for c in views_with_masks(cameras, masks)]),
         views_per_group=views_per_group(bank),
-        notes=(f"{len(new)} views were added to {len(known)}.",),
+        notes=(f"Views that were added: {len(new)}, to {len(known)} before.",),
         weight=merged.weight,
     )
 

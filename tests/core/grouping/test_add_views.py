@@ -87,6 +87,11 @@ def test_nothing_to_add_is_said(scene: Synthetic) -> None:
     first = _associate(scene, masks, "paper")
     with pytest.raises(GagaError, match="took part already"):
         _add(scene, masks, first)
+    name = scene.cameras[2].name  # a photo in which nothing was found
+    empty = np.zeros((scene.cameras[2].height, scene.cameras[2].width), np.int32)
+    blank = MaskSet({**masks.loaders, name: lambda: empty})
+    with pytest.raises(GagaError, match="took part already"):
+        _add(scene, blank, first)
     regions = MaskSet(_masks(scene, scene.cameras[:3]).loaders, are_regions=True)
     with pytest.raises(GagaError, match="levels of detail"):
         _add(scene, regions, first)
