@@ -125,7 +125,7 @@ class CameraRig {
     this.jump({ ...pose, pivot: centre, distance });
   }
 
-  /** Turn around a point from now on; the eye stays. */
+  /** Turn around a point from now on: it comes to the middle, as far away as it is. */
   lookAt(point) {
     const { rows } = this.pose;
     const depth = dot(plus(point, this.eye, -1), rows[2]);

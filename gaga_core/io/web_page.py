@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, FloatArray, IntArray
+from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.assets import assets
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -255,7 +255,7 @@ def _hash(text: str) -> str:
 def plain_page(title: str, gaussians: Gaussians) -> Page:
     """A page of splats without objects, seen three quarters from the front; up is -y."""
     up = (0.0, -1.0, 0.0)  # of models without cameras: OpenCV axes
-    start, radius = first_view(gaussians.means, up)
+    start, radius = first_view(gaussians, up)
     nothing = np.zeros(len(gaussians), np.int32)
     everything = (no_object(len(gaussians)),)
     return Page(title, gaussians, nothing, everything, up, radius, start)
@@ -266,14 +266,22 @@ def no_object(count: int) -> PageObject:
     return PageObject(0, "unassigned", (0.6, 0.6, 0.6), count, (0.0, 0.0, 0.0), 1.0)
 
 
-def first_view(means: FloatArray, up: tuple[float, float, float]) -> tuple[ShotRow, float]:
-    """A shot of all splats (N, 3) but strays, a little from above; and their radius."""
-    axis = np.asarray(up, np.float64)
+def splat_reach(gaussians: Gaussians) -> float:
+    """Three standard deviations of a usual splat: what a ball around few of them must hold."""
+    longest = gaussians.log_scales.max(axis=1)
+    longest = longest[np.isfinite(longest)]
+    return 3 * float(np.exp(np.median(longest))) if len(longest) else 0.0
+
+
+def first_view(gaussians: Gaussians, up: tuple[float, float, float]) -> tuple[ShotRow, float]:
+    """A shot of all splats but strays, a little from above; and their radius."""
+    axis, means = np.asarray(up, np.float64), gaussians.means
     finite = means[np.isfinite(means).all(axis=1)].astype(np.float64)
     if len(finite) == 0:
         finite = np.zeros((1, 3))
     low, high = np.percentile(finite, [_STRAYS, 100 - _STRAYS], axis=0)
-    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    extent = float(np.linalg.norm(high - low)) / 2
+    centre, radius = (low + high) / 2, max(extent, splat_reach(gaussians), 1e-6)
     # Models without cameras are made in a world where cameras look along +z.
     ahead = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < _STEEP else np.array([0.0, 1.0, 0.0])
     ahead -= (ahead @ axis) * axis

@@ -19,6 +19,7 @@ from gaga_core.io.web_page import (
     ShotRow,
     first_view,
     no_object,
+    splat_reach,
     write_page_stage,
 )
 from gaga_core.progress import Progress, Stage
@@ -39,6 +40,7 @@ from gaga_core.scene.scene import Scene
 PICTURE = 96  # pixels of a side
 _QUALITY = 82  # of WebP
 _FPS, _MOST_SHOTS = 10.0, 900  # of a path; the page blends between
+_LEAST_RADIUS = 0.1  # of a page's scene: what is nearer than NEAR (raster.base) is not drawn
 _NEAREST = 0.05  # of the scene's radius: what a camera looks at is not nearer
 
 
@@ -68,8 +70,11 @@ def write_scene_page_stage(
 ) -> Stage[None]:
     """Write the page of ``splats`` (K,) of ``scene``, baked as ``gaussians`` (K, world).
 
-    ``origin`` (3,), world, becomes the origin of the page.
+    ``origin`` (3,), world, becomes the origin of the page. Units of a page are its own: the scale
+    of the options has no effect, and a tiny scene is enlarged.
     """
+    start, radius = _start(options, gaussians)
+    options = replace(options, scale=max(1.0, _LEAST_RADIUS / radius))
     ids, places = np.unique(np.append(scene.labels[splats], 0), return_inverse=True)
     groups = ids.astype(np.int32), places[:-1].astype(np.int32)
     objects: list[PageObject] = []
@@ -78,7 +83,6 @@ def write_scene_page_stage(
         objects.append(entry)
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin
-    start, radius = _start(options, gaussians)
     marks = carried_bookmarks(options.page.bookmarks, world)
     page = Page(
         title=options.page.title or path.stem,
@@ -110,7 +114,7 @@ def _objects(
             continue
         means = gaussians.means[rows].astype(np.float64)
         means = means[np.isfinite(means).all(axis=1)]
-        centre, radius = _ball(means)
+        centre, radius = _ball(means, splat_reach(gaussians.take(rows)))
         thin = gaussians.take(rows[:: max(-(-len(rows) // MOST_DRAWN), 1)])
         view = object_view(centre, radius, options.page.cameras, up)
         r, g, b = (float(part) for part in colors[k])
@@ -126,14 +130,15 @@ def _objects(
         )
 
 
-def _ball(means: DoubleArray) -> tuple[DoubleArray, float]:
-    """Mean (3,), and twice the root mean square distance from it but not more than the extent."""
+def _ball(means: DoubleArray, least: float) -> tuple[DoubleArray, float]:
+    """Mean (3,), and a radius: twice the root mean square distance from it, not more than the
+    extent, but at least ``least``."""
     if len(means) == 0:
         return np.zeros(3), 1e-6
     centre = means.mean(axis=0)
     spread = 2.4 * float(np.sqrt(((means - centre) ** 2).sum(axis=1).mean()))
     extent = float(np.linalg.norm(means.max(axis=0) - means.min(axis=0))) / 2
-    return centre, max(min(spread, extent), 1e-6)
+    return centre, max(min(spread, extent), least, 1e-6)
 
 
 def _webp(pixels: UInt8Array) -> bytes:
@@ -152,7 +157,7 @@ def _moved(entry: PageObject, world: DoubleArray) -> PageObject:
 
 def _start(options: ExportOptions, gaussians: Gaussians) -> tuple[Shot, float]:
     """The first view, and the radius of the scene: what is wished, else a bookmark, a photo."""
-    row, radius = first_view(gaussians.means, options.up)
+    row, radius = first_view(gaussians, options.up)
     page = options.page
     if page.start is not None:
         return page.start, radius

@@ -1,7 +1,8 @@
 """``python -m tests.bench [NAME ...] [--record] [--list]``: print every figure as a table.
 
-Each ``bench_*.py`` beside this file has a function ``figures() -> list[Figure]``. Beside a figure
-stands its last recorded value (`record.json`) and the change; ``--record`` records the new ones.
+Each ``bench_*.py`` next to this file has a function ``figures() -> list[Figure]``. Next to a
+figure stands its last recorded value (`record.json`) and the change; ``--record`` records the new
+ones.
 """
 
 import argparse

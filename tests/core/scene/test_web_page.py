@@ -16,6 +16,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.splat_files import SplatFormat, losses, write_splats
 from gaga_core.progress import run_stage
+from gaga_core.raster.base import NEAR
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
 from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.export_options import ExportOptions, PageContent
@@ -87,7 +88,7 @@ def test_the_policy_allows_the_scripts_and_styles_that_are_there_alone(tmp_path:
 
 @pytest.mark.parametrize("scale", [1.0, 2.5])
 def test_views_move_with_what_is_written(tmp_path: Path, scale: float) -> None:
-    """Every shot looks at the same thing, however the splats were put and scaled."""
+    """Every shot looks at the same thing, wherever the splats are put; a scale has no effect."""
     first, second = _SHOTS
     content = PageContent(
         title="Two views",
@@ -99,7 +100,7 @@ def test_views_move_with_what_is_written(tmp_path: Path, scale: float) -> None:
     page, columns = page_data(written(tmp_path / "a.html", options))
     origin = options.origin(_MADE.gaussians.means)
     means = means_of(page["splats"], columns["means"])
-    moved = (_MADE.gaussians.means - origin) * scale
+    moved = _MADE.gaussians.means - origin
     np.testing.assert_allclose(means.min(axis=0), moved.min(axis=0), atol=1e-5)
     for row, shot in (
         (page["start"], first),
@@ -107,10 +108,10 @@ def test_views_move_with_what_is_written(tmp_path: Path, scale: float) -> None:
         (page["path"]["shots"][0], first),
         (page["path"]["shots"][-1], second),
     ):
-        eye = (np.array(shot.eye) - origin) * scale
+        eye = np.array(shot.eye) - origin
         np.testing.assert_allclose(row[:3], eye, rtol=1e-4, atol=1e-5)
         np.testing.assert_allclose(np.abs(np.dot(row[3:7], shot.quat)), 1, atol=1e-5)
-        np.testing.assert_allclose(row[7:], [shot.fov_x, shot.fov_y, 3 * scale], rtol=1e-5)
+        np.testing.assert_allclose(row[7:], [shot.fov_x, shot.fov_y, 3.0], rtol=1e-5)
     assert (page["bookmarks"][0]["name"], page["bookmarks"][0]["key"]) == ("b", 4)
     assert page["path"]["seconds"] == 3.0
     assert len(page["path"]["shots"]) == 31
@@ -129,6 +130,26 @@ def test_the_first_view_shows_all_of_a_scene_without_cameras(tmp_path: Path) -> 
         assert inside.mean() > 0.97
         assert np.ptp(pixels[inside], axis=0).max() > 120, "and not from far away"
         assert camera.cam_from_world[1, :3] @ up < -0.8, "upright"
+
+
+@pytest.mark.parametrize("lone", [False, True])
+def test_a_tiny_scene_and_a_lone_splat_are_not_too_near_to_be_drawn(
+    tmp_path: Path, lone: bool
+) -> None:
+    """Neither in the first view nor after *Go to*, which keeps to the radius of an object."""
+    made = _MADE.gaussians.take(np.arange(len(_MADE.labels)))
+    made.means[:] *= 1e-4
+    made.log_scales[:] += np.log(1e-4)
+    rows = np.flatnonzero(_MADE.labels == 1)[:1] if lone else np.arange(len(made))
+    tiny = Scene.of(made.take(rows), _MADE.labels[rows])
+    page, columns = page_data(written(tmp_path / "a.html", ExportOptions(up=(0, 0, 1)), tiny))
+    row = page["start"]
+    shot = Shot((row[0], row[1], row[2]), tuple(row[3:7]), row[7], row[8], row[9])
+    pixels, depth = shot.camera(400, 300).project(means_of(page["splats"], columns["means"]))
+    assert depth.min() > 10 * NEAR
+    size = np.exp(max(page["splats"]["sizes"]))  # of the largest splat
+    assert page["radius"] < 4 * size if lone else np.ptp(pixels, axis=0).max() > 120
+    assert min(item["radius"] for item in page["objects"][1:]) > 2 * NEAR
 
 
 def test_splats_without_a_place_or_size_are_left_out(tmp_path: Path) -> None:
