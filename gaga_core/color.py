@@ -5,6 +5,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, check_shape
 
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # red, green, blue of a luminance (Rec. 709)
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005)
 _C3 = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154)

@@ -76,6 +76,16 @@ class Gaussians:
             result: FloatArray = np.float32(1) / (np.float32(1) + np.exp(-self.logit_opacities))
         return result
 
+    def bare(self, indices: IntArray | LongArray | BoolArray) -> "Gaussians":
+        """The chosen rows, in the order given, without extra columns and comments."""
+        return Gaussians(
+            self.means[indices],
+            self.quats[indices],
+            self.log_scales[indices],
+            self.logit_opacities[indices],
+            self.sh[indices],
+        )
+
     def take(self, indices: IntArray | LongArray | BoolArray) -> "Gaussians":
         """The chosen rows, in the order given, with all extra columns."""
         return Gaussians(

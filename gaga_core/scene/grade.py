@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.color import LUMA
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 weights
 _WARM = np.array([0.25, 0.0, -0.25])  # gain of red and blue at temperature 1
 _GREEN = np.array([-0.1, 0.2, -0.1])  # gain at green-magenta 1
 _NARROWEST = 0.01  # white stays this far above black
@@ -58,7 +58,7 @@ class Grade:
 def grade_affine(grade: Grade) -> DoubleArray:
     """Affine color (3, 4) of a grade, without its opacity: ``levels(saturate(balance(c)) + b)``."""
     balance = (1 + grade.temperature * _WARM + grade.green * _GREEN) * np.array(grade.tint)
-    saturate = grade.saturation * np.eye(3) + (1 - grade.saturation) * np.outer(np.ones(3), _LUMA)
+    saturate = grade.saturation * np.eye(3) + (1 - grade.saturation) * np.outer(np.ones(3), LUMA)
     contrast = 1 / (grade.white - grade.black)
     linear = contrast * saturate @ np.diag(balance)
     offset = np.full(3, contrast * (grade.brightness - grade.black))

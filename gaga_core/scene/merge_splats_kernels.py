@@ -143,9 +143,8 @@ def merge_rows(
             out_log_scales[k], out_logits[k] = log_scales[top], logits[top]
             out_sh[k], out_columns[k] = sh[top], columns[top]
             continue
-        unit = (
-            -np.inf
-        )  # log of the length in which this run is measured: nothing over- or underflows
+        # Log of the length in which this run is measured: nothing over- or underflows.
+        unit = -np.inf
         for m in range(n):
             i = order[lo + m]
             unit = max(unit, np.float64(max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2])))

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.color import group_palette, shades
+from gaga_core.color import LUMA, group_palette, shades
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import RGB, Scene, State
@@ -16,7 +16,7 @@ UNASSIGNED = "unassigned"
 _SEVERAL = 4  # groups, from which on large ones are muted
 _SMALL, _LARGE = 0.35, 0.6  # radii, of the scene's: from not muted at all to muted most
 _MUTED = 0.7  # of its color is taken from a large surface
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
+_LUMA = LUMA.astype(np.float32)
 _DENSE = 1 << 20  # up to here a group id is its own row while counting
 
 

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, check_shape
-from gaga_core.color import rgb_from_dc
+from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 weights
 _DARK = 0.15  # an object darker than this is not brightened by more than target / 0.15
 _BLACK = 0.02  # shading left in an object painted black, so that the next recolor still has some
 
@@ -31,8 +30,8 @@ def tint_affine(
     check_shape("target_rgb", target, (3,))
     if not 0 <= strength <= 1:
         raise ValueError(f"strength: expected 0..1, got {strength}")
-    gain = np.maximum(target, _BLACK) / max(float(_LUMA @ mean), _DARK)
-    linear = np.outer(gain, _LUMA)
+    gain = np.maximum(target, _BLACK) / max(float(LUMA @ mean), _DARK)
+    linear = np.outer(gain, LUMA)
     full = np.column_stack([linear, target - linear @ mean])
     return (1 - strength) * np.eye(3, 4) + strength * full
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, LongArray
+from gaga_core.color import LUMA
 from gaga_core.scene.edits.append import append_made
 from gaga_core.scene.edits.placement import recolor
 from gaga_core.scene.edits.state import delete
@@ -13,7 +14,6 @@ from gaga_core.scene.fill.fill import Filling
 from gaga_core.scene.scene import Revision, Scene, State
 
 _LEVELS = 16  # of lightening: each takes one row of the table of placements
-_LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
 
 
 def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
@@ -42,7 +42,7 @@ def _levels(found: Filling) -> list[tuple[LongArray, DoubleArray]]:
     if len(found.stained) == 0:
         return []
     gains = found.gains.astype(np.float64)
-    key = np.log(gains @ _LUMA)
+    key = np.log(gains @ LUMA)
     edges = np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1)
     level = np.digitize(key, edges)
     return [(found.stained[level == k], gains[level == k].mean(axis=0)) for k in np.unique(level)]

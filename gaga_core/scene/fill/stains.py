@@ -4,10 +4,10 @@ import numpy as np
 from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.color import LUMA
 from gaga_core.scene.fill.chart import Chart
 from gaga_core.scene.fill.smooth import blurred
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722])
 _RIM = 4.0  # cells from the hole: a shadow is seen there
 _SHADOW = 1.1  # mean factor there under which nothing is a shadow: textures vary as much
 _LEAST = 1.06  # gain under which nothing is changed
@@ -37,9 +37,9 @@ def gains(chart: Chart) -> DoubleArray:
     light = np.minimum(light, np.percentile(log[far], _BRIGHT, axis=0))
     ratio = np.exp(light - log)
     rim = chart.known & (distance > 1) & (distance <= _RIM)
-    if not rim.any() or (ratio @ _LUMA)[rim].mean() < _SHADOW:
+    if not rim.any() or (ratio @ LUMA)[rim].mean() < _SHADOW:
         return ones
-    stained = chart.known & (ratio @ _LUMA > _LEAST)
+    stained = chart.known & (ratio @ LUMA > _LEAST)
     parts, _ = ndimage.label(stained | chart.hole)
     touched = np.unique(parts[chart.hole])
     stained &= np.isin(parts, touched)
@@ -60,7 +60,7 @@ def _fitted(log: DoubleArray, far: BoolArray) -> DoubleArray:
     use = far.copy()
     for _ in range(4):
         fit = np.linalg.lstsq(terms[use], log[use], rcond=None)[0]
-        left = (log - terms @ fit) @ _LUMA
+        left = (log - terms @ fit) @ LUMA
         spread = left[use].std() + 1e-9
         use = far & (left > -spread) & (left < 2 * spread)
         if use.sum() < 30:

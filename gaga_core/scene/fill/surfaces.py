@@ -152,8 +152,7 @@ def _plane(points: DoubleArray, plane: DoubleArray, towards: DoubleArray, label:
     origin = towards - ((towards - middle) @ normal) * normal
     heights = (points - origin) @ normal
     near = np.asarray(cKDTree(points).query(points, k=_NEAR + 1)[0])[:, _NEAR]
-    spacing = float(np.median(near)) * np.sqrt(
-        np.pi / _NEAR
-    )  # N of them lie on a disc of area pi r^2
+    # So many of them lie on a disc of area pi r^2.
+    spacing = float(np.median(near)) * np.sqrt(np.pi / _NEAR)
     thickness = float(1.4826 * np.median(np.abs(heights - np.median(heights))))
     return Plane(origin, axes, np.zeros(0, np.int64), spacing, thickness, label)

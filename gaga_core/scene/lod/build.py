@@ -63,7 +63,7 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
                 for first in range(0, size, CHUNK):
                     end = min(first + CHUNK, size)
                     if level == 0:
-                        splats = _plain(gaussians, order[first:end])
+                        splats = gaussians.bare(order[first:end])
                     else:
                         splats, rows = _merged(gaussians, order, target, level, first, end, sizes)
                         file.write(_packed(splats, rows))
@@ -116,16 +116,6 @@ def curve_order(means: FloatArray) -> IntArray:
     return np.argsort(keys, kind="stable").astype(np.int32)
 
 
-def _plain(gaussians: Gaussians, rows: IntArray) -> Gaussians:
-    return Gaussians(
-        gaussians.means[rows],
-        gaussians.quats[rows],
-        gaussians.log_scales[rows],
-        gaussians.logit_opacities[rows],
-        gaussians.sh[rows],
-    )
-
-
 def _merged(
     gaussians: Gaussians,
     order: IntArray,
@@ -139,7 +129,7 @@ def _merged(
     start, stop = first * FAN, min(end * FAN, sizes[level - 1])
     if level == 1:
         rows = order[start:stop]
-        below = _plain(gaussians, rows)
+        below = gaussians.bare(rows)
     else:
         below, rows = read_rows(folder, level - 1, start, stop, gaussians.sh.shape[1])
     return merged_runs(below, rows)

@@ -28,9 +28,8 @@ class NodeFacts:
     """What the edits of a scene mean for the nodes of its tree."""
 
     mixed: BoolArray  # (M,) splats below were not all treated alike
-    torn: (
-        BoolArray  # (M,) ... some of them are hidden or stand elsewhere, so they merge differently
-    )
+    # (M,) ... some of them are hidden or stand elsewhere, so they merge differently
+    torn: BoolArray
     gone: BoolArray  # (M,) all splats below are hidden or deleted
     leaf_placements: IntArray | None  # (K, C) of the nodes of level 0; -1 = no more; None = all 0
     has_many: BoolArray  # (K,) more placements than have room there

@@ -144,14 +144,7 @@ class LodTree:
         """Splats at the places ``first`` to ``end`` of a level; see `read`."""
         if level == 0:
             rows = self.order[first:end]
-            plain = Gaussians(
-                opened.means[rows],
-                opened.quats[rows],
-                opened.log_scales[rows],
-                opened.logit_opacities[rows],
-                opened.sh[rows],
-            )
-            return plain, rows
+            return opened.bare(rows), rows
         return read_rows(self.folder, level, first, end, self.n_sh)
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.color import rgb_from_dc
+from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable, world_means
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709 weights
+_LUMA = LUMA.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

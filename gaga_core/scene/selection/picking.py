@@ -6,7 +6,6 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import T_MIN
 from gaga_core.raster.cpu.pick_kernels import pick_pixel
@@ -82,12 +81,9 @@ def pick(
 def _only(scene: Scene, rows: IntArray) -> Scene:
     """The scene with these rows alone, as far as `pick` reads it."""
     g = scene.gaussians
-    chosen = Gaussians(
-        g.means[rows], g.quats[rows], g.log_scales[rows], g.logit_opacities[rows], g.sh[rows]
-    )
     return replace(
         scene,
-        gaussians=replace(chosen, comments=g.comments),
+        gaussians=replace(g.bare(rows), comments=g.comments),
         labels=scene.labels[rows],
         state=scene.state[rows],
         placement=scene.placement[rows],
