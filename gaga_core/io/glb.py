@@ -35,6 +35,16 @@ _FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
 _FLOAT, _POINTS = 5126, 0
 _TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
 _EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
+# What JSON of any shape raises where it is taken for a glTF.
+_DAMAGED = (
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    ValueError,
+    OverflowError,
+    struct.error,
+)
 
 
 # --- reading
@@ -53,7 +63,7 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
         parts = list(_splats_of(buffers, path.name))
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
-    except (KeyError, IndexError, TypeError, ValueError, struct.error, OverflowError) as error:
+    except _DAMAGED as error:
         raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
     if not parts:
         raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
+from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -78,7 +78,7 @@ def _towards(cameras: Sequence[Camera], centre: DoubleArray, up: DoubleArray) ->
 def _tight(camera: Camera, splats: Gaussians) -> Camera:
     """``camera`` with the focal length and the centre at which the splats fill the picture."""
     pixels, depth = camera.project(splats.means.astype(np.float64))
-    shown = pixels[np.isfinite(pixels).all(axis=1) & (depth > 0) & (_opacity(splats) > 0.1)]
+    shown = pixels[np.isfinite(pixels).all(axis=1) & (depth > 0) & (splats.opacities > 0.1)]
     if len(shown) == 0:
         return camera
     low, inner_low, inner_high, high = np.percentile(
@@ -91,8 +91,3 @@ def _tight(camera: Camera, splats: Gaussians) -> Camera:
     K[:2] *= zoom
     K[:2, 2] += camera.width / 2 - zoom * (low + high) / 2
     return replace(camera, K=K)
-
-
-def _opacity(splats: Gaussians) -> FloatArray:
-    result: FloatArray = (1 / (1 + np.exp(-splats.logit_opacities))).astype(np.float32)
-    return result

@@ -176,6 +176,18 @@ def test_quaternions_without_a_length_are_rows_that_are_left_out(tmp_path: Path)
     assert unit[[1, 3]].tolist() == [[1, 0, 0, 0]] * 2
 
 
+@pytest.mark.parametrize("wrong", [7, "text", [], {}, [7], ["text"], [[]], None, [None]])
+def test_a_glb_with_any_other_json_is_one_sentence(tmp_path: Path, wrong: object) -> None:
+    path = tmp_path / "a.glb"
+    write_splats(path, random_gaussians(3))
+    buffers = Buffers.of(path.read_bytes(), path)
+    for name in ("scenes", "nodes", "meshes", "accessors", "bufferViews", "buffers"):
+        path.write_bytes(_glb({**buffers.gltf, name: wrong}, buffers.binaries[0]))
+        if name != "scenes" or wrong:  # scenes may be absent
+            with pytest.raises(GagaError):
+                read_splats(path)
+
+
 @pytest.mark.skipif(_VALIDATOR is None, reason="gltf-validator is not installed (make peers)")
 def test_the_validator_finds_nothing_wrong_with_a_glb(tmp_path: Path) -> None:
     """But for what it does not know yet: the extension, and the names of its attributes."""
