@@ -18,7 +18,7 @@ from gaga_studio.session.view_state import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
-PATIENCE_S = 60.0  # longest wait for anything, unless a caller knows that more is needed
+PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
 
 
 class Driver:

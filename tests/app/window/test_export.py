@@ -14,11 +14,27 @@ from tests.pages import page_data
 
 pytestmark = pytest.mark.window
 
+_FORMS = {"Compressed PLY": ".compressed.ply", "SPZ": ".spz", "GLB": ".glb", "Web page": ".html"}
 
-@pytest.mark.parametrize("size", [(800, 500), (1280, 800)], ids=str)
-def test_files_are_of_the_form_that_was_chosen(
-    display: str, tmp_path: Path, size: tuple[int, int]
-) -> None:
+
+def test_every_form_is_in_reach_in_a_small_window(display: str, tmp_path: Path) -> None:
+    write_scene(tmp_path / "balls")
+
+    def walk(d: Driver) -> None:
+        sheet = d.studio.ui.export
+        d.menu("File/###Export scene…")
+        d.frames(3)
+        for form, suffix in _FORMS.items():
+            d.click(f"**/###{form}")
+            assert sheet.form.suffix == suffix
+        d.export_to(tmp_path / "page.html")
+        d.settle()
+        assert page_data(tmp_path / "page.html")[0]["objects"]
+
+    drive(walk, path=tmp_path / "balls", size=(800, 500))
+
+
+def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> None:
     write_scene(tmp_path / "balls")
 
     def walk(d: Driver) -> None:
@@ -94,4 +110,4 @@ def test_files_are_of_the_form_that_was_chosen(
         assert sheet.form is SplatFormat.PLY, "a page is asked for by its own entry of the menu"
         d.keys(KEY.escape)
 
-    drive(walk, path=tmp_path / "balls", size=size)
+    drive(walk, path=tmp_path / "balls", size=(1280, 800))
