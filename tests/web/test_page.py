@@ -3,6 +3,7 @@
 import io
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -254,6 +255,24 @@ def test_a_driver_that_refuses_a_shader_is_named(
     page.goto(exported.path.as_uri())
     page.wait_for_selector("#status.failure")
     assert "graphics driver refuses" in page.locator("#status").inner_text()
+    page.close()
+
+
+def test_a_file_that_was_cut_off_says_so_after_a_while(
+    context: "BrowserContext", exported: Exported, tmp_path: Path
+) -> None:
+    """The script is at its end, so the style has to."""
+    cut = tmp_path / "cut.html"
+    cut.write_text(exported.path.read_text(encoding="utf-8").split('id="looks"')[0], "utf-8")
+    page = context.new_page()
+    page.goto(cut.as_uri())
+    page.evaluate("document.getAnimations().forEach((late) => late.finish())")
+    style = "getComputedStyle(document.getElementById('status'), '::after')"
+    assert "not complete" in page.evaluate(f"{style}.content")
+    assert page.evaluate(f"{style}.opacity") == "1"
+    page.goto(exported.path.as_uri())
+    page.wait_for_selector(_SETTLED)
+    assert page.evaluate(f"{style}.content") == "none"
     page.close()
 
 
