@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import BoolArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import fingerprint
@@ -136,7 +136,7 @@ def kept_of_added(scene: Scene, labels: IntArray, of: Mapping[int, str]) -> dict
     """
     if not scene.added:
         return {}
-    own = scene.source >= scene.n_opened
+    own = (scene.source >= scene.n_opened) & ~_continuing(scene)
     pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
     return {new: of[old] for old, new in pairs if new and old in of}
 
@@ -144,15 +144,34 @@ def kept_of_added(scene: Scene, labels: IntArray, of: Mapping[int, str]) -> dict
 def spread(scene: Scene, values: IntArray) -> IntArray:
     """Groups (N,) of all splats from those of the rows of the opened file (M,).
 
-    Copies have the group of their original; added splats keep theirs, moved to ids above the new
-    ones where they would collide.
+    Copies have the group of their original; splats that an edit made as part of an object have the
+    group of most of that object's splats; other added splats keep theirs, moved to ids above the
+    new ones where they would collide.
     """
     known = scene.source < len(values)
     if known.all():
         return values[scene.source]
-    own = scene.labels[~known]
+    continuing = _continuing(scene)
+    own = scene.labels[~known & ~continuing]
     top, least = int(values.max(initial=0)), int(own[own > 0].min(initial=np.iinfo(np.int32).max))
     labels = np.empty(len(scene), np.int32)
     labels[known] = values[scene.source[known]]
-    labels[~known] = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
+    moved = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
+    labels[~known & ~continuing] = moved
+    for group in np.unique(scene.labels[continuing]):
+        there = known & (scene.labels == group)
+        most = int(np.bincount(values[scene.source[there]]).argmax())
+        labels[continuing & (scene.labels == group)] = most
     return labels
+
+
+def _continuing(scene: Scene) -> BoolArray:
+    """Splats (N,) that an edit made as part of a group that the opened file has splats of."""
+    made = np.zeros(len(scene), np.bool_)
+    for item in scene.added:
+        if item.is_made:
+            made |= (scene.source >= item.first) & (scene.source < item.first + item.n)
+    if made.any():
+        opened = np.unique(scene.labels[scene.source < scene.n_opened])
+        made &= np.isin(scene.labels, opened[opened > 0])
+    return made

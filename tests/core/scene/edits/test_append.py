@@ -16,7 +16,7 @@ from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import kept_of_added, read_added_stage, spread
+from gaga_core.scene.edits.append import append_made, kept_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
@@ -171,6 +171,22 @@ def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: P
     assert (labels[:200] == many).all()
     assert labels[200:].min() > 199
     assert kept_of_added(scene, labels, scene.names) == {int(labels[-1]): "chair"}
+
+
+def test_splats_made_as_part_of_an_object_stay_part_of_it_when_groups_change() -> None:
+    scene = Scene.of(random_gaussians(40), np.repeat(np.array([1, 2, 0, 5], np.int32), 10))
+    history = History(scene)
+    history.do(edits.rename(scene, 2, "table"))
+    history.do(edits.rename(scene, 9, "rug"))
+    made = np.array([2, 2, 2, 9, 0], np.int32)  # 9: no splat of the file is in it
+    history.do(append_made(scene, random_gaussians(5, seed=1), made, "Fill"))
+    found = np.repeat(np.array([3, 12, 0, 12, 4], np.int32), 8)
+    found[10:20] = [0, 0, 0, 12, 12, 12, 12, 12, 12, 0]
+    labels = spread(scene, found)
+    assert labels[40:43].tolist() == [12, 12, 12], "as most of the table"
+    assert labels[43] > found.max()
+    assert labels[44] == 0
+    assert kept_of_added(scene, labels, scene.names) == {int(labels[43]): "rug"}
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:
