@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import ConvexHull, QhullError
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
@@ -220,9 +220,12 @@ def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
     if len(own) < 5 or not result.any():
         return np.zeros(len(points), np.bool_)
     try:
-        hull = Delaunay(own[:: max(1, len(own) // 3000)])
+        planes = ConvexHull(own[:: max(1, len(own) // 3000)]).equations
     except QhullError:  # flat: nothing is inside
         return np.zeros(len(points), np.bool_)
-    near = np.flatnonzero(result)
-    result[near] = hull.find_simplex(points[near]) >= 0
+    near, slack = np.flatnonzero(result), 1e-9 * float((hi - lo).max())
+    for plane in planes:  # normals look outwards
+        near = near[points[near] @ plane[:3] + plane[3] <= slack]
+    result[:] = False
+    result[near] = True
     return result
