@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gaga_core.scene.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
-_NOTHING = "Nothing was hidden: what is behind was seen by other photos. Delete will do."
+_NOTHING = "There is nothing to fill: what is behind was seen by other photos."
 
 
 def shown(session: Session) -> "Filling | None":
@@ -84,6 +84,8 @@ def switch_lighten(session: Session) -> None:
     found = shown(session)
     if found is None:
         raise GagaError("There is no preview of a filling. Use Delete and fill first.")
+    if (job := session.jobs.running) is not None:  # or the preview would be lost
+        raise GagaError(f"{job.title} is still running.")
     cancel(session)
     start(session, lighten=not found.lighten)
 

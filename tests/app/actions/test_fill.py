@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
 import pytest
 
 from gaga_core.io.ply import write_ply
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import fill, history, selection
@@ -72,6 +74,36 @@ def test_what_was_deleted_is_filled_later(at_table: Session) -> None:
     run("object.fill_apply", session)
     assert len(session.need().scene) > n
     assert (session.need().scene.labels[n:] == TABLE).all()
+
+
+def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
+    """Also of what was deleted before: then there is no edit that could be shown."""
+    session = at_table
+    selection.select_all(session)
+    run("edit.delete", session)
+    assert fill.title(session) == "Fill what was deleted"
+    run("object.fill", session)
+    finish(session)
+    assert fill.shown(session) is None
+    assert "nothing to fill" in session.notices[-1].text
+
+
+def test_the_preview_stays_while_a_job_runs(at_table: Session) -> None:
+    session = at_table
+    run("object.fill", session)
+    finish(session)
+    go_on = Event()
+
+    def waiting() -> Stage[None]:
+        yield Progress("Wait", 0, 0)
+        go_on.wait()
+
+    session.jobs.start("Wait", waiting())
+    run("object.fill_lighten", session)
+    assert fill.shown(session) is not None
+    assert "still running" in session.notices[-1].text
+    go_on.set()
+    assert session.jobs.wait()
 
 
 def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Session) -> None:
