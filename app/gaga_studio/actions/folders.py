@@ -127,8 +127,11 @@ def put_in(
     what = names[0] if n == 1 else f"{n} objects" if not folders else f"{n} things"
     title = f"Put {what} into {name_of(folder)}" if folder else f"Take {what} out of its folder"
     edit = edits.put_in_folder(scene, groups, folder, folders, title)
+    moved = edits.moved_folders(scene, folder, folders)
     if not document.do(edit):
         return False
+    for before, after in moved:
+        document.listing.follow(before, after)
     document.listing.reveal(folder)
     return True
 

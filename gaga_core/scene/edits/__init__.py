@@ -9,6 +9,7 @@ from gaga_core.scene.edits.append import append
 from gaga_core.scene.edits.duplicate import duplicate, free_group
 from gaga_core.scene.edits.folders import (
     delete_folder,
+    moved_folders,
     new_folder,
     put_in_folder,
     rename_folder,
@@ -52,6 +53,7 @@ __all__ = [
     "lock",
     "merge_groups",
     "move_scene",
+    "moved_folders",
     "named_selection",
     "new_folder",
     "put_in_folder",

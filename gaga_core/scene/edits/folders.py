@@ -42,10 +42,24 @@ def put_in_folder(
             raise GagaError('"unassigned" is no object, so it goes into no folder.')
         if not any(is_inside(now.home.get(group, ""), path) for path in tops):
             homes[group] = into or None
-    for path in tops:
-        if parent_of(path) != into:
-            now = _renamed(now, path, now.free(into, name_of(path)))
+    for before, after in moved_folders(scene, into, tops):
+        now = _renamed(now, before, after)
     return _edit(scene, now.paths, {**now.home, **homes}, title)
+
+
+def moved_folders(scene: Scene, folder: str, folders: Sequence[str]) -> list[tuple[str, str]]:
+    """Paths before and after of ``folders`` that `put_in_folder` moves, in its order.
+
+    Those that lie in another one of them go along with it.
+    """
+    into = tidy_path(folder)
+    now = Folders.of([*scene.folders.paths, into], {})
+    moved: list[tuple[str, str]] = []
+    for path in _tops([existing(scene, path) for path in folders]):
+        if parent_of(path) != into:
+            moved.append((path, now.free(into, name_of(path))))
+            now = _renamed(now, *moved[-1])
+    return moved
 
 
 def new_folder(scene: Scene, folder: str, title: str = "New folder") -> SetFolders | None:

@@ -75,6 +75,19 @@ def test_a_folder_is_chosen_while_its_objects_are_selected(associated: Session) 
     assert folders.of_selection(associated) == (), "objects of two folders"
 
 
+def test_a_folder_that_goes_elsewhere_stays_chosen_and_closed(associated: Session) -> None:
+    scene = scene_of(associated)
+    folders.put_in(associated, "A/B/C", (2, 3))
+    folders.put_in(associated, "C", (4,))
+    associated.need().listing.toggle("A/B/C")
+    folders.choose(associated, "A/B/C")
+    for place in ("A/C", "C 2"):  # the same command twice takes the folder out, not its objects
+        assert commands.run("object.folder_out", associated)
+        assert scene.folders.home == {2: place, 3: place, 4: "C"}
+        assert folders.chosen(associated) == (place,)
+        assert place in associated.need().listing.closed
+
+
 def test_eye_lock_and_solo_of_a_folder_act_on_all_in_it(associated: Session) -> None:
     scene = scene_of(associated)
     folders.put_in(associated, "A", (2,))
