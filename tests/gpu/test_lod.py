@@ -277,6 +277,15 @@ def test_what_moves_is_drawn_with_fewer_of_the_cut(viewport: Viewport, large: La
     assert 1.0 < difference(thin, picture(viewport, large.scene, FEW)) < 25
 
 
+def test_no_picture_waits_for_a_reader_that_failed(viewport: Viewport, large: Large) -> None:
+    """Of whatever it failed: here of rows that the scene does not have."""
+    beyond = large.tree.order + np.int32(len(large.tree))
+    viewport.use_tree(replace(large.tree, order=beyond))
+    viewport.draw(large.scene, CAMERAS[0], ALL, Overlays(), wait=True)
+    assert viewport.settled
+    assert "out of bounds" in str(viewport.lod_error)
+
+
 def test_a_damaged_file_ends_refining_and_is_told(
     viewport: Viewport, large: Large, tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 """Reads nodes of a tree in a thread of its own, ready to be sent to the graphics card."""
 
+import logging
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from gaga_core.scene.lod.tree import NODE, LodTree
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.packing import PackedSplats, pack_splats
 
+_LOG = logging.getLogger(__name__)
 _MOST_WAITING = 64  # nodes that were read and not taken
 _NEVER = 1 << 31
 
@@ -103,6 +105,9 @@ class NodeReader:
                     self._changed.notify_all()
         except GagaError as error:
             self.error = error
+        except Exception as error:  # noqa: BLE001  or a picture to save would wait forever
+            _LOG.exception("level of detail")
+            self.error = GagaError(f"The level of detail cannot be read ({error}).")
         finally:  # however the thread ended, nobody may wait for it
             with self._changed:
                 self._ended, self._reading = True, -1
