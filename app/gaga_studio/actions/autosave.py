@@ -26,6 +26,7 @@ from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.project_file import FILE, saved_scene
+from gaga_studio.session import level_of_detail
 from gaga_studio.session.history_copy import (
     HistoryCopy,
     copy_history,
@@ -219,6 +220,7 @@ def _recover(session: Session, found: Recovery) -> None:
         if found.project is not None and _is_older(found.project, found.saved_at):
             project.known_saves.add(saved_scene(found.project))
         session.take(project)
+        level_of_detail.opened(session)
         document = session.need()
         if history is not None:
             resume_history(document, history)

@@ -12,6 +12,7 @@ import pytest
 from gaga_studio.actions import autosave as autosave_actions
 from gaga_studio.actions import history, objects, quality, selection, transform
 from gaga_studio.actions.autosave import Autosave, left_over, offer
+from gaga_studio.session import level_of_detail
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, snapshot
 
@@ -92,6 +93,24 @@ def test_edits_of_a_crashed_program_come_back_unsaved(
     saver.tick(fresh)
     saver.wait()
     assert not copy.exists()
+
+
+def test_the_level_of_detail_of_a_crashed_program_is_used_again(
+    associated: Session, new_session: Callable[[], Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(level_of_detail, "LARGE", 100)
+    associated.save()
+    finish(associated)
+    level_of_detail.build(associated)
+    finish(associated)
+    _edit(associated)
+    _saved(associated)
+    _crash()
+    fresh = new_session()
+    assert offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    assert level_of_detail.tree_of(fresh) is not None
 
 
 def test_what_was_recovered_stays_until_it_is_written_again(
