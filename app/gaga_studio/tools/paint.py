@@ -53,6 +53,7 @@ class _Brush:
 
     def press(self, session: Session, place: ViewportPoint) -> None:
         """Begin a stroke."""
+        session.hint = ""
         self._radius = session.view.brush_radius
         self._last, self._next = (place.u, place.v), 0.0
         self._document = session.need() if self._begin(session, place) else None
@@ -65,7 +66,7 @@ class _Brush:
         self._go(session, place)
         self._last = (place.u, place.v)
         start = perf_counter()
-        if start >= self._next:
+        if start >= self._next and self._can_show():
             self._document.history.preview_with(self._edit)
             self._next = perf_counter() + (perf_counter() - start) / _SHARE
 
@@ -98,6 +99,10 @@ class _Brush:
     def _go(self, session: Session, place: ViewportPoint) -> None:
         raise NotImplementedError
 
+    def _can_show(self) -> bool:
+        """Whether the preview needs no waiting."""
+        return True
+
     def _edit(self, scene: Scene) -> Edit | None:
         raise NotImplementedError
 
@@ -117,6 +122,9 @@ class _SurfaceBrush(_Brush):
 
     def _go(self, session: Session, place: ViewportPoint) -> None:
         screen_masks.stroke(self._mask, self._last, (place.u, place.v), self._radius)
+
+    def _can_show(self) -> bool:
+        return self._region is not None and self._region.is_known
 
     def _edit(self, scene: Scene) -> Edit | None:
         splats = self._region.splats(self._mask) if self._region is not None else None

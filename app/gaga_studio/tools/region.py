@@ -49,9 +49,14 @@ class Region:
         """Height and width of the picture."""
         return self._camera.height, self._camera.width
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the visible surface is there, if it counts: until then `splats` waits for it."""
+        return self._depth is None or self._depth.done()
+
     def preview(self, mask: BoolArray) -> None:
         """Show what ``mask`` (H, W) would select; the surface as soon as it is known."""
-        if self._depth is not None and not self._depth.done():
+        if not self.is_known:
             return
         chosen, title = self._chosen(mask)
         self._document.history.preview_with(

@@ -1,5 +1,7 @@
 """Erase, color and clone brushes: one edit a stroke, and nothing on Escape."""
 
+from threading import Event
+
 import numpy as np
 
 from gaga_core.scene.scene import State
@@ -8,6 +10,7 @@ from gaga_core.scene.selection.surface_point import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
+from gaga_studio.tools import region
 from gaga_studio.tools.gestures import KeyState
 from tests.app.looks import snapshot
 from tests.app.tools.hand import H, Hand, W, titles
@@ -38,6 +41,22 @@ def test_a_stroke_erases_what_is_seen_and_undo_brings_it_back(associated: Sessio
     assert snapshot(scene) == before
 
 
+def test_a_press_does_not_wait_for_the_surface(associated: Session) -> None:
+    """Nor do the previews of a drag: the picture goes on while the depth is rendered."""
+    go_on = Event()
+    busy = region._worker.submit(go_on.wait, 5)
+    hand = _hand(associated, ToolName.ERASE)
+    scene = associated.need().scene
+    hand.play(u=float(_FROM[0]), v=float(_FROM[1]))
+    hand.play(left=True)
+    hand.play(u=float(_TO[0]), v=float(_TO[1]))
+    assert not scene.has(State.DELETED).any()
+    go_on.set()
+    assert busy.result()
+    hand.play(left=False)
+    assert scene.has(State.DELETED).any()
+
+
 def test_a_stroke_colors_and_ctrl_click_takes_a_color(associated: Session) -> None:
     hand = _hand(associated, ToolName.COLOR)
     associated.view.brush_color = (0.1, 0.7, 0.2)
@@ -60,10 +79,12 @@ def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: S
     hand.drag(_FROM, _TO)
     assert len(scene) == n, "there is no source yet"
     hand.click(320, 245, KeyState(ctrl=True))
+    assert "source is set" in associated.hint
     before = snapshot(scene)
     hand.play(u=250, v=300)
     hand.play(left=True)
     hand.play(u=270, v=300)
+    assert associated.hint == "", "the tool says what a drag does"
     assert len(scene) > n
     hand.controller.cancel(associated)
     assert snapshot(scene) == before
