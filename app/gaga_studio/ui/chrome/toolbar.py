@@ -30,19 +30,21 @@ _MODEL_HINT = (
     "its answer takes the place of the first one"
 )
 
+_SELECTING = ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
+_MOVING = ("move", "rotate", "scale")
+_TOOLS = {*_SELECTING, *_MOVING}  # that have a button at all times; others while they are used
+
 
 def draw(session: Session) -> None:
     """The whole bar, left to right; what does not fit a small window is left to the menus."""
     _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(
-        ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
-    ):
+    for position, tool in enumerate(_SELECTING):
         _next(position)
         command_buttons.command_icon(session, f"tool.{tool}")
     _rule()
-    for position, tool in enumerate(("move", "rotate", "scale")):
+    for position, tool in enumerate(_MOVING):
         _next(position)
         command_buttons.command_icon(session, f"tool.{tool}")
     _rule()
@@ -89,9 +91,12 @@ def _options(session: Session) -> None:
     elif session.tool is ToolName.OBJECT:
         _rule()
         _clicks(session)
-    elif session.tool is ToolName.COLOR:
+    elif session.tool not in _TOOLS:
         _rule()
-        _paint_color(session)
+        command_buttons.command_icon(session, f"tool.{session.tool}")
+        if session.tool is ToolName.COLOR:
+            imgui.same_line(0, em(0.4))
+            _paint_color(session)
 
 
 def _what_regions_take(session: Session) -> None:
