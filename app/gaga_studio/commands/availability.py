@@ -289,6 +289,14 @@ def no_photos(session: Session) -> str:
     return no_scene(session) or ("" if session.cameras else "This scene has no photos.")
 
 
+def no_photo_files(session: Session) -> str:
+    """Needs photos that are on the disk."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is not None and folder.image_paths:
+        return ""
+    return no_photos(session) or "The photos of this scene are not here."
+
+
 def no_keyframe(session: Session) -> str:
     """Needs a keyframe of the camera's path."""
     if session.project is not None and session.project.film.keyframes:
@@ -306,7 +314,7 @@ def no_path(session: Session) -> str:
 
 def not_filmable(session: Session) -> str:
     """Needs two keyframes or more, or photos to go through, and the job runner."""
-    reason = "" if session.cameras else no_path(session)
+    reason = no_path(session) if no_photo_files(session) else ""
     return reason or busy(session)
 
 

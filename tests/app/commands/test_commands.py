@@ -97,6 +97,15 @@ def test_reasons_follow_the_selection(session: Session) -> None:
     assert not command("object.show_all").enabled(session)
 
 
+def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
+    film, project = command("camera.film"), session.project
+    assert project is not None
+    assert project.folder is not None
+    assert film.enabled(session) == ""
+    project.folder = replace(project.folder, image_paths={})
+    assert "keyframes" in film.enabled(session)
+
+
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
     files.associate(session)
     assert "running" in command("file.export_scene").enabled(session)

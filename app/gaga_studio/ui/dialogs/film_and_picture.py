@@ -12,7 +12,7 @@ from gaga_core.io.video_out import VideoConfig
 from gaga_core.pipeline import video as pipeline_video
 from gaga_core.pipeline.split_picture import Split, What
 from gaga_studio.actions import camera_path, split_view
-from gaga_studio.commands.availability import no_path, no_photos
+from gaga_studio.commands.availability import no_path, no_photo_files
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -127,7 +127,7 @@ def _film(session: Session, choices: FilmChoices) -> bool:
 
 def _along(session: Session, choices: FilmChoices) -> None:
     """Where the camera goes; what this scene does not have cannot be chosen."""
-    why_not = {False: no_path(session), True: no_photos(session)}
+    why_not = {False: no_path(session), True: no_photo_files(session)}
     if why_not[choices.through_photos]:
         choices.through_photos = not choices.through_photos
     ways = [
