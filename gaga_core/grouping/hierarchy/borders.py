@@ -10,7 +10,9 @@ things, too.
 A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
 pieces asks the views about all samples near it on either side. And splats that a training left
 rough have creases and steps everywhere: what pieces of one plane show of them is noise, and what of
-it goes beyond the scenes that the weights were fitted to is taken off.
+it goes beyond the scenes that the weights were fitted to is taken off. Of the borders that are left
+in rough splats after pieces have joined, noise made more the later, so they are not judged at each
+level (`is_calm`).
 
 The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
 demo scene and of one generated room, from regions of two widths each
@@ -29,6 +31,7 @@ from gaga_core.grouping.hierarchy.surfels import Surfels
 
 _STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
 _KNOWN = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
+_CALM = 1.25  # times that crease up to which creases are those of things
 _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
 _HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
 _SMOOTHED = 2  # rounds of averaging over neighbours within a piece
@@ -165,6 +168,11 @@ def noise_of(
     normals, points = _smoothed(surfels, near, cluster)
     bend, step = _shape(points, normals, a[flat], b[flat])
     return np.array([np.maximum(-bend, 0).mean(), step.mean()])
+
+
+def is_calm(noise: DoubleArray) -> bool:
+    """Whether splats of this ``noise`` (2,) make no more creases than those of the fit."""
+    return bool(noise[0] <= _CALM * _KNOWN[0])
 
 
 def in_one_plane(plane: IntArray, clusters: Clusters) -> BoolArray:

@@ -16,6 +16,7 @@ from gaga_core.grouping.hierarchy.borders import (
     coarse_graph,
     fine_graph,
     in_one_plane,
+    is_calm,
     noise_of,
 )
 from gaga_core.grouping.hierarchy.held import held_together
@@ -152,7 +153,7 @@ def _nested_clusters(
     now = judged(fine)
     fine_to_coarse = []
     for i, evidence in enumerate(config.finer):
-        now = now.joined(evidence) if i == 0 else judged_again(now).joined(evidence)
+        now = (judged_again(now) if i > 0 and is_calm(noise) else now).joined(evidence)
         now = now if i > 0 else now.joined(-np.inf, config.least_part)
         fine_to_coarse.append(now.cluster)
     yield Progress(STAGE, 3, 4, "objects")

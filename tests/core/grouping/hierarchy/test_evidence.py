@@ -8,7 +8,13 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.geometry import look_at
 from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, in_one_plane, noise_of
+from gaga_core.grouping.hierarchy.borders import (
+    Agreement,
+    coarse_graph,
+    in_one_plane,
+    is_calm,
+    noise_of,
+)
 from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
@@ -175,6 +181,8 @@ def test_creases_that_noise_makes_are_taken_off() -> None:
     flat = _surfels(floor, np.tile([0, 0, 1.0], (len(floor), 1)))
     quiet = noise_of(flat, Neighbourhood.of(floor), plane[: len(floor)], cluster[: len(floor)])
     assert (quiet < 0.05).all()
+    assert is_calm(quiet)
+    assert not is_calm(noise)
 
 
 def test_a_patch_of_a_plane_keeps_to_it_and_what_stands_on_it_does_not() -> None:
