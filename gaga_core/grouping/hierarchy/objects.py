@@ -146,6 +146,8 @@ def _nested_clusters(
 
     def judged_again(before: Clusters) -> Clusters:
         now = judged(before.cluster)
+        if is_calm(noise):
+            return now
         kept = in_one_plane(plane, now) & (before.graph.evidence > now.graph.evidence)
         evidence = np.where(kept, before.graph.evidence, now.graph.evidence)
         return Clusters(now.cluster, replace(now.graph, evidence=evidence))
