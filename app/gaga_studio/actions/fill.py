@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gaga_core.scene.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
-_NOTHING = "There is nothing to fill: what is behind was seen by other photos."
+_NOTHING = "There is nothing to fill: what is behind is covered or not continued. Use Delete."
 
 
 def shown(session: Session) -> "Filling | None":

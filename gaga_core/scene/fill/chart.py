@@ -17,6 +17,7 @@ from gaga_core.scene.fill.views import SeenView
 
 _FAR = 60.0  # sides of the chart: how far away its camera stands, so that it sees all from above
 _COVERED = 0.5  # alpha from which on a cell is surface
+OPAQUE = 0.9  # alpha from which on nothing is missing
 _DOUBT = 0.2  # of the views that show the object there: so few may err at its outline
 _OPENED = 0.5  # of these: so many must see deeper when it is gone
 _RIM = 2  # cells at the edge of a hole that the splats around it half cover
@@ -95,7 +96,7 @@ def chart_of(
     known = alpha > _COVERED
     empty = np.zeros((rows, columns), np.bool_)
     chart = Chart(plane, corner, step, color, np.where(known, height, 0), known, empty)
-    return _with_hole(chart, views)
+    return _with_hole(chart, alpha, views)
 
 
 def drawn(
@@ -128,8 +129,16 @@ def drawn(
     return frame.image / safe, height, alpha
 
 
-def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
-    """Find the hole: cells behind the object that no view saw or looked through."""
+def tolerance_of(chart: Chart) -> float:
+    """Heights over the surface up to which something lies on it, scene units."""
+    return max(1.5 * chart.step, 4 * chart.plane.thickness)
+
+
+def _with_hole(chart: Chart, alpha: DoubleArray, views: tuple[SeenView, ...]) -> Chart:
+    """Find the hole: cells behind the object that no view saw or looked through.
+
+    ``alpha``: (H, W) of the surface's splats from straight above.
+    """
     plane, known = chart.plane, chart.known
     reached = ndimage.gaussian_filter(known.astype(float), 4.0)
     guess = ndimage.gaussian_filter(np.where(known, chart.height, 0), 4.0) / np.maximum(
@@ -137,17 +146,19 @@ def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
     )
     height = np.where(known, chart.height, guess)
     points = plane.world(np.dstack([chart.uv(), height]).reshape(-1, 3))
-    tolerance = max(1.5 * chart.step, 4 * plane.thickness)
+    tolerance = tolerance_of(chart)
     behind = np.zeros(len(points), np.int32)
-    through, seen, gone = behind.copy(), behind.copy(), behind.copy()
+    through, seen, gone, full = (np.zeros_like(behind) for _ in range(4))
     for view in views:
         at, inside = _pixels_of(view, points, plane)
-        above = _above(view, view.depth[at], points, plane)
+        above = above_surface(view.camera, view.depth[at], points, plane)
         on_it = inside & (above > tolerance) & view.is_object[at]
         behind += on_it
         through += inside & (above < -tolerance)
         seen += inside & (np.abs(above) <= tolerance) & ~view.is_object[at]
-        gone += on_it & (_above(view, view.after[at], points, plane) < -tolerance)
+        left = above_surface(view.camera, view.after[at], points, plane)
+        gone += on_it & (left < -tolerance)
+        full += on_it & (np.abs(left) <= tolerance) & (view.after_alpha[at] >= OPAQUE)
     # What a view looked through is no surface; what it saw and is not known here is another one.
     free = (through > np.maximum(seen, _DOUBT * behind)) | (seen > _DOUBT * behind)
     free = free.reshape(chart.shape) & ~known
@@ -156,9 +167,13 @@ def _with_hole(chart: Chart, views: tuple[SeenView, ...]) -> Chart:
     hidden = (behind > 0).reshape(chart.shape) & ~known & ~free
     wanted = ndimage.binary_dilation(opened & hidden, iterations=_RIM, mask=hidden)
     surface = continued(known.astype(float)[:, :, None], known | free, wanted)[:, :, 0] > 0.5
-    hole = _enclosed(wanted & surface, known)
+    # Where what is left is opaque, from above or in those views, new splats would lie over it.
+    covered = known & (alpha >= OPAQUE)
+    covered |= ((full > _OPENED * behind) & (behind > 0)).reshape(chart.shape)
+    surely = known | covered
+    hole = _enclosed(wanted & surface & ~covered, surely)
     # What is next to it was seen by few views, and stood in the object's shadow: it is made again.
-    rim = (behind > 0).reshape(chart.shape) & known
+    rim = (behind > 0).reshape(chart.shape) & known & ~covered
     hole |= ndimage.binary_dilation(hole, iterations=_RIM, mask=rim | hole)
     return replace(chart, hole=hole, known=known & ~hole)
 
@@ -190,12 +205,13 @@ def _pixels_of(
     return at, inside
 
 
-def _above(view: SeenView, seen: FloatArray, points: DoubleArray, plane: Plane) -> DoubleArray:
+def above_surface(
+    camera: Camera, seen: FloatArray, points: DoubleArray, plane: Plane
+) -> DoubleArray:
     """How far (N,) the surface of depth ``seen`` (N,) at each of ``points`` (N, 3) lies above it.
 
     Along the plane's normal; -inf where there is no surface.
     """
-    camera = view.camera
     depth = points @ camera.cam_from_world[2, :3] + camera.cam_from_world[2, 3]
     share = seen.astype(np.float64) / np.where(depth > 0, depth, 1.0)  # 1: it is at the point
     rise = (camera.position - points) @ plane.axes[:, 2]

@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
+from gaga_core.color import dc_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
@@ -15,6 +16,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import Chart, chart_of
+from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.smooth import smooth_base
 from gaga_core.scene.fill.splats import new_splats
@@ -136,7 +138,6 @@ class _Work:
         """Fill behind the splats ``part`` (N,) of the object, surface by surface."""
         own = self.points[part]
         hidden = ~self.is_object & ~self.is_known
-        self.dropped |= hidden & _inside(own, self.points)
         usable = self.is_known & ~self.is_object
         n_filled = 0
         for plane in surfaces_around(self.gaussians, self.labels, part, usable, self.config):
@@ -145,23 +146,35 @@ class _Work:
             )
             if not chart.hole.any():
                 continue
-            self._fill_chart(chart)
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * plane.spacing
-            self.dropped |= (hidden | (small & ~self.is_object)) & _under(chart, self.points)
-            n_filled += 1
+            goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
+            goes |= hidden & _inside(own, self.points)
+            n_filled += self._fill_chart(chart, goes)
             if n_filled == self.config.most_surfaces:
                 return
 
-    def _fill_chart(self, chart: Chart) -> None:
+    def _fill_chart(self, chart: Chart, goes: BoolArray) -> bool:
+        """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
         plane = chart.plane
         chart, factors = _lightened(chart, self.config)
-        near = chart.at(factors, plane.local(self.points[plane.splats]))
-        self.gain[plane.splats] = np.maximum(self.gain[plane.splats], near)
         color, height = _continued(chart)
         fresh = new_splats(self.gaussians, chart, color, height, self.rasterizer, self.config.seed)
+        # What no photo showed is no surface to compare with.
+        left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
+        near = np.ones((len(self.gaussians), 3))
+        near[plane.splats] = chart.at(factors, plane.local(self.points[plane.splats]))
+        gain = np.maximum(self.gain, near)
+        rest = _lit(self.gaussians, gain).take(left)
+        kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
+        if not kept.any():
+            return False
+        fresh = fresh.take(np.flatnonzero(kept))
+        self.dropped |= goes
+        self.gain = gain
         self.made.append(fresh)
         self.groups.append(np.full(len(fresh), plane.label, np.int32))
+        return True
 
 
 def _apart(
@@ -192,6 +205,13 @@ def _lightened(chart: Chart, config: FillConfig) -> tuple[Chart, DoubleArray]:
         return chart, np.ones((*chart.shape, 3))
     factors = gains(chart)
     return replace(chart, color=chart.color * factors), factors
+
+
+def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
+    """The splats with their colors times ``gain`` (N, 3)."""
+    sh = gaussians.sh * gain[:, None].astype(np.float32)
+    sh[:, 0] = dc_from_rgb((rgb_from_dc(gaussians.sh[:, 0]) * gain).astype(np.float32))
+    return replace(gaussians, sh=sh)
 
 
 def _continued(chart: Chart) -> tuple[DoubleArray, DoubleArray]:

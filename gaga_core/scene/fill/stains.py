@@ -9,7 +9,9 @@ from gaga_core.scene.fill.chart import Chart
 from gaga_core.scene.fill.smooth import blurred
 
 _RIM = 4.0  # cells from the hole: a shadow is seen there
-_SHADOW = 1.1  # mean factor there under which nothing is a shadow: textures vary as much
+_SHADOW = 1.1  # usual factor there under which nothing is a shadow
+_EVIDENCE = 3.0  # times darker than the surface varies: so much a shadow is at least
+_DARKEST = 85  # percentile of how dark the surroundings are: so dark it is at least
 _LEAST = 1.06  # gain under which nothing is changed
 _MOST = 4.0
 _BRIGHT = 85  # percentile of the surroundings: nothing is made brighter than that
@@ -21,7 +23,8 @@ def gains(chart: Chart) -> DoubleArray:
 
     Light on a surface is taken to be even over the chart but for a linear trend; the stain is
     what is darker than that, and hangs together with the hole. Texture is not: it is finer than
-    the blur, or does not touch.
+    the blur, or does not touch. There is no stain where the rim of the hole is hardly darker than
+    the surface varies elsewhere.
     """
     ones = np.ones((*chart.shape, 3))
     if not chart.hole.any() or not chart.known.any():
@@ -36,10 +39,13 @@ def gains(chart: Chart) -> DoubleArray:
     light = _fitted(log, far)
     light = np.minimum(light, np.percentile(log[far], _BRIGHT, axis=0))
     ratio = np.exp(light - log)
+    dark = (light - log) @ LUMA
+    spread = 1.4826 * float(np.median(np.abs(dark[far] - np.median(dark[far]))))
     rim = chart.known & (distance > 1) & (distance <= _RIM)
-    if not rim.any() or (ratio @ LUMA)[rim].mean() < _SHADOW:
+    least = max(np.log(_SHADOW), _EVIDENCE * spread, np.percentile(dark[far], _DARKEST))
+    if not rim.any() or np.median(dark[rim]) < least:
         return ones
-    stained = chart.known & (ratio @ LUMA > _LEAST)
+    stained = chart.known & (ratio @ LUMA > max(_LEAST, np.exp(spread)))
     parts, _ = ndimage.label(stained | chart.hole)
     touched = np.unique(parts[chart.hole])
     stained &= np.isin(parts, touched)

@@ -27,6 +27,7 @@ class SeenView:
     depth: FloatArray  # (H, W) camera depth of the surface; 0 where there is none
     is_object: BoolArray  # (H, W) the surface is the object
     after: FloatArray  # (H, W) depth of the surface that is left without it; 0 where there is none
+    after_alpha: FloatArray  # (H, W) of what is left without it
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +64,11 @@ def seen_stage(
     views = []
     for i, (camera, frame) in enumerate(zip(chosen, frames, strict=True)):
         yield Progress("Look behind the object", n + i, 2 * n, camera.name)
-        after = rasterizer.render(rest, camera).median_depth
+        after = rasterizer.render(rest, camera)
         on_object = frame.image[:, :, 0] > 0.5
-        views.append(SeenView(camera, frame.median_depth, on_object, after))
+        views.append(
+            SeenView(camera, frame.median_depth, on_object, after.median_depth, after.alpha)
+        )
     return Seen(tuple(views), total[:, 0])
 
 

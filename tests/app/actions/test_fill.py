@@ -31,7 +31,7 @@ def at_table(new_session: Callable[[], Session], tmp_path: Path) -> Session:
     return session
 
 
-def test_preview_switch_cancel_and_apply(at_table: Session) -> None:
+def test_preview_switch_and_cancel(at_table: Session) -> None:
     session = at_table
     scene, entries = session.need().scene, session.need().history.cursor
     before = snapshot(scene)
@@ -43,37 +43,47 @@ def test_preview_switch_cancel_and_apply(at_table: Session) -> None:
     assert len(found.splats) > 50
     assert scene.has(State.DELETED)[found.removed].all(), "the preview is in the picture"
     assert command("object.fill_apply").enabled(session) == ""
-    run("edit.cancel", session)
-    assert fill.shown(session) is None
-    assert snapshot(scene) == before
-    assert session.need().history.cursor == entries
 
-    run("object.fill", session)
-    finish(session)
     run("object.fill_lighten", session)
     finish(session)
     found = fill.shown(session)
     assert found is not None
     assert not found.lighten
+
+    go_on = Event()
+
+    def waiting() -> Stage[None]:
+        yield Progress("Wait", 0, 0)
+        go_on.wait()
+
+    session.jobs.start("Wait", waiting())
+    run("object.fill_lighten", session)
+    assert fill.shown(session) is found, "it stays while a job runs"
+    assert "still running" in session.notices[-1].text
+    go_on.set()
+    assert session.jobs.wait()
+    run("edit.cancel", session)
+    assert fill.shown(session) is None
+    assert snapshot(scene) == before
+    assert session.need().history.cursor == entries
+
+
+def test_what_was_deleted_is_filled_later_in_one_step(at_table: Session) -> None:
+    session = at_table
+    run("edit.delete", session)
+    assert fill.title(session) == "Fill what was deleted"
+    scene, entries = session.need().scene, session.need().history.cursor
+    n, before = len(scene), snapshot(scene)
+    run("object.fill", session)
+    finish(session)
     run("edit.confirm", session)
     assert fill.shown(session) is None
     assert session.need().history.cursor == entries + 1
     assert session.need().unsaved
-    assert (scene.labels[-len(found.splats) :] == TABLE).all()
+    assert len(scene) > n
+    assert (scene.labels[n:] == TABLE).all()
     history.undo(session)
     assert snapshot(scene) == before
-
-
-def test_what_was_deleted_is_filled_later(at_table: Session) -> None:
-    session = at_table
-    run("edit.delete", session)
-    assert fill.title(session) == "Fill what was deleted"
-    n = len(session.need().scene)
-    run("object.fill", session)
-    finish(session)
-    run("object.fill_apply", session)
-    assert len(session.need().scene) > n
-    assert (session.need().scene.labels[n:] == TABLE).all()
 
 
 def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
@@ -86,24 +96,6 @@ def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
     finish(session)
     assert fill.shown(session) is None
     assert "nothing to fill" in session.notices[-1].text
-
-
-def test_the_preview_stays_while_a_job_runs(at_table: Session) -> None:
-    session = at_table
-    run("object.fill", session)
-    finish(session)
-    go_on = Event()
-
-    def waiting() -> Stage[None]:
-        yield Progress("Wait", 0, 0)
-        go_on.wait()
-
-    session.jobs.start("Wait", waiting())
-    run("object.fill_lighten", session)
-    assert fill.shown(session) is not None
-    assert "still running" in session.notices[-1].text
-    go_on.set()
-    assert session.jobs.wait()
 
 
 def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Session) -> None:

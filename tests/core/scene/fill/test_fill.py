@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -15,14 +17,19 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.fill.chart import Chart, chart_of
+from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.edits import filled_edit
 from gaga_core.scene.fill.fill import Filling, fill_stage
+from gaga_core.scene.fill.stains import gains
+from gaga_core.scene.fill.surfaces import surfaces_around
+from gaga_core.scene.fill.views import Seen, seen_stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import snapshot
-from tests.core.scene.fill.tables import BOX, HALF, TABLE, Table, psnr, table_with_box
+from tests.core.scene.fill.tables import BOX, HALF, STEP, TABLE, Table, psnr, table_with_box
 
 CPU = choose("cpu")
 
@@ -36,6 +43,17 @@ def table() -> Table:
 def found(table: Table) -> Filling:
     scene = Scene.of(table.gaussians, table.labels)
     return run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU))
+
+
+@pytest.fixture(scope="module")
+def looked_at(table: Table) -> tuple[Seen, Chart]:
+    """What the photos saw, and the table with its hole."""
+    is_box, settings = table.labels == BOX, FillConfig()
+    seen = run_stage(seen_stage(table.gaussians, is_box, table.cameras, CPU, settings))
+    usable = (seen.weight > settings.seen) & ~is_box
+    plane = surfaces_around(table.gaussians, table.labels, is_box, usable, settings)[0]
+    own = table.gaussians.means[is_box].astype(np.float64)
+    return seen, chart_of(table.gaussians, plane, own, seen.views, CPU, settings)
 
 
 def filled(table: Table, found: Filling) -> tuple[Scene, History]:
@@ -77,6 +95,48 @@ def test_what_photos_saw_behind_it_is_not_filled_again(table: Table) -> None:
     assert len(found.splats) == 0
 
 
+def test_a_floor_that_is_covered_already_is_left_as_it_is(table: Table) -> None:
+    box = table.gaussians.take(table.labels == BOX)
+    bare = table.gaussians.take(table.labels == TABLE)
+    # Large splats of what lies around cover the place under the box, as after a training.
+    log_scales = bare.log_scales.copy()
+    at_rim = np.abs(bare.means[:, :2]).max(axis=1) < HALF + STEP
+    log_scales[at_rim, :2] = np.log(HALF)
+    covered = replace(bare, log_scales=log_scales)
+    labels = np.repeat(np.array([TABLE, BOX], np.int32), [len(bare), len(box)])
+    scene = Scene.of(joined(covered, box), labels)
+    before = bake(scene, indices=np.flatnonzero(labels == TABLE))
+    found = run_stage(fill_stage(scene, labels == BOX, table.cameras, CPU))
+    assert not found
+    assert len(found.unseen) == 0
+    History(scene).do(filled_edit(scene, found, "Delete and fill"))
+    after = bake(scene)
+    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+        assert np.array_equal(getattr(after, name), getattr(before, name)), name
+
+
+def test_splats_that_change_what_is_next_to_a_hole_are_taken_out(
+    table: Table, found: Filling, looked_at: tuple[Seen, Chart]
+) -> None:
+    seen, chart = looked_at
+    bare = table.gaussians.take(table.labels == TABLE)
+    nothing = np.zeros(len(bare), np.bool_)
+
+    def kept(fresh: Gaussians) -> np.ndarray:
+        return accepted(bare, fresh, nothing, chart, seen.views, CPU)
+
+    assert kept(found.splats).all()
+    stray = found.splats.take(np.arange(0, len(found.splats), 8))
+    black = np.full_like(stray.sh, -1.5)
+    aside = replace(stray, means=stray.means + np.array([0.55, 0, 0.01], np.float32), sh=black)
+    above = replace(stray, means=stray.means + np.array([0, 0, 0.9], np.float32), sh=black)
+    for wrong in (aside, above):
+        result = kept(joined(found.splats, wrong))
+        assert result[: len(found.splats)].mean() > 0.9
+        assert not result[len(found.splats) :].any()
+    assert not kept(aside).any()
+
+
 def test_the_edge_of_a_table_is_not_continued_into_the_air(table: Table) -> None:
     on_table = table.gaussians.means[:, 0] < 0.09
     kept = on_table | (table.labels == BOX)  # the box stands half over the edge
@@ -101,6 +161,23 @@ def test_a_shadow_goes_when_it_is_to_and_stays_when_not() -> None:
             continue
         assert gains[rim].mean() > 1.25
         assert gains[far].max() < 1.1
+
+
+def test_what_is_dark_is_lightened_only_where_it_is_a_shadow(
+    looked_at: tuple[Seen, Chart],
+) -> None:
+    _, chart = looked_at
+    away = np.maximum(np.abs(chart.uv()).max(axis=2) - HALF, 0)
+    shadow = 1 - 0.5 * np.exp(-((away / 0.12) ** 2))
+    for seed in range(12):
+        # Patches a few splats wide, darker and brighter by a fifth: some of them touch the hole.
+        rng = np.random.default_rng(seed)
+        noise = ndimage.gaussian_filter(rng.normal(size=chart.shape), 3)
+        patches = np.clip(1 + 0.2 * noise / noise.std(), 0.4, 1.6)
+        for dark, is_shadow in ((patches, False), (shadow, True)):
+            factors = gains(replace(chart, color=chart.color * dark[:, :, None]))
+            assert (factors.max() > 1.4) == is_shadow, seed
+            assert is_shadow or (factors == 1).all()
 
 
 def test_undo_redo_script_and_project_give_the_same_splats(
