@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, check_shape
 
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # red, green, blue of a luminance (Rec. 709)
@@ -31,6 +31,13 @@ DEPTH_POLYNOMIAL = (
 _GOLDEN = 0.618033988749895  # turns of hue from one group to the next
 _LIGHTNESS, _CHROMA = (72.0, 54.0, 63.0, 45.0), (42.0, 30.0)  # of groups, CIE Lab
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65
+_XYZ_FROM_RGB = np.array(
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+)
 _RGB_FROM_XYZ = np.array(
     [
         [3.2404542, -1.5371385, -0.4985314],
@@ -119,6 +126,17 @@ def shades(hue: IntArray, shade: IntArray) -> FloatArray:
     chroma = _CHROMA[0]
     lab = np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], axis=1)
     result: FloatArray = _rgb_from_lab(lab).astype(np.float32)
+    return result
+
+
+def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
+    """CIE Lab (..., 3), D65, of sRGB colors (..., 3) in 0..1 (clipped)."""
+    unit = np.clip(np.asarray(rgb, np.float64), 0, 1)
+    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
+    root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
+    x, y, z = np.moveaxis(root, -1, 0)
+    result: DoubleArray = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
     return result
 
 

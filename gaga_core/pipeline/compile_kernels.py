@@ -28,8 +28,9 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.cut import choose_cut, node_counts
+from gaga_core.scene.lod.cut import choose_cut
 from gaga_core.scene.lod.edited import node_facts
+from gaga_core.scene.lod.occlusion import covers_of, hidden_nodes
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.click_graph import click_graph_stage
@@ -195,7 +196,10 @@ def _level_of_detail(sample: _Sample) -> None:
         stage = build_lod_stage(sample.gaussians, Path(folder) / "lod", "sample")
         tree = run_stage(stage)
     node_facts(tree, scene)
-    choose_cut(tree, node_counts(tree), tree.boxes, sample.cameras[0], 1000)
+    choose_cut(tree, tree.boxes, sample.cameras[0], 1000)
+    splats = sample.gaussians
+    covers = covers_of(splats.log_scales, splats.logit_opacities)
+    hidden_nodes(tree.boxes, splats.means, covers, sample.cameras[0])
 
 
 def _association(preset: str, *, are_regions: bool = False) -> Callable[[_Sample], object]:

@@ -5,6 +5,7 @@ import os
 
 from gaga_core.errors import GagaError
 from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.chunks import SpatialChunks
 
 NAMES = ("auto", "cpu", "cuda", "reference")
 
@@ -45,6 +46,16 @@ def choose(name: str = "auto") -> Rasterizer:
             raise GagaError(f"CUDA cannot draw here: {found.reason}. Choose the backend cpu.")
         return _cuda()
     raise GagaError(f"There is no rendering backend {wanted!r}. Choose one of {', '.join(NAMES)}.")
+
+
+def for_many_views(rasterizer: Rasterizer, chunks: SpatialChunks | None) -> Rasterizer:
+    """``rasterizer`` for many views of the scene of ``chunks``: on the processor it projects what a
+    view may show, elsewhere all of it. Its results are the same."""
+    if rasterizer.name != "cpu" or chunks is None:
+        return rasterizer
+    from gaga_core.raster.cpu import CpuRasterizer
+
+    return CpuRasterizer(chunks)
 
 
 def backend_report(*, wait: bool = True, fresh: bool = False) -> tuple[str, str]:

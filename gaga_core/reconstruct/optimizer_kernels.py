@@ -6,10 +6,13 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.kernels import kernel
+from gaga_core.simd_kernels import prefetch
 
 _F = np.float32
 _BETA1, _BETA2, _EPSILON = _F(0.9), _F(0.999), _F(1e-15)
 _REST1, _REST2 = _F(1.0 - 0.9), _F(1.0 - 0.999)
+_AHEAD = 12  # rows whose memory is asked for before they are needed
+_LINE = 16  # numbers of a cache line
 
 
 @kernel
@@ -28,6 +31,11 @@ def adam_rows(
     n_columns = values.shape[1]
     unbias = _F(correction)
     for k in range(start, stop):
+        ahead = n_columns * rows[min(k + _AHEAD, stop - 1)]
+        for c in range(ahead, ahead + n_columns, _LINE):
+            prefetch(values, c)
+            prefetch(first, c)
+            prefetch(second, c)
         i = rows[k]
         for c in range(n_columns):
             g = gradient[k, c]

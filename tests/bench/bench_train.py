@@ -12,7 +12,7 @@ from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.backward import _sum_tiles, _walk_back, forward
 from gaga_core.raster.cpu.prepare import prepare
-from gaga_core.raster.cpu.rasterizer import _colors
+from gaga_core.raster.cpu.rasterizer import _blend, _colors
 from gaga_core.reconstruct.losses import photometric
 from gaga_core.reconstruct.optimizer import Rates, Splats, adam_step
 from gaga_core.reconstruct.settings import RateConfig
@@ -67,14 +67,20 @@ def _parts() -> list[Figure]:
     parts: dict[str, Callable[[], object]] = {
         "prepare": lambda: prepare(gaussians, camera),
         "blend": lambda: forward(view, camera, colors, black),
+        "blend as the viewer, in loops and with depth": lambda: _blend(
+            view, camera, colors, black, 3
+        ),
         "loss and its gradient": lambda: photometric(drawn.image, target),
         "back through tiles": lambda: _sum_tiles(drawn, by_image, by_alpha),
         "back through projection": lambda: _walk_back(gaussians, camera, drawn, sums),
     }
+    took = {name: cpu_median(work, 9) for name, work in parts.items()}
+    in_vectors, in_loops = list(took.values())[1:3]
     return [
-        Figure(f"train: 50k, 264x471, {name}", cpu_median(work, 9), "CPU-ms")
-        for name, work in parts.items()
-    ] + [Figure("train: 50k, 264x471, tile entries", len(view.ids), "")]
+        *(Figure(f"train: 50k, 264x471, {name}", ms, "CPU-ms") for name, ms in took.items()),
+        Figure("train: blend in vectors to blend in loops", in_vectors / in_loops, "x", "<= 0.75"),
+        Figure("train: 50k, 264x471, tile entries", len(view.ids), ""),
+    ]
 
 
 def _whole() -> list[Figure]:

@@ -5,8 +5,7 @@ from math import factorial, pi, sqrt
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.color import group_palette, sh_basis
-from gaga_core.query.colors import lab_from_rgb
+from gaga_core.color import group_palette, lab_from_rgb, sh_basis
 
 
 def legendre_basis(directions: DoubleArray) -> DoubleArray:

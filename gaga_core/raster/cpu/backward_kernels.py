@@ -20,48 +20,53 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import kernel
-from gaga_core.raster.cpu.blend_kernels import (
-    _ALPHA_MAX,
-    _ALPHA_MIN,
-    _C0,
-    _C1,
-    _C2,
-    _CHECK,
-    _LOWEST,
-    _T,
-    _T_MIN,
-    _exp,
-    _is_done,
-    _open_tile,
+from gaga_core.raster.cpu.blend_kernels import _ALPHA_MAX, _ALPHA_MIN, _LOWEST, _T_MIN
+from gaga_core.raster.cpu.project_kernels import TILE
+from gaga_core.raster.cpu.row_kernels import (
+    ALPHA,
+    AT_ONCE,
+    AT_U,
+    AT_V,
+    BLUE,
+    GREEN,
+    N_COLUMNS,
+    N_LISTS,
+    PLAIN_R,
+    PLAIN_S,
+    RED,
+    REST,
+    ROW,
+    ROWS,
+    SHIFT,
+    SMALL_S,
+    exp8,
+    is_done,
+    list_rows,
+    open_rows,
 )
-from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
+from gaga_core.simd_kernels import (
+    fill,
+    lane_numbers,
+    larger,
+    load,
+    minus_abs,
+    reciprocal,
+    smaller,
+    store,
+    store_totals,
+    total,
+    where_at_least,
+)
 
 SUMS = 9
 _F = np.float32
-_ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
+_ZERO, _ONE = _F(0), _F(1)
 _MIDDLE = _F(7.5)  # of a tile, in its pixel columns and rows
-# Planes of a tile's working memory behind _T on the way back: R, gradient of the picture.
-_LEFT, _G0, _G1, _G2 = 1, 2, 3, 4
-_NOTHING = (_ZERO,) * 11  # what `_read` gives, of no splat
-_Drawn = tuple[np.float32, ...]
-
-
-@kernel
-def _read(splats: FloatArray, colors: FloatArray, k: int) -> _Drawn:
-    """The columns of splat ``k``, then its color: 11 numbers."""
-    return (
-        splats[k, U],
-        splats[k, V],
-        splats[k, S],
-        splats[k, R],
-        splats[k, H],
-        splats[k, OPACITY],
-        splats[k, Y0],
-        splats[k, Y1],
-        colors[k, 0],
-        colors[k, 1],
-        colors[k, 2],
-    )
+_LOW = _F(_LOWEST / 8)
+# Planes of a tile's working memory, those of a row one behind the other: T and the picture on the
+# way forward; T, R, and the gradient of the picture on the way back.
+_PICTURE, _N_DRAWN = 1, 4
+_LEFT, _G0, _G1, _G2, _N_BACK = 1, 2, 3, 4, 5
 
 
 @kernel
@@ -80,48 +85,44 @@ def blend_colors(
     """The picture alone, as `blend_kernels.blend` draws it, and what the way back needs."""
     height, width = transmittance.shape
     n_tiles_x = (width + TILE - 1) // TILE
-    planes = np.empty((4, TILE, TILE), np.float32)
-    T = planes[_T]
+    planes = np.empty((TILE, _N_DRAWN, TILE), np.float32)
+    listed = np.empty((AT_ONCE, N_COLUMNS), np.float32)
+    rows, spans = np.empty((N_LISTS, ROWS), np.float32), np.empty((AT_ONCE, 2), np.int64)
+    x, zero, t_min = lane_numbers(), fill(_ZERO), fill(_T_MIN)
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
-        _open_tile(T, n_rows, n_columns)
-        planes[1:] = _ZERO
+        open_rows(planes, n_rows, n_columns)
         ends[tile] = offsets[tile + 1]
-        first, last = offsets[tile], offsets[tile + 1] - 1
-        following = _read(splats, colors, ids[first]) if first <= last else _NOTHING
-        for j in range(first, last + 1):
-            # The next splat is read before this one is drawn, which takes more instructions than a
-            # processor looks ahead.
-            center_x, center_y, s, r, h, opacity, begin, end, f0, f1, f2 = following
-            following = _read(splats, colors, ids[min(j + 1, last)])
-            u, v = center_x - _F(left) - _HALF, center_y - _F(top) - _HALF
-            for y in range(max(0, int(begin) - top), min(TILE, int(end) - top)):
-                dy = _F(y) - v
-                shift = -s * (u + r * dy)
-                rest = -h * dy * dy
-                for x in range(TILE):
-                    e = s * _F(x) + shift
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
-                    a = a if a >= _ALPHA_MIN else _ZERO
-                    before = planes[_T, y, x]
-                    after = before - before * a
-                    goes_on = after >= _T_MIN
-                    w = a * before if goes_on else _ZERO
-                    planes[_T, y, x] = after if goes_on else -abs(before)
-                    planes[_C0, y, x] += w * f0
-                    planes[_C1, y, x] += w * f1
-                    planes[_C2, y, x] += w * f2
-            if (j & _CHECK) == _CHECK and _is_done(T):
-                ends[tile] = j + 1
+        for first in range(offsets[tile], offsets[tile + 1], AT_ONCE):
+            last = min(first + AT_ONCE, offsets[tile + 1])
+            list_rows(splats, colors, ids, first, last, left, top, listed, rows, spans)
+            for q in range(last - first):
+                along, opacity = x * listed[q, SMALL_S], fill(listed[q, ALPHA])
+                f0, f1, f2 = fill(listed[q, RED]), fill(listed[q, GREEN]), fill(listed[q, BLUE])
+                for m in range(spans[q, 0], spans[q, 1]):
+                    at = int(rows[ROW, m]) * (_N_DRAWN * TILE)
+                    e = along + rows[SHIFT, m]
+                    raw = exp8(larger(rows[REST, m] - e * e, fill(_LOW))) * opacity
+                    a = smaller(raw, fill(_ALPHA_MAX))
+                    before = load(planes, at)
+                    w = where_at_least(a, fill(_ALPHA_MIN), a * before, zero)
+                    after = before - w
+                    w = where_at_least(after, t_min, w, zero)
+                    store(planes, at, where_at_least(after, t_min, after, minus_abs(before)))
+                    store(planes, at + TILE, load(planes, at + TILE) + w * f0)
+                    store(planes, at + 2 * TILE, load(planes, at + 2 * TILE) + w * f1)
+                    store(planes, at + 3 * TILE, load(planes, at + 3 * TILE) + w * f2)
+            if is_done(planes):
+                ends[tile] = last
                 break
         for y in range(n_rows):
-            for x in range(n_columns):
-                t = abs(planes[_T, y, x])
-                transmittance[top + y, left + x] = t
-                image[top + y, left + x, 0] = planes[_C0, y, x] + t * background[0]
-                image[top + y, left + x, 1] = planes[_C1, y, x] + t * background[1]
-                image[top + y, left + x, 2] = planes[_C2, y, x] + t * background[2]
+            for column in range(n_columns):
+                t = abs(planes[y, 0, column])
+                transmittance[top + y, left + column] = t
+                for c in range(3):
+                    color = planes[y, _PICTURE + c, column] + t * background[c]
+                    image[top + y, left + column, c] = color
 
 
 @kernel
@@ -142,95 +143,80 @@ def backward_tiles(
     """Gradient by each splat's exponent and color, summed over the pixels of each tile."""
     height, width = transmittance.shape
     n_tiles_x = (width + TILE - 1) // TILE
-    planes = np.empty((5, TILE, TILE), np.float32)
-    sums = np.empty((6, TILE), np.float32)  # of d, d y, d y^2, w g (3) in each column
+    planes = np.empty((TILE, _N_BACK, TILE), np.float32)
+    listed = np.empty((AT_ONCE, N_COLUMNS), np.float32)
+    rows, spans = np.empty((N_LISTS, ROWS), np.float32), np.empty((AT_ONCE, 2), np.int64)
+    sums = np.empty(8, np.float32)
+    x, zero, one = lane_numbers(), fill(_ZERO), fill(_ONE)
+    alpha_max, t_min = fill(_ALPHA_MAX), fill(_T_MIN)
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
-        planes[:] = _ZERO
-        _open_tile(planes[_T], n_rows, n_columns)
+        open_rows(planes, n_rows, n_columns)
         for y in range(n_rows):
-            for x in range(n_columns):
-                g0 = image_gradient[top + y, left + x, 0]
-                g1 = image_gradient[top + y, left + x, 1]
-                g2 = image_gradient[top + y, left + x, 2]
-                planes[_G0, y, x] = g0
-                planes[_G1, y, x] = g1
-                planes[_G2, y, x] = g2
+            for column in range(n_columns):
                 # What is behind everything: background color, and alpha = 1 - T.
-                planes[_LEFT, y, x] = (
-                    g0 * image[top + y, left + x, 0]
-                    + g1 * image[top + y, left + x, 1]
-                    + g2 * image[top + y, left + x, 2]
-                    - alpha_gradient[top + y, left + x] * transmittance[top + y, left + x]
-                )
-        for j in range(offsets[tile], ends[tile]):
-            k = ids[j]
-            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
-            s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
-            f0, f1, f2 = colors[k, 0], colors[k, 1], colors[k, 2]
-            for c in range(6):
-                for x in range(TILE):
-                    sums[c, x] = _ZERO
-            for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
-                dy = _F(y) - v
-                shift = -s * (u + r * dy)
-                rest = -h * dy * dy
-                yl = _F(y) - _MIDDLE
-                for x in range(TILE):
-                    e = s * _F(x) + shift
-                    raw = opacity * _exp(max(_LOWEST, rest - e * e))
-                    a = min(_ALPHA_MAX, raw)
-                    a = a if a >= _ALPHA_MIN else _ZERO
-                    before = planes[_T, y, x]
-                    after = before - before * a
-                    goes_on = after >= _T_MIN
-                    w = a * before if goes_on else _ZERO
-                    planes[_T, y, x] = after if goes_on else -abs(before)
-                    g0, g1, g2 = planes[_G0, y, x], planes[_G1, y, x], planes[_G2, y, x]
+                behind_all = alpha_gradient[top + y, left + column]
+                behind_all *= -transmittance[top + y, left + column]
+                for c in range(3):
+                    g = image_gradient[top + y, left + column, c]
+                    planes[y, _G0 + c, column] = g
+                    behind_all += g * image[top + y, left + column, c]
+                planes[y, _LEFT, column] = behind_all
+        for first in range(offsets[tile], ends[tile], AT_ONCE):
+            last = min(first + AT_ONCE, ends[tile])
+            list_rows(splats, colors, ids, first, last, left, top, listed, rows, spans)
+            for q in range(last - first):
+                along, opacity = x * listed[q, SMALL_S], fill(listed[q, ALPHA])
+                f0, f1, f2 = fill(listed[q, RED]), fill(listed[q, GREEN]), fill(listed[q, BLUE])
+                # Sums in each column of d, d y, d y^2, w g (3).
+                in_0, in_y, in_yy, in_c0, in_c1, in_c2 = zero, zero, zero, zero, zero, zero
+                for m in range(spans[q, 0], spans[q, 1]):
+                    at = int(rows[ROW, m]) * (_N_BACK * TILE)
+                    e = along + rows[SHIFT, m]
+                    raw = exp8(larger(rows[REST, m] - e * e, fill(_LOW))) * opacity
+                    a = smaller(raw, alpha_max)
+                    a = where_at_least(a, fill(_ALPHA_MIN), a, zero)
+                    before = load(planes, at)
+                    w = a * before
+                    after = before - w
+                    w = where_at_least(after, t_min, w, zero)
+                    store(planes, at, where_at_least(after, t_min, after, minus_abs(before)))
+                    g0, g1 = load(planes, at + _G0 * TILE), load(planes, at + _G1 * TILE)
+                    g2 = load(planes, at + _G2 * TILE)
                     shade = g0 * f0 + g1 * f1 + g2 * f2
-                    behind = planes[_LEFT, y, x] - w * shade
-                    planes[_LEFT, y, x] = behind
-                    # np.divide: the operator would check for zero, and a branch ends vectors.
-                    d = a * (before * shade - np.divide(behind, _ONE - a))
-                    d = d if goes_on & (raw <= _ALPHA_MAX) else _ZERO
-                    sums[0, x] += d
-                    sums[1, x] += d * yl
-                    sums[2, x] += d * (yl * yl)
-                    sums[3, x] += w * g0
-                    sums[4, x] += w * g1
-                    sums[5, x] += w * g2
-            m0, mx, mxx, my, mxy, myy = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
-            c0, c1, c2 = _ZERO, _ZERO, _ZERO
-            for x in range(TILE):
-                xl = _F(x) - _MIDDLE
-                d = sums[0, x]
-                dyl = sums[1, x]
-                m0 += d
-                mx += d * xl
-                mxx += d * xl * xl
-                my += dyl
-                mxy += dyl * xl
-                myy += sums[2, x]
-                c0 += sums[3, x]
-                c1 += sums[4, x]
-                c2 += sums[5, x]
-            # From moments about the tile's middle to moments of e and dy:
-            # e = s xl - t yl + e0, dy = yl + y0.
-            t = s * r
-            y0 = _MIDDLE - v
-            e0 = s * (_MIDDLE - u - r * y0)
-            along = s * mx - t * my
-            me = along + e0 * m0
-            partials[j, 0] = m0
-            partials[j, 1] = me
-            partials[j, 2] = my + y0 * m0
-            partials[j, 3] = s * s * mxx - (s * t + s * t) * mxy + t * t * myy + e0 * (along + me)
-            partials[j, 4] = s * mxy - t * myy + e0 * my + y0 * me
-            partials[j, 5] = myy + y0 * (my + my + y0 * m0)
-            partials[j, 6] = c0
-            partials[j, 7] = c1
-            partials[j, 8] = c2
+                    behind = load(planes, at + _LEFT * TILE) - w * shade
+                    store(planes, at + _LEFT * TILE, behind)
+                    d = a * (before * shade - behind * reciprocal(one - a))
+                    d = where_at_least(alpha_max, raw, d, zero)
+                    d = where_at_least(after, t_min, d, zero)
+                    yl = rows[ROW, m] - _MIDDLE
+                    dy = d * yl
+                    in_0, in_y, in_yy = in_0 + d, in_y + dy, in_yy + dy * yl
+                    in_c0, in_c1, in_c2 = in_c0 + w * g0, in_c1 + w * g1, in_c2 + w * g2
+                xl = x - fill(_MIDDLE)
+                in_x = xl * in_0
+                moments = (in_0, in_x, xl * in_x, in_y, xl * in_y, in_yy, in_c0, in_c1)
+                store_totals(sums, 0, moments)
+                m0, mx, mxx, my, mxy, myy = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+                # From moments about the tile's middle to moments of e and dy:
+                # e = s xl - t yl + e0, dy = yl + y0.
+                s, r = listed[q, PLAIN_S], listed[q, PLAIN_R]
+                t, y0 = s * r, _MIDDLE - listed[q, AT_V]
+                e0 = s * (_MIDDLE - listed[q, AT_U] - r * y0)
+                turned = s * mx - t * my
+                me = turned + e0 * m0
+                j = first + q
+                partials[j, 0] = m0
+                partials[j, 1] = me
+                partials[j, 2] = my + y0 * m0
+                both = (s * t + s * t) * mxy
+                partials[j, 3] = s * s * mxx - both + t * t * myy + e0 * (turned + me)
+                partials[j, 4] = s * mxy - t * myy + e0 * my + y0 * me
+                partials[j, 5] = myy + y0 * (my + my + y0 * m0)
+                partials[j, 6] = sums[6]
+                partials[j, 7] = sums[7]
+                partials[j, 8] = total(in_c2)
 
 
 @kernel

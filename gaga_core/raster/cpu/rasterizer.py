@@ -1,5 +1,7 @@
 """The numba backend of `raster.base.Rasterizer`."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
@@ -18,6 +20,7 @@ from gaga_core.raster.base import (
     check_render,
     check_vote,
 )
+from gaga_core.raster.chunks import SpatialChunks
 from gaga_core.raster.cpu import blend_kernels as kernels
 from gaga_core.raster.cpu.backward import Forward, backward, forward
 from gaga_core.raster.cpu.label_kernels import label_tiles
@@ -32,10 +35,16 @@ class CpuRasterizer:
     """Tile rasterizer on all CPU threads (16 x 16 tiles, one depth sort a view).
 
     The pictures do not depend on the number of threads, and several threads may render at once.
-    See `raster.base` for the operators and the image model.
+    See `raster.base` for the operators and the image model. With ``chunks`` the scene that they
+    were made of is projected as far as a view may show it, and the last view is kept for the next
+    operator; the results are the same bits.
     """
 
     name = "cpu"
+
+    def __init__(self, chunks: SpatialChunks | None = None) -> None:
+        self._chunks = chunks
+        self._last: tuple[Camera, TiledView] | None = None
 
     def render(
         self,
@@ -47,7 +56,7 @@ class CpuRasterizer:
     ) -> Frame:
         """Blend SH color, or ``channels`` (N, C), and depth over ``background`` (C,)."""
         n_channels = check_render(gaussians, channels, background)
-        view = prepare(gaussians, camera)
+        view = self._view(gaussians, camera)
         behind = np.zeros(max(3, n_channels), np.float32)
         behind[:n_channels] = 0 if background is None else background
         if channels is None:
@@ -69,7 +78,7 @@ class CpuRasterizer:
     ) -> PixelWeights:
         """Blending weights above ``w_min`` of ``pixels`` (P,), flat indices v * width + u."""
         check_pixels(camera, pixels)
-        return sampled_weights(prepare(gaussians, camera), camera.width, pixels, w_min)
+        return sampled_weights(self._view(gaussians, camera), camera.width, pixels, w_min)
 
     def vote(
         self,
@@ -80,14 +89,14 @@ class CpuRasterizer:
     ) -> None:
         """histogram[i, k] += sum of w_i over pixels with label k; negative labels are ignored."""
         check_vote(gaussians, camera, labels, histogram)
-        add_votes(prepare(gaussians, camera), for_kernel(labels, np.int32), histogram)
+        add_votes(self._view(gaussians, camera), for_kernel(labels, np.int32), histogram)
 
     def label_splat(self, gaussians: Gaussians, camera: Camera, labels: IntArray) -> LabelFrame:
         """Exact argmax over ``labels`` (N,) of summed weights; the smaller label when equal."""
         check_shape("labels", labels, (len(gaussians),), np.int32)
         if labels.min(initial=0) < 0:
             raise ValueError("labels: must not be negative (0 = none)")
-        view = prepare(gaussians, camera)
+        view = self._view(gaussians, camera)
         values, dense = _dense(labels[view.order])
         out = np.zeros((camera.height, camera.width), np.int32)
         confidence = np.zeros((camera.height, camera.width), np.float32)
@@ -144,6 +153,32 @@ class CpuRasterizer:
         value, image_gradient = loss(drawn.image, target)
         gradients = backward(gaussians, camera, drawn, image_gradient, sink=sink)
         return TrainStep(value, drawn.image, gradients)
+
+    def _view(self, gaussians: Gaussians, camera: Camera) -> TiledView:
+        """What the camera sees, with the Gaussians' own indices."""
+        chunks = self._chunks
+        if chunks is None or chunks.gaussians is not gaussians:
+            return prepare(gaussians, camera)
+        last = self._last  # read once: another thread may write
+        if last is None or last[0] is not camera:
+            last = camera, _view_of_few(gaussians, camera, chunks.in_view(camera))
+            self._last = last
+        return last[1]
+
+
+def _view_of_few(gaussians: Gaussians, camera: Camera, rows: IntArray | None) -> TiledView:
+    """What the camera sees where it may see only ``rows`` (K,), ascending; None: all."""
+    if rows is None:
+        return prepare(gaussians, camera)
+    some = Gaussians(
+        gaussians.means.take(rows, axis=0),
+        gaussians.quats.take(rows, axis=0),
+        gaussians.log_scales.take(rows, axis=0),
+        gaussians.logit_opacities.take(rows),
+        np.zeros((len(rows), 1, 3), np.float32),  # colors are looked up in the whole
+    )
+    view = prepare(some, camera, antialiased=gaussians.is_antialiased)
+    return replace(view, order=rows[view.order])
 
 
 def _forward(

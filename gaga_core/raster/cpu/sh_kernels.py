@@ -11,9 +11,11 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.kernels import kernel
+from gaga_core.simd_kernels import prefetch
 
 _Y0 = 0.28209479177387814  # degree 0
 _ZERO = np.float32(0)
+_LINE = 16  # numbers of a cache line
 _LANES = 16  # splats at once: polynomials of several are computed in one vector
 # Rows of a working array (56, _LANES): direction, then these.
 _BASIS, _SHADE, _SLOPE = 3, 28, 53
@@ -42,6 +44,8 @@ def sh_colors(
             i = order[rows[first + q]]
             for c in range(3):
                 w[c, q] = means[i, c] - eye[c]
+        for ahead in range(first + _LANES, min(first + 2 * _LANES, stop)):
+            _ask_for(sh, means, order[rows[ahead]])
         _turn(w)
         _basis(w, n_sh)
         for q in range(n):
@@ -75,6 +79,8 @@ def backward_colors(
         for q in range(n):
             for c in range(3):
                 w[c, q] = means[indices[first + q], c] - eye[c]
+        for ahead in range(first + _LANES, min(first + 2 * _LANES, len(indices))):
+            _ask_for(sh, means, indices[ahead])
         for q in range(_LANES):
             near[q] = np.divide(1.0, math.sqrt(w[0, q] ** 2 + w[1, q] ** 2 + w[2, q] ** 2))
         _turn(w)
@@ -107,6 +113,15 @@ def backward_colors(
                 d_means[first + q, 0] += (sx - radial * x) * near[q]
                 d_means[first + q, 1] += (sy - radial * y) * near[q]
                 d_means[first + q, 2] += (sz - radial * z) * near[q]
+
+
+@kernel
+def _ask_for(sh: FloatArray, means: FloatArray, i: int) -> None:
+    """Have what is known of Gaussian ``i`` brought, for the next lanes."""
+    prefetch(means, 3 * i)
+    width = 3 * sh.shape[1]
+    for c in range(width * i, width * i + width, _LINE):
+        prefetch(sh, c)
 
 
 @kernel
