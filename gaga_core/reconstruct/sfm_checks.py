@@ -12,8 +12,10 @@ from typing import Literal
 import numpy as np
 
 from gaga_core.reconstruct.controls import option
-from gaga_core.reconstruct.sfm_metrics import SfmFacts, SfmSummary
+from gaga_core.reconstruct.sfm_bridge import weakest_bridge
+from gaga_core.reconstruct.sfm_metrics import MeasureConfig, SfmFacts, SfmSummary
 
+_SHARED = MeasureConfig().shared
 _NAMED = 4  # photos named in a sentence
 
 
@@ -76,7 +78,18 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
             level = "warning"
         cure = " Add photos between these and the others, with more than half in common."
         found += _verdict("registered", level, text + cure)
-    if s.parts > 1:
+    bridge = weakest_bridge(facts)
+    holds = bridge is not None and bridge.holds()
+    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED
+    if bridge is not None and not holds:
+        found += _verdict(
+            "clusters",
+            "error",
+            f"The placed photos fall into 2 groups, one of {bridge.side.sum()}. The few points "
+            "that both see do not tell how the groups lie to each other. Add photos in between, or "
+            "reconstruct each group alone.",
+        )
+    elif s.parts > 1 and not is_all:
         found += _verdict(
             "clusters",
             "error",

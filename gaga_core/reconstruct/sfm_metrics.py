@@ -107,7 +107,8 @@ def _seen_depths(facts: SfmFacts) -> DoubleArray:
     return result
 
 
-def _centres(facts: SfmFacts) -> DoubleArray:
+def centres_of(facts: SfmFacts) -> DoubleArray:
+    """Camera centres (V, 3), world."""
     rotations, offsets = facts.poses[:, :, :3], facts.poses[:, :, 3]
     result: DoubleArray = -np.einsum("vij,vi->vj", rotations, offsets)
     return result
@@ -120,7 +121,7 @@ def _parallax(facts: SfmFacts) -> float:
     """
     if not len(facts.seen_points):
         return 0.0
-    toward = _centres(facts)[facts.seen_views] - facts.points[facts.seen_points]
+    toward = centres_of(facts)[facts.seen_views] - facts.points[facts.seen_points]
     toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
     mean = np.zeros_like(facts.points)
     np.add.at(mean, facts.seen_points, toward)
@@ -211,12 +212,17 @@ def _doubled(facts: SfmFacts, config: MeasureConfig) -> float:
 
 def _parts(facts: SfmFacts, shared: int) -> int:
     """Groups of views that are held together by at least ``shared`` common points."""
-    n, n_points = len(facts.names), len(facts.points)
-    if n == 0 or n_points == 0:
-        return n
-    ones = np.ones(len(facts.seen_views), np.int32)
-    sees = coo_matrix((ones, (facts.seen_views, facts.seen_points)), shape=(n, n_points)).tocsr()
-    common = csr_matrix(sees @ sees.T)
+    if len(facts.names) == 0 or len(facts.points) == 0:
+        return len(facts.names)
+    common = common_points(facts)
     common.data = (common.data >= shared).astype(np.int32)
     common.eliminate_zeros()
     return int(connected_components(common, directed=False)[0])
+
+
+def common_points(facts: SfmFacts) -> csr_matrix:
+    """How many points each two views (V, V) have in common."""
+    ones = np.ones(len(facts.seen_views), np.int32)
+    shape = (len(facts.names), len(facts.points))
+    sees = coo_matrix((ones, (facts.seen_views, facts.seen_points)), shape=shape).tocsr()
+    return csr_matrix(sees @ sees.T)

@@ -1,0 +1,152 @@
+"""Two clusters of cameras that few points hold: a right joint passes, a wrong one does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.reconstruct.sfm_bridge import Bridge, weakest_bridge
+from gaga_core.reconstruct.sfm_checks import check_model
+from gaga_core.reconstruct.sfm_metrics import SfmFacts, summarize
+
+ARC = 8  # views of an arc
+FOCAL, NOISE = 500.0, 0.7  # pixels
+Motion = tuple[float, DoubleArray, DoubleArray]  # scale, rotation, shift
+
+
+def look_at(centre: DoubleArray) -> DoubleArray:
+    """cam_from_world (3, 4) of a camera that looks at the origin."""
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    turn = np.stack([right, np.cross(forward, right), forward])
+    result: DoubleArray = np.c_[turn, -turn @ centre]
+    return result
+
+
+def two_arcs(
+    n_across: int, gap: float = 50.0, seed: int = 0, moved: Motion | None = None
+) -> SfmFacts:
+    """Two arcs of 40 degrees; 300 points for each, and ``n_across`` that three views of both see.
+
+    ``moved``: the second arc lies so instead, with the same pictures: what an adjustment leaves
+    that put the halves together wrong.
+    """
+    rng = np.random.default_rng(seed)
+    degrees = np.r_[np.linspace(0, 40, ARC), np.linspace(40 + gap, 80 + gap, ARC)]
+    angles = np.radians(degrees)
+    centres = np.stack(
+        [2 * np.cos(angles), 2 * np.sin(angles), 0.8 + 0.3 * (degrees % 7) / 7], axis=1
+    )
+    true = np.array([look_at(c) for c in centres])
+    points = rng.uniform(-0.5, 0.5, (600 + n_across, 3))
+    views = [range(ARC)] * 300 + [range(ARC, 2 * ARC)] * 300
+    views += [range(ARC - 3, ARC + 3)] * n_across
+    seen_views = np.concatenate([list(v) for v in views])
+    seen_points = np.repeat(np.arange(len(points)), [len(v) for v in views])
+    rays = np.einsum("oij,oj->oi", true[seen_views, :, :3], points[seen_points])
+    rays += true[seen_views, :, 3]
+    rays = (
+        rays / rays[:, 2:]
+        + np.c_[rng.normal(0, NOISE / FOCAL, (len(rays), 2)), np.zeros(len(rays))]
+    )
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    poses = true.copy()
+    if moved is not None:
+        scale, turn, shift = moved
+        for k in range(ARC, 2 * ARC):
+            poses[k] = look_at(centres[k])
+            poses[k, :, :3] = true[k, :, :3] @ turn.T
+            poses[k, :, 3] = -poses[k, :, :3] @ (scale * turn @ centres[k] + shift)
+    keys = zip(seen_points.tolist(), seen_views.tolist(), strict=True)
+    of = {key: o for o, key in enumerate(keys)}
+    rows = [
+        (of[p, v], of[p, w])
+        for p, group in enumerate(views)
+        for v, w in zip(group, list(group)[1:], strict=False)
+    ]
+    first, second = np.array(rows).T
+    pairs, counts = np.unique(
+        np.stack([seen_views[first], seen_views[second]], axis=1), axis=0, return_counts=True
+    )
+    names = tuple(f"{k:02d}.jpg" for k in range(2 * ARC))
+    return SfmFacts(
+        names=names,
+        poses=poses,
+        focal=np.full((2 * ARC, 2), FOCAL),
+        sizes=np.tile([640, 480], (2 * ARC, 1)),
+        points=points,
+        track_lengths=np.array([len(v) for v in views]),
+        seen_points=seen_points,
+        seen_views=seen_views,
+        seen_errors=np.full(len(seen_views), NOISE),
+        match_views=np.stack([seen_views[first], seen_views[second]], axis=1),
+        match_points=np.stack([seen_points[first], seen_points[second]], axis=1),
+        match_rays=np.stack([rays[first], rays[second]], axis=1),
+        all_names=names,
+        pairs=pairs,
+        pair_matches=counts,
+        model_sizes=np.array([2 * ARC]),
+    )
+
+
+def bridge_of(facts: SfmFacts) -> Bridge:
+    found = weakest_bridge(facts)
+    assert found is not None
+    return found
+
+
+def is_refused(facts: SfmFacts) -> bool:
+    return "clusters" in {
+        v.check for v in check_model(facts, summarize(facts)) if v.level == "error"
+    }
+
+
+@pytest.mark.parametrize("n_across", [14, 30, 40])
+def test_a_right_joint_passes_however_few_points_two_views_share(n_across: int) -> None:
+    facts = two_arcs(n_across)
+    bridge = bridge_of(facts)
+    assert set(np.flatnonzero(bridge.side)) in ({*range(ARC)}, {*range(ARC, 2 * ARC)})
+    assert (bridge.n_common, bridge.n_points) == (n_across, n_across)
+    assert bridge.off < 0.03
+    assert not is_refused(facts)
+
+
+@pytest.mark.parametrize(
+    ("scale", "degrees", "shift"), [(1.27, 0, 0), (1, 15, 0), (1, 0, 0.3), (0.8, -5, 0.1)]
+)
+def test_a_wrong_joint_is_refused(scale: float, degrees: float, shift: float) -> None:
+    turn = Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
+    facts = two_arcs(40, moved=(scale, turn, np.array([shift, 0, 0])))
+    bridge = bridge_of(facts)
+    assert bridge.off > 0.1
+    assert is_refused(facts)
+
+
+def test_too_few_points_that_both_sides_know_hold_nothing() -> None:
+    assert is_refused(two_arcs(11))
+    facts = two_arcs(40)
+    # One view of each side alone: no side knows how far the points are.
+    outer = np.isin(facts.match_views, [ARC - 3, ARC - 2, ARC + 1, ARC + 2])
+    outer &= facts.match_points >= 600
+    assert is_refused(replace(facts, match_points=np.where(outer, -1, facts.match_points)))
+
+
+def test_cameras_in_one_place_hold_nothing() -> None:
+    facts = two_arcs(40)
+    turned_only = facts.poses.copy()
+    turned_only[:, :, 3] = 0
+    assert not bridge_of(replace(facts, poses=turned_only)).holds()
+
+
+def test_the_spread_tells_how_sure_the_joint_is() -> None:
+    few, many = (
+        np.mean([bridge_of(two_arcs(n, seed=s)).spread for s in range(3)]) for n in (13, 42)
+    )
+    assert many < 0.8 * few
+
+
+def test_a_model_without_a_weak_joint_is_not_looked_at() -> None:
+    assert weakest_bridge(two_arcs(200)) is None
