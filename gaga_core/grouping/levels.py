@@ -54,13 +54,9 @@ class Levels:
         return Levels(named, chosen)
 
     def at(self, detail: float) -> int:
-        """The level of a detail: 0 = coarsest, 1 = finest."""
-        return round(min(max(detail, 0.0), 1.0) * (len(self.labels) - 1))
-
-    @property
-    def detail(self) -> float:
-        """The detail, 0..1, of the chosen level."""
-        return self.chosen / max(len(self.labels) - 1, 1)
+        """The level of a detail: 0 = coarsest, 0.5 = the chosen one, 1 = finest."""
+        coarse, fine = min(max(2 * detail, 0.0), 1.0), min(max(2 * detail - 1, 0.0), 1.0)
+        return round(coarse * self.chosen) + round(fine * (len(self.labels) - 1 - self.chosen))
 
     def choose(self, detail: float) -> "Levels":
         """The same levels with another one chosen."""

@@ -29,8 +29,9 @@ from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood
 from gaga_core.grouping.hierarchy.surfels import Surfels
 
+KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
+
 _STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
-_KNOWN = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
 _CALM = 1.25  # times that crease up to which creases are those of things
 _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
 _HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
@@ -133,7 +134,7 @@ def coarse_graph(
     length = np.bincount(cell, minlength=len(first)).astype(np.float64)
     bend, step = _shape(points, normals, a, b)
     count = np.maximum(length, 1)
-    excess = np.maximum((_KNOWN if noise is None else noise) - _KNOWN, 0)
+    excess = np.maximum((KNOWN_NOISE if noise is None else noise) - KNOWN_NOISE, 0)
     crease = np.bincount(cell, np.maximum(-bend, 0), len(first)) / count
     crease = np.maximum(crease - excess[0], 0)
     bend = np.bincount(cell, bend, len(first)) / count
@@ -164,7 +165,7 @@ def noise_of(
     a, b = near.first, near.second
     flat = (cluster[a] != cluster[b]) & (plane[a] == plane[b]) & (plane[a] > 0)
     if not flat.any():
-        return _KNOWN
+        return KNOWN_NOISE
     normals, points = _smoothed(surfels, near, cluster)
     bend, step = _shape(points, normals, a[flat], b[flat])
     return np.array([np.maximum(-bend, 0).mean(), step.mean()])
@@ -172,7 +173,7 @@ def noise_of(
 
 def is_calm(noise: DoubleArray) -> bool:
     """Whether splats of this ``noise`` (2,) make no more creases than those of the fit."""
-    return bool(noise[0] <= _CALM * _KNOWN[0])
+    return bool(noise[0] <= _CALM * KNOWN_NOISE[0])
 
 
 def in_one_plane(plane: IntArray, clusters: Clusters) -> BoolArray:

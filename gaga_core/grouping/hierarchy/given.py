@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, IntArray, LongArray
 from gaga_core.grouping.gated_views import GatedViews
-from gaga_core.grouping.hierarchy.borders import Agreement, coarse_graph, fine_graph
+from gaga_core.grouping.hierarchy.borders import KNOWN_NOISE, Agreement, fine_graph
+from gaga_core.grouping.hierarchy.judging import Judge
 from gaga_core.grouping.hierarchy.linkage import Clusters, joined
 from gaga_core.grouping.hierarchy.objects import LEAST_SURFELS, HierarchyConfig
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
@@ -70,17 +71,10 @@ def _nested_clusters(
     piece = small_pieces(surfels, near)
     piece = _dense(piece * (int(given.max()) + 1) + given)
     plane = planes_of(surfels, near)
-    shown = surfels.n_views / n_views
-
-    def judged(cluster: LongArray) -> Clusters:
-        views_say = Agreement.of(surfels, near, piece, cluster)
-        graph = coarse_graph(surfels, near, plane, piece, views_say, cluster)
-        size = np.bincount(cluster, shown).astype(np.float64)
-        return Clusters(cluster, replace(graph, size=size))
-
+    judge = Judge(surfels, near, plane, piece, surfels.n_views / n_views, KNOWN_NOISE)
     fine = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
     inside = _of_one_group(piece, given, fine.first, fine.second)
-    now = judged(joined(fine.only(inside), config.pieces)[piece])
+    now = judge.judged(joined(fine.only(inside), config.pieces)[piece])
     inside = _of_one_group(now.cluster, given, now.graph.first, now.graph.second)
     now = Clusters(now.cluster, now.graph.only(inside))
     fine_to_coarse = []
@@ -88,7 +82,7 @@ def _nested_clusters(
         now = now.joined(evidence)
         now = now if i > 0 else now.joined(-np.inf, config.least_part)
         fine_to_coarse.append(now.cluster)
-    now = judged(_dense(given))
+    now = judge.judged(_dense(given))
     fine_to_coarse.append(now.cluster)
     for evidence in config.coarser:
         now = now.joined(evidence)

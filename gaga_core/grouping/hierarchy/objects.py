@@ -8,21 +8,21 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
+from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import (
-    Agreement,
-    coarse_graph,
-    fine_graph,
-    in_one_plane,
-    is_calm,
-    noise_of,
-)
+from gaga_core.grouping.hierarchy.borders import Agreement, fine_graph, noise_of
 from gaga_core.grouping.hierarchy.held import held_together
-from gaga_core.grouping.hierarchy.linkage import Clusters, joined
+from gaga_core.grouping.hierarchy.judging import Judge
+from gaga_core.grouping.hierarchy.linkage import joined
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
 from gaga_core.grouping.hierarchy.sheets import planes_of
+from gaga_core.grouping.hierarchy.smaller import (
+    carriers_by_color,
+    colors_of_samples,
+    smaller_levels,
+)
 from gaga_core.grouping.hierarchy.surfels import LoadFurther, Surfels, sample_surfels
 from gaga_core.grouping.levels import Levels, agreement_of
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
@@ -33,7 +33,8 @@ from gaga_core.progress import Progress, Stage, part
 STAGE = "Find objects"
 _STEPS = 5
 LEAST_SURFELS = 32  # fewer show no surface
-_NEAREST = 3  # samples that a Gaussian takes its groups from
+_NEAREST = 3  # samples that a Gaussian takes its groups from ...
+_NEAREST_SMALL = 6  # ... and its pieces smaller than parts
 _BOTH_NEAR = 2.0  # times the distance of the nearest sample at which two others may outvote it
 
 
@@ -43,10 +44,12 @@ class HierarchyConfig:
 
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
     pieces: float = 2.3  # evidence at which small pieces join to those that are judged in full
+    smaller: tuple[float, ...] = (1.5, 3.0)  # levels in parts, by color as well, ascending
     finer: tuple[float, ...] = (3.0, 2.0, 1.2)  # levels of parts, descending
     objects: float = 0.6  # the level of whole objects
     coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of things together, descending
-    least_part: float = 1.5  # samples that a view shows of the smallest part, on average ...
+    least_piece: float = 1.0  # samples that a view shows of the smallest piece in a part, mean ...
+    least_part: float = 1.5  # ... of the smallest part ...
     least_object: float = 6.0  # ... and of the smallest object
     least_splats: int = 10  # Gaussians of the smallest object: fewer are rest, however large
     background: bool = True  # gather what surrounds the scene in one group
@@ -54,10 +57,13 @@ class HierarchyConfig:
 
     def __post_init__(self) -> None:
         steps = (self.pieces, *self.finer, self.objects, *self.coarser)
-        if list(steps[1:]) != sorted(steps[1:], reverse=True):
+        if not self.finer or list(steps[1:]) != sorted(steps[1:], reverse=True):
             raise ValueError("finer, objects, coarser: evidence must descend")
-        if self.surfels < LEAST_SURFELS or min(self.least_part, self.least_object) < 0:
-            raise ValueError("surfels, least_part and least_object: too small")
+        if list(self.smaller) != sorted(self.smaller):
+            raise ValueError("smaller: evidence must ascend")
+        sizes = (self.least_piece, self.least_part, self.least_object)
+        if self.surfels < LEAST_SURFELS or min(sizes) < 0:
+            raise ValueError("surfels, least_piece, least_part and least_object: too small")
         if self.detail is not None and not 0 <= self.detail <= 1:
             raise ValueError(f"detail: {self.detail} is not between 0 and 1")
 
@@ -91,26 +97,39 @@ def objects_stage(
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show next to none of the splats. Check poses and model.")
-    rows = np.flatnonzero(finite(gaussians))
-    tree = cKDTree(surfels.points)
-    means = gaussians.means[rows].astype(np.float64)
-    distance, samples = map(np.asarray, tree.query(means, k=_NEAREST, workers=n_threads()))
-    n_splats = np.bincount(samples[:, 0], minlength=len(surfels.points))
+    around = _Around.of(gaussians, surfels.points)
+    near = Neighbourhood.of(surfels.points)
+    n_splats = np.bincount(around.samples[:, 0], minlength=len(surfels.points))
     clusters, background = yield from part(
-        _nested_clusters(surfels, views, n_splats, config), 1, _STEPS, STAGE
+        _nested_clusters(surfels, near, views, n_splats, config), 1, _STEPS, STAGE
     )
-    yield Progress(STAGE, _STEPS - 1, _STEPS, "label Gaussians")
-    chosen = len(config.coarser)
-    groups = clusters[chosen][samples].astype(np.int32)
-    nearest = _carriers(distance, samples, groups)
-    carriers = np.concatenate([nearest, np.arange(len(surfels.points))])
-    found = Levels.of(clusters[:, carriers], chosen, background[carriers].astype(np.int64))
-    if config.detail is not None:
-        found = found.choose(config.detail)
-    labels = np.zeros((len(clusters), len(gaussians)), np.int32)
-    labels[:, rows] = found.labels[:, : len(rows)]
+    chosen, rows = len(config.coarser), around.rows
+    groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
+    nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
     confidence[rows] = agreement_of(groups, clusters[chosen][nearest].astype(np.int32))
+    yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
+    parts = np.where(background, -1, clusters[-1])
+    rgb = rgb_from_dc(gaussians.sh[rows, 0])
+    colors = rgb, colors_of_samples(gaussians, rows, rgb, surfels.points)
+    shown = surfels.n_views / len(views)
+    smaller = smaller_levels(
+        surfels, near, parts, colors[1], shown, config.smaller, config.least_piece
+    )
+    alike = carriers_by_color(around.distance, around.samples, nearest, parts, colors, near.spacing)
+    yield Progress(STAGE, _STEPS - 1, _STEPS, "label Gaussians")
+    every = np.arange(len(surfels.points))
+    nearest, alike = np.append(nearest, every), np.append(alike, every)
+    nested = np.empty((len(clusters) + len(smaller), len(nearest)), np.int64)
+    for level, of_samples in enumerate(clusters):
+        nested[level] = of_samples[nearest]
+    for level, of_samples in enumerate(smaller, start=len(clusters)):
+        nested[level] = of_samples[alike]
+    found = Levels.of(nested, chosen, background[nearest].astype(np.int64))
+    if config.detail is not None:
+        found = found.choose(config.detail)
+    labels = np.zeros((len(nested), len(gaussians)), np.int32)
+    labels[:, rows] = found.labels[:, : len(rows)]
     return FoundObjects(
         levels=replace(found, labels=labels),
         confidence=confidence,
@@ -119,47 +138,57 @@ def objects_stage(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """The samples around each Gaussian."""
+
+    rows: LongArray  # (K,) Gaussians that are finite
+    distance: DoubleArray  # (K, 6) ascending, scene units
+    samples: IntArray  # (K, 6)
+
+    @staticmethod
+    def of(gaussians: Gaussians, points: DoubleArray) -> "_Around":
+        rows = np.flatnonzero(finite(gaussians))
+        means = gaussians.means[rows].astype(np.float64)
+        found = cKDTree(points).query(means, k=_NEAREST_SMALL, workers=n_threads())
+        return _Around(rows, np.asarray(found[0]), np.asarray(found[1], np.int32))
+
+    def carriers(self, groups: IntArray) -> LongArray:
+        """The sample (K,) that stands for each Gaussian, where those around are in ``groups``
+        (K, 3).
+
+        The nearest one does, unless the next two agree on another cluster and are about as near.
+        """
+        outvoted = (groups[:, 1] == groups[:, 2]) & (groups[:, 1] != groups[:, 0])
+        outvoted &= self.distance[:, 2] < _BOTH_NEAR * self.distance[:, 0]
+        chosen = np.where(outvoted, self.samples[:, 1], self.samples[:, 0])
+        return chosen.astype(np.int64)
+
+
 def _nested_clusters(
-    surfels: Surfels, views: Sequence[Camera], n_splats: LongArray, config: HierarchyConfig
+    surfels: Surfels,
+    near: Neighbourhood,
+    views: Sequence[Camera],
+    n_splats: LongArray,
+    config: HierarchyConfig,
 ) -> Stage[tuple[LongArray, BoolArray]]:
     """Clusters (L, S) of samples, coarse to fine, and which samples (S,) are background.
 
     ``n_splats`` (S,) is how many Gaussians are next to each sample.
     """
     yield Progress(STAGE, 0, 4, "small pieces")
-    near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
     agreement = Agreement.of(surfels, near, piece)
     yield Progress(STAGE, 1, 4, "planes")
     plane = planes_of(surfels, near)
     yield Progress(STAGE, 2, 4, "parts")
-    shown = surfels.n_views / len(views)
-
     fine = joined(fine_graph(surfels, near, piece, agreement), config.pieces)[piece]
     noise = noise_of(surfels, near, plane, fine)
-
-    def judged(cluster: LongArray) -> Clusters:
-        views_say = Agreement.of(surfels, near, piece, cluster)
-        graph = coarse_graph(surfels, near, plane, piece, views_say, cluster, noise)
-        size = np.bincount(cluster, shown).astype(np.float64)
-        return Clusters(cluster, replace(graph, size=size))
-
-    def judged_again(before: Clusters) -> Clusters:
-        now = judged(before.cluster)
-        if is_calm(noise):
-            return now
-        kept = in_one_plane(plane, now) & (before.graph.evidence > now.graph.evidence)
-        evidence = np.where(kept, before.graph.evidence, now.graph.evidence)
-        return Clusters(now.cluster, replace(now.graph, evidence=evidence))
-
-    now = judged(fine)
-    fine_to_coarse = []
-    for i, evidence in enumerate(config.finer):
-        now = (judged_again(now) if i > 0 and is_calm(noise) else now).joined(evidence)
-        now = now if i > 0 else now.joined(-np.inf, config.least_part)
-        fine_to_coarse.append(now.cluster)
+    judge = Judge(surfels, near, plane, piece, surfels.n_views / len(views), noise)
+    parts = judge.parts(fine, config.finer, config.least_part)
+    fine_to_coarse = [level.cluster for level in parts]
     yield Progress(STAGE, 3, 4, "objects")
-    now = judged_again(now).joined(config.objects).joined(-np.inf, config.least_object)
+    now = judge.again(parts[-1]).joined(config.objects).joined(-np.inf, config.least_object)
     now = now.merged(held_together(near, plane, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
     crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
@@ -174,15 +203,3 @@ def _nested_clusters(
         fine_to_coarse.append(now.cluster)
     levels = np.stack(fine_to_coarse[::-1])
     return np.where(background, levels.max() + 1, levels), background
-
-
-def _carriers(distance: DoubleArray, samples: LongArray, groups: IntArray) -> LongArray:
-    """The sample (K,) that stands for each Gaussian, of the nearest ``samples`` (K, 3) at
-    ``distance`` (K, 3), which are in ``groups`` (K, 3).
-
-    The nearest one does, unless the next two agree on another cluster and are about as near.
-    """
-    outvoted = (groups[:, 1] == groups[:, 2]) & (groups[:, 1] != groups[:, 0])
-    outvoted &= distance[:, 2] < _BOTH_NEAR * distance[:, 0]
-    chosen: LongArray = np.where(outvoted, samples[:, 1], samples[:, 0]).astype(np.int64)
-    return chosen

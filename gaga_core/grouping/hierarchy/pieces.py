@@ -17,6 +17,8 @@ _AROUND = 16  # ... that are its surroundings
 _FAR = 3.0  # an edge is at most so many times longer than the spacing around either end
 _TURN, _PARTED = 3.0, 2.0  # cost of an edge that turns by 90 degrees, that all views part ...
 _ALONG = 0.3  # ... next to that of its length
+_RECOLORED = 0.075  # cost of an edge for a unit of CIE Lab, where color counts ...
+_OTHER_COLOR = 60.0  # ... up to so many
 _SLICE = 1 << 16  # edges compared at once
 
 
@@ -55,16 +57,21 @@ class Neighbourhood:
         return coo_matrix((ones, (a[both], b[both])), shape=(len(rows), len(rows))).tocsr()
 
 
-def small_pieces(surfels: Surfels, near: Neighbourhood) -> LongArray:
+def small_pieces(
+    surfels: Surfels, near: Neighbourhood, color: DoubleArray | None = None
+) -> LongArray:
     """The piece (S,) of each sample, dense ids from 0: some seven samples each.
 
     Samples go to the seed that is nearest along the surface, where turning and leaving a region
-    make the way longer, so that pieces end at creases and outlines.
+    make the way longer, so that pieces end at creases and outlines; with colors (S, 3), CIE Lab,
+    also where these change.
     """
     n = len(surfels.points)
     a, b = near.first, near.second
     cosine = (surfels.normals[a] * surfels.normals[b]).sum(axis=1)
     cost = _ALONG + _TURN * np.clip(1 - cosine, 0, 1.5) + _PARTED * _parted(surfels, a, b)
+    if color is not None:
+        cost += _RECOLORED * np.minimum(np.linalg.norm(color[a] - color[b], axis=1), _OTHER_COLOR)
     cost *= near.length / np.sqrt(near.spacing[a] * near.spacing[b])
     graph = coo_matrix((cost, (a, b)), shape=(n, n)).tocsr()
     seeds = np.empty(n, np.bool_)

@@ -40,9 +40,10 @@ def test_clusters_that_are_not_nested_are_refused() -> None:
 
 def test_detail_chooses_a_level() -> None:
     levels = _levels()
-    assert [levels.at(d) for d in (-1.0, 0.0, 0.34, 0.5, 1.0, 2.0)] == [0, 0, 1, 2, 3, 3]
-    assert all(levels.choose(k / 3).chosen == k for k in range(4))
-    assert levels.choose(levels.detail).chosen == levels.chosen
+    assert levels.chosen == 1
+    found = [levels.at(d) for d in (-1.0, 0.0, 0.2, 0.3, 0.5, 0.6, 0.76, 1.0, 2.0)]
+    assert found == [0, 0, 0, 1, 1, 1, 2, 3, 3]
+    assert levels.choose(0.76).chosen == 2
 
 
 def test_a_bank_keeps_its_levels_on_disk_and_older_banks_have_none() -> None:

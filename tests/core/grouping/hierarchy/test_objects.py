@@ -9,6 +9,7 @@ import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
+from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
@@ -207,6 +208,24 @@ def test_levels_are_nested_and_the_chosen_one_is_the_banks(found: Association) -
     assert levels.labels[0].max() < levels.labels[-1].max()
 
 
+def test_levels_by_color_change_no_other_level(scene: Synthetic, found: Association) -> None:
+    """Balls are red above and blue below: pieces of the smallest levels, one thing otherwise."""
+    means, half = scene.gaussians.means, np.zeros((len(scene.labels), 3), np.float32)
+    half[:] = np.where(means[:, 2:] > 0, [0.8, 0.2, 0.2], [0.2, 0.3, 0.8])
+    painted = replace(scene.gaussians, sh=dc_from_rgb(half)[:, None].copy())
+    again = _found(painted, scene.cameras, _masks(scene))
+    before, now = found.bank.levels, again.bank.levels
+    assert before is not None
+    assert now is not None
+    assert np.array_equal(now.labels[:-2], before.labels[:-2])
+    assert np.array_equal(again.labels, found.labels)
+    assert np.array_equal(again.confidence, found.confidence)
+    upper = np.where(means[:, 2] > 0, scene.labels, 0).astype(np.int32)
+    ious = [_best_ious(upper, labels) for labels in (now.labels[-2], before.labels[-2])]
+    assert min(ious[0]) > 0.6
+    assert max(ious[1]) < 0.6
+
+
 def test_each_mask_takes_the_group_that_it_shows(scene: Synthetic, found: Association) -> None:
     group_of = {g: b for b, g in _groups_of_balls(scene.labels, found.labels).items()}
     decided = [d for d in found.bank.log if d.mask >= 4]  # halves of balls
@@ -246,11 +265,14 @@ def test_detail_chooses_the_level(scene: Synthetic, found: Association) -> None:
     "change",
     [
         lambda: HierarchyConfig(finer=(1.0, 2.0)),
+        lambda: HierarchyConfig(finer=()),
+        lambda: HierarchyConfig(smaller=(3.0, 1.5)),
+        lambda: HierarchyConfig(least_piece=-1.0),
         lambda: HierarchyConfig(detail=1.5),
         lambda: HierarchyConfig(surfels=3),
         lambda: AssociateConfig(hierarchy=HierarchyConfig()),
     ],
 )
 def test_config_is_checked(change: Callable[[], object]) -> None:
-    with pytest.raises(ValueError, match=r"finer|detail|surfels|median"):
+    with pytest.raises(ValueError, match=r"finer|smaller|detail|surfels|median"):
         change()
