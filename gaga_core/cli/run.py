@@ -69,7 +69,7 @@ class RunCommand:
         from gaga_core.pipeline.describe import list_objects
         from gaga_core.pipeline.photo_source import source_of
         from gaga_core.pipeline.reconstruct import read_entry
-        from gaga_core.pipeline.run import run_folder
+        from gaga_core.pipeline.run import JOIN, run_folder
         from gaga_core.scene.project import open_path_stage
 
         config = self._config()
@@ -86,6 +86,8 @@ class RunCommand:
         done = out.follow(after_warm_up(stage))
         for note in _new_notes(before, read_entry(scene)):
             out.say(note)
+        if JOIN in done:
+            _say_what_joined(scene)
         objects = list_objects(out.follow(open_path_stage(scene)))
         values: dict[str, object] = {
             "scene": str(scene),
@@ -158,6 +160,18 @@ def _new_notes(before: dict[str, object], after: dict[str, object]) -> list[str]
     from gaga_core.pipeline.placement_report import notes_of
 
     return list(notes_of(sfm))
+
+
+def _say_what_joined(scene: Path) -> None:
+    """That new views joined the groups of the scene, how many, and what it means for a project."""
+    from gaga_core.cli.scene import say_what_a_project_keeps
+    from gaga_core.io.scene_folder import AssociateEntry, read_report_entry
+
+    entry = read_report_entry(scene / "gaga" / "report.json", "associate", AssociateEntry)
+    out.say("New masks joined the groups that there were; these were not made again.")
+    for note in () if entry is None else entry.notes:
+        out.say(note)
+    say_what_a_project_keeps(scene, adds=True)
 
 
 def _n_groups(scene: Path) -> int | None:

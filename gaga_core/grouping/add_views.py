@@ -38,7 +38,9 @@ from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import Votes, splat_groups, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster import for_many_views
 from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.chunks import SpatialChunks
 
 STAGE = "Add views"
 _SEEN, _SEEN_SHARE = 0.5, 0.03  # of views: least votes of a Gaussian that a mask has shown
@@ -79,7 +81,9 @@ def add_views_stage(
         raise GagaError(
             "Groups with levels of detail are made of all views at once. Leave --add out."
         )
-    gated = GatedViews(gaussians, new, masks, config.gate, config.depth)
+    chunks = SpatialChunks.of(gaussians)
+    rasterizer = for_many_views(rasterizer, chunks)
+    gated = GatedViews(gaussians, new, masks, config.gate, config.depth, chunks)
     if former.bank.preset == "paper" or config.consensus is None:
         bank, votes = yield from _by_memory_bank(gated, former, rasterizer, config)
     else:
@@ -113,7 +117,7 @@ def _by_memory_bank(
     votes = yield from part(
         vote_with_bank(gated, bank, rasterizer, config.histogram_bytes), 1, 2, STAGE
     )
-    return bank, votes
+    return replace(bank, log=tuple(bank.log)), votes
 
 
 def _by_shown_groups(

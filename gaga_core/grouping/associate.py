@@ -27,7 +27,12 @@ from gaga_core.grouping.robust.consensus import (
     consensus_stage,
     merged_masks,
 )
-from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
+from gaga_core.grouping.robust.label_masks import (
+    decide_masks,
+    divided_labels,
+    fill_unseen,
+    voting_labels,
+)
 from gaga_core.grouping.robust.point_tables import point_tables
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
@@ -36,10 +41,12 @@ from gaga_core.grouping.views import (
     load_further,
     views_with_masks,
 )
-from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, vote_labels
+from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
+from gaga_core.raster import for_many_views
 from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.chunks import SpatialChunks
 
 STAGE = "Associate masks"
 PRESETS: tuple[Preset, ...] = get_args(Preset)
@@ -193,8 +200,9 @@ def associate_stage(
     views = views_with_masks(cameras, masks)
     if len(gaussians) == 0:
         raise GagaError("The model holds no Gaussians. Choose another .ply file.")
-    gated = GatedViews(gaussians, views, masks, config.gate, config.depth)
-    task = _Task(gated, rasterizer, config, len(cameras))
+    chunks = SpatialChunks.of(gaussians)
+    gated = GatedViews(gaussians, views, masks, config.gate, config.depth, chunks)
+    task = _Task(gated, for_many_views(rasterizer, chunks), config, len(cameras))
     if masks.are_regions and config.hierarchy is not None and task.depths is not None:
         return (yield from _by_surfaces(task, config.hierarchy, task.depths))
     if config.consensus is None or task.depths is None:
@@ -237,12 +245,13 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
     decided = decide_masks(first_bank, points, ids)
     # 3. Masks of one group vote for Gaussians.
-    vote = _vote_by_points(task, consensus, points)
+    sums = VoteSums.empty(len(task.gaussians), points.tables.width - 1, task.config.histogram_bytes)
+    vote = _vote_by_points(task, consensus, points, sums)
     votes = yield from part(vote, next(parts), n_parts, STAGE)
     # 4. Masks that hold several groups vote, too, divided by the labels that there are now.
     divide = next(parts)
     if any(len(merged_masks(table, consensus)) > 0 for table in tables):
-        again = _vote_by_points(task, consensus, points, votes.labels)
+        again = _vote_by_points(task, consensus, points, sums, votes.labels)
         votes = yield from part(again, divide, n_parts, STAGE)
     # 5. Gaussians that no mask labels: what the gate or the surfaces say of them.
     labels = votes.labels
@@ -338,7 +347,7 @@ def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
         snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
         message = f"{camera.name}: {bank.n_groups} groups"
         yield Progress(STAGE, i + 1, len(order), message, snapshot)
-    return bank
+    return replace(bank, log=tuple(bank.log))
 
 
 # --- steps of the consensus alone
@@ -348,28 +357,24 @@ def _vote_by_points(
     task: _Task,
     consensus: ConsensusConfig,
     tables: Mapping[str, LongArray],  # by view: (M + 1, G + 1) points of each group in each mask
-    first: IntArray
-    | None = None,  # (N,) labels by which merged masks are split; None = they do not vote
+    sums: VoteSums,  # added to
+    first: IntArray | None = None,  # (N,) labels by which merged masks are divided
 ) -> Stage[Votes]:
-    """Labels per Gaussian by vote of the masks with their points' groups."""
+    """Labels per Gaussian by vote of the masks with their points' groups: at first of those with
+    one group, then, with ``first``, of the merged ones too."""
 
     def label_map(camera: Camera) -> IntArray:
         table, masks = tables[camera.name], task.gated.masks_of(camera)
         merged = merged_masks(table, consensus)
-        shown = None
-        if first is not None and len(merged) > 0:
-            shown = task.rasterizer.label_splat(task.gaussians, camera, first).labels
-        return voting_labels(masks, table, merged, shown)
+        if first is None:
+            return voting_labels(masks, table, merged)
+        if len(merged) == 0:
+            return np.zeros_like(masks.labels)
+        shown = task.rasterizer.label_splat(task.gaussians, camera, first).labels
+        return divided_labels(masks, table, merged, shown)
 
-    n_groups = next(iter(tables.values())).shape[1] - 1
-    return vote_labels(
-        task.gaussians,
-        task.views,
-        label_map,
-        n_groups,
-        task.rasterizer,
-        histogram_bytes=task.config.histogram_bytes,
-    )
+    yield from sums.add_stage(task.gaussians, task.views, label_map, task.rasterizer)
+    return sums.votes()
 
 
 def _with_hidden(task: _Task, bank: MemoryBank, labels: IntArray) -> Stage[IntArray]:

@@ -96,14 +96,19 @@ def gaussians_of_masks(
     camera: Camera,
     masks: ViewMasks,
     bounds: DoubleArray,  # (M + 1, 2)
+    rows: IntArray | None = None,  # (K,) the only ones whose centres the picture can show
 ) -> IntArray:
     """The mask (N,) that each Gaussian belongs to, 0 = none: G(m) for all masks at once.
 
     Masks of one view share no pixel and the centre is one pixel, so a Gaussian is in at most one
-    G(m). Linear in N and independent of the number of masks.
+    G(m). Linear in N, or K, and independent of the number of masks.
     """
     check_shape("means", means, ("N", 3), np.float32)
     check_shape("labels", masks.labels, (camera.height, camera.width), np.int32)
+    if rows is not None:
+        result = np.zeros(len(means), np.int32)
+        result[rows] = gaussians_of_masks(means.take(rows, axis=0), camera, masks, bounds)
+        return result
     mask_of = np.zeros(len(means), np.int32)
     pose = np.array(camera.cam_from_world[:3], np.float64, order="C")
     lens = np.array([camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]], np.float64)

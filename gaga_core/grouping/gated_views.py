@@ -22,6 +22,7 @@ from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.chunks import SpatialChunks
 
 DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
 
@@ -39,12 +40,14 @@ class GatedViews:
         masks: MaskSet,
         gate: GateConfig,
         depth: DepthKind,
+        chunks: SpatialChunks | None = None,  # of the Gaussians: finds those that a view may show
     ) -> None:
         self.gaussians = gaussians
         self.views = tuple(views)
         self.masks = masks
         self.gate = gate
         self.depth = depth
+        self.chunks = chunks
         self.bounds: dict[str, DoubleArray] = {}  # by view: (M + 1, 2) accepted depths
         self.resized: set[str] = set()  # views whose label maps had another size than the camera
 
@@ -82,12 +85,15 @@ class GatedViews:
         ``means`` (K, 3): of these centres only. The view must have been rendered.
         """
         masks = self.masks_of(camera)
-        centres = self.gaussians.means if means is None else means
-        return masks, gaussians_of_masks(centres, camera, masks, self.bounds[camera.name])
+        bounds = self.bounds[camera.name]
+        if means is not None:
+            return masks, gaussians_of_masks(means, camera, masks, bounds)
+        rows = None if self.chunks is None else self.chunks.in_view(camera)
+        return masks, gaussians_of_masks(self.gaussians.means, camera, masks, bounds, rows)
 
     def only(self, views: Sequence[Camera]) -> "GatedViews":
         """Some of the views; what is known and becomes known of them is shared."""
-        some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth)
+        some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth, self.chunks)
         some.bounds, some.resized = self.bounds, self.resized
         return some
 

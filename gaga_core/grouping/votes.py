@@ -54,6 +54,51 @@ def associated_labels(labels: IntArray, group_of_mask: IntArray) -> IntArray:
     return group_of_mask[known]
 
 
+@dataclass(frozen=True, eq=False)
+class VoteSums:
+    """Summed blending weights by Gaussian and group, that views are added to in place."""
+
+    n_groups: int
+    sums: FloatArray | VoteSlots  # (N, G), or a few groups of each Gaussian
+
+    @staticmethod
+    def empty(n: int, n_groups: int, histogram_bytes: int = HISTOGRAM_BYTES) -> "VoteSums":
+        """No votes of ``n`` Gaussians for ``n_groups``.
+
+        The table is (N, G) float32. When that would exceed ``histogram_bytes``, each Gaussian keeps
+        the `SLOTS` labels that matter most for it (`VoteSlots`): the same result unless more than
+        so many groups show one Gaussian.
+        """
+        is_table = 4 * n * n_groups <= histogram_bytes
+        table = np.zeros((n, n_groups), np.float32) if is_table else VoteSlots.empty(n)
+        return VoteSums(n_groups, table)
+
+    def add_stage(
+        self,
+        gaussians: Gaussians,
+        cameras: Sequence[Camera],
+        label_map: LabelMap,
+        rasterizer: Rasterizer,
+    ) -> Stage[None]:
+        """Add the votes of all ``cameras``; pixels of label 0 do not vote."""
+        for i, camera in enumerate(cameras):
+            yield Progress("Label Gaussians", i, len(cameras), f"vote, {camera.name}")
+            columns = _columns(label_map(camera), self.n_groups)
+            if columns is not None:
+                rasterizer.vote(gaussians, camera, columns, self.sums)
+
+    def votes(self) -> Votes:
+        """The outcome so far. Of equal weights the lower label."""
+        if isinstance(self.sums, VoteSlots):
+            column, best, total = self.sums.winners()
+            labels = column + np.int32(1)
+        else:
+            labels, best, total = _winners(self.sums)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            confidence = np.where(total > 0, best / total, 0).astype(np.float32)
+        return Votes(labels, np.minimum(confidence, 1), total)
+
+
 def vote_labels(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
@@ -65,27 +110,11 @@ def vote_labels(
 ) -> Stage[Votes]:
     """Vote over all ``cameras``; pixels of label 0 do not vote. Of equal weights the lower label.
 
-    The histogram is (N, G) float32. When that would exceed ``histogram_bytes``, each Gaussian keeps
-    the `SLOTS` labels that matter most for it (`VoteSlots`): the same result unless more than so
-    many groups show one Gaussian.
+    ``histogram_bytes`` as in `VoteSums.empty`.
     """
-    n = len(gaussians)
-    is_table = 4 * n * n_groups <= histogram_bytes
-    table = np.zeros((n, n_groups), np.float32) if is_table else np.zeros((0, 0), np.float32)
-    slots = VoteSlots.empty(0 if is_table else n)
-    for i, camera in enumerate(cameras):
-        yield Progress("Label Gaussians", i, len(cameras), f"vote, {camera.name}")
-        columns = _columns(label_map(camera), n_groups)
-        if columns is not None:
-            rasterizer.vote(gaussians, camera, columns, table if is_table else slots)
-    if is_table:
-        labels, best, total = _winners(table)
-    else:
-        column, best, total = slots.winners()
-        labels = column + np.int32(1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        confidence = np.where(total > 0, best / total, 0).astype(np.float32)
-    return Votes(labels, np.minimum(confidence, 1), total)
+    sums = VoteSums.empty(len(gaussians), n_groups, histogram_bytes)
+    yield from sums.add_stage(gaussians, cameras, label_map, rasterizer)
+    return sums.votes()
 
 
 def _columns(labels: IntArray, n_groups: int) -> IntArray | None:

@@ -114,6 +114,43 @@ def saved_preset(folder: SceneFolder) -> Preset:
     return load_bank(path).preset
 
 
+def views_to_add(folder: SceneFolder) -> tuple[str, ...]:
+    """Train views whose masks took no part in the saved groups and can join them.
+
+    Masks count that lie next to those that the groups were made of. None where there are no groups,
+    or such as nothing joins: groups with levels of detail are made of all views at once.
+    """
+    bank_path, labels_path = folder.work / "bank.npz", folder.work / "labels.npz"
+    masks = associated_masks(folder)
+    if masks is None or not (bank_path.is_file() and labels_path.is_file()):
+        return ()
+    drawn = folder.work / "masks"  # a label map of every view that took part
+    new = [name for name in folder.train if not (drawn / f"{view_key(name)}.png").is_file()]
+    mask_set = mask_folder(masks, new, [camera.name for camera in folder.cameras])
+    if len(mask_set) == 0 or mask_set.are_regions:
+        return ()
+    bank = load_bank(bank_path)
+    if bank.levels is not None or "weight" not in read_arrays(labels_path, "Associate again."):
+        return ()
+    known = {decision.view for decision in bank.log}
+    return tuple(
+        name
+        for name in new
+        if name in mask_set and name not in known and mask_set.loaders[name]().any()
+    )
+
+
+def associated_masks(folder: SceneFolder) -> Path | None:
+    """The folder of masks that the groups were made of; None when it is not known or gone."""
+    entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
+    if entry is None or not entry.mask_folder:
+        return None
+    made_of = Path(entry.mask_folder)
+    # By name: a scene folder may have moved since.
+    found = folder.mask_folders.get(made_of.name, made_of)
+    return found if found.is_dir() else None
+
+
 def _read_former(folder: SceneFolder, n_gaussians: int, mask_path: Path) -> FormerGroups:
     """Bank and labels of the last association, to add views to; ``GagaError`` when they are not
     there, do not fit, are of other masks, or were saved without the weight of their votes."""

@@ -5,7 +5,7 @@ was made from, or when a stage that it needs is about to run. To add one, add it
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaga_core.errors import GagaError
@@ -25,7 +25,7 @@ from gaga_core.io.scene_folder import (
     read_model,
     read_report_entry,
 )
-from gaga_core.pipeline.associate import associate_scene
+from gaga_core.pipeline.associate import associate_scene, associated_masks, views_to_add
 from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
 from gaga_core.pipeline.render import render_views
@@ -33,6 +33,8 @@ from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import Stage
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.regions import NAME as REGIONS
+
+JOIN = "join"  # new views joined groups, instead of "associate"
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Work:
     folder: SceneFolder
     config: RunConfig
     model_path: Path | None = None  # given by the user instead of the folder's newest
+    done: list[str] = field(default_factory=list)  # stages that have run
     _model: tuple[Path | None, Gaussians] | None = None
 
     def refresh(self) -> None:
@@ -82,7 +85,8 @@ class SceneStage:
 def run_missing(
     folder: SceneFolder, config: RunConfig | None = None, *, model: Path | None = None
 ) -> Stage[tuple[str, ...]]:
-    """Run every missing stage; returns the names of those run.
+    """Run every missing stage; returns the names of those run, `JOIN` for an association in which
+    new views joined the groups that there were.
 
     ``model`` overrides the folder's splats, as in `open_scene_folder`. A stage that is cancelled
     or fails leaves nothing of its own; what the stages before it wrote stays.
@@ -91,9 +95,11 @@ def run_missing(
     missing = missing_stages(folder, config)
     for stage in STAGES:
         if stage.name in missing:
+            joins = stage.name == "associate" and _can_join(work)
             yield from stage.run(work)
+            work.done.append(JOIN if joins else stage.name)
             work.refresh()
-    return missing
+    return tuple(work.done)
 
 
 def run_folder(
@@ -174,6 +180,21 @@ def _make_masks(work: Work) -> Stage[object]:
 
 
 def _is_associated(work: Work) -> bool:
+    """Whether there are the groups that are wanted, and no new views can join them."""
+    return _has_wanted_groups(work) and not _can_join(work)
+
+
+def _can_join(work: Work) -> bool:
+    """Whether the groups are kept and there are masks of views that took no part in them."""
+    masks, made_of = work.config.masks, associated_masks(work.folder)
+    if "reconstruct" in work.done or not _has_wanted_groups(work):
+        return False
+    if masks is not None and (made_of is None or Path(masks).name != made_of.name):
+        return False
+    return len(views_to_add(work.folder)) > 0
+
+
+def _has_wanted_groups(work: Work) -> bool:
     """Whether there are groups, and of the provider that is asked for by name."""
     if not _labels(work.folder).is_file():
         return False
@@ -203,8 +224,15 @@ def _associated_masks(folder: SceneFolder) -> str:
 def _associate(work: Work) -> Stage[object]:
     gaussians = yield from work.model()
     config = work.config
-    masks = config.masks or config.masks_from or None
-    return (yield from associate_scene(work.folder, masks, config.associate, gaussians=gaussians))
+    masks, settings = config.masks or config.masks_from or None, config.associate
+    joins = _can_join(work)
+    if joins:
+        masks, preset = associated_masks(work.folder), _preset_of(work) or settings.preset
+        if preset != settings.preset:  # groups are kept as their own preset has them
+            bytes_ = settings.histogram_bytes
+            settings = replace(AssociateConfig.of(preset), histogram_bytes=bytes_)
+    stage = associate_scene(work.folder, masks, settings, gaussians=gaussians, adds=joins)
+    return (yield from stage)
 
 
 def _is_lifted(work: Work) -> bool:

@@ -22,6 +22,7 @@ from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, UserQuestion, notifies
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 
 Views = Literal["train", "all"]
 MaskForm = Literal["png", "dataset", "coco"]
@@ -79,7 +80,7 @@ def first_steps() -> str:
         "Regions work at once, on any computer: they follow color, texture and the shape of the "
         "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects: choose "
         "one and get it. Nothing is downloaded without your consent. Or put its files into "
-        f"{models_folder()}, or name its folder."
+        f"{paths.shown(models_folder())}, or name its folder."
     )
 
 
@@ -329,7 +330,9 @@ def export(session: Session, form: MaskForm, out: Path) -> None:
         return text
 
     title = f"Export masks to {out.name}"
-    session.jobs.start(title, stage(), on_done=lambda text: session.notify(Level.INFO, text))
+    session.jobs.start(
+        title, stage(), on_done=lambda text: session.notify(Level.INFO, text, shows=out)
+    )
 
 
 def _folder(document: Document) -> SceneFolder:

@@ -56,6 +56,7 @@ class ConsensusConfig:
     min_views: float = 0.1  # least views per pair of points; few, because parts chain
     min_voice: float = 0.2  # least summed weight of the views that see two clusters
     min_points: int = 3  # smaller clusters are noise
+    min_shared: int = 2  # points in common masks that join clusters which do not touch
     min_support: float = 0.25  # share of the views that see a group in which it leads a mask
     rare: float = 0.05  # groups that lead masks in a lesser share of all views are noise, ...
     rare_views: int = 3  # ... but not those of so many views
@@ -179,7 +180,8 @@ def _view_agreement(
 ) -> tuple[LongArray, DoubleArray]:
     """Pairs of clusters (P,), as first * (C + 1) + second, and their agreement (P,): of those that
     a view shows in one mask or that touch. All others agree less than any that may join. 0 where
-    too little is seen of two at once."""
+    too little is seen of two at once, and where they do not touch and too few points of them were
+    ever in one mask."""
     width = tables.width
     seen = tables.seen()
     weight = seen / (seen + _HALF_WEIGHT)  # (V, C + 1)
@@ -201,7 +203,19 @@ def _view_agreement(
         voice[start : start + _PAIRS] = seen_both.sum(axis=1)
     agreement = (together + priors.of(key) * config.doubt) / (voice + config.doubt)
     agreement[voice < config.min_voice] = 0
+    apart = np.flatnonzero((agreement > config.view_agreement) & (priors.of(key) <= APART))
+    if len(apart) > 0:
+        agreement[apart[_shared_points(tables, key[apart]) < config.min_shared]] = 0
     return key, np.round(agreement, _DIGITS)
+
+
+def _shared_points(tables: PointTables, key: LongArray) -> DoubleArray:
+    """How many points (P,) of the lesser of two clusters lie in masks that show both, view by
+    view. Of clusters far apart one stray point in one view would else join them."""
+    first, second = np.divmod(key, tables.width)
+    columns = tables.counts.tocsc()
+    shared = columns[:, first].minimum(columns[:, second]).sum(axis=0)
+    return np.asarray(shared, np.float64).ravel()
 
 
 def _supported(tables: PointTables, n_points: LongArray, config: ConsensusConfig) -> IntArray:

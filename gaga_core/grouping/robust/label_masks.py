@@ -80,8 +80,20 @@ def voting_labels(
     labels: IntArray = group[masks.labels]
     if shown is None or len(merged) == 0:
         return labels
-    is_merged = np.isin(np.arange(len(group)), merged)[masks.labels]
+    return labels + divided_labels(masks, table, merged, shown)
+
+
+def divided_labels(
+    masks: ViewMasks,
+    table: LongArray,  # (M + 1, G + 1) points
+    merged: LongArray,  # dense ids of masks that hold several groups
+    shown: IntArray,  # (H, W) groups rendered from the first labels
+) -> IntArray:
+    """The groups (H, W) that the pixels of merged masks vote for, 0 = does not vote, as all other
+    pixels."""
+    is_merged = np.isin(np.arange(len(table)), merged)[masks.labels]
     rows, groups = masks.labels[is_merged], shown[is_merged]
+    labels = np.zeros_like(masks.labels)
     labels[is_merged] = np.where(table[rows, groups] > 0, groups, 0)
     return labels
 

@@ -161,22 +161,9 @@ def find_partners(
 ) -> None:
     """`best_partner` of clusters [first, last), before any was merged."""
     total, touched = np.zeros(len(size)), np.empty(len(size), np.int32)
+    clusters = start, length, other, together, parent, seen, size, rules
     for k in range(first, last):
-        best_partner(
-            k,
-            start,
-            length,
-            other,
-            together,
-            parent,
-            seen,
-            size,
-            rules,
-            total,
-            touched,
-            partner,
-            score,
-        )
+        best_partner(k, *clusters, total, touched, partner, score)
 
 
 @exact_kernel
@@ -236,6 +223,7 @@ def merge_clusters(
     """
     total, touched = np.zeros(len(size)), np.empty(len(size), np.int32)
     sums, spare = np.zeros(len(size)), np.empty(len(size), np.int32)
+    clusters = start, length, other, together, parent, seen, size, rules
     for done in range(max_merges):
         if tree[1] <= rules[0]:
             return done
@@ -263,21 +251,7 @@ def merge_clusters(
             if value > score[i] or (value == score[i] and value > 0 and k < partner[i]):
                 partner[i], score[i] = k, value
             if partner[k] == i or partner[k] == j:
-                best_partner(
-                    k,
-                    start,
-                    length,
-                    other,
-                    together,
-                    parent,
-                    seen,
-                    size,
-                    rules,
-                    sums,
-                    spare,
-                    partner,
-                    score,
-                )
+                best_partner(k, *clusters, sums, spare, partner, score)
                 set_leaf(tree, k, score[k])
             elif value > score[k]:
                 partner[k], score[k] = i, value

@@ -131,7 +131,8 @@ def _pixels_to_add(
     pixels = np.flatnonzero(smooth | (usable & none[masks.labels]))
     pixels = rng.permutation(pixels)
     mask = masks.labels.ravel()[pixels]
-    order = np.argsort(mask, kind="stable")
+    few = len(masks) < 1 << 16  # numbers of 16 bits are sorted by their digits
+    order = np.argsort(mask.astype(np.uint16) if few else mask, kind="stable")
     pixels, mask = pixels[order], mask[order]
     chosen: LongArray = pixels[_ranks(mask) < wanted[mask]]
     return chosen

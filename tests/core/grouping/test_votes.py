@@ -1,6 +1,7 @@
 """Labels by vote: the argmax of summed blending weights, in blocks of any size."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
+from gaga_core.grouping.votes import Votes, VoteSums, associated_labels, vote_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.scenes import orbit_cameras, random_gaussians
@@ -61,6 +62,28 @@ def test_vote_is_the_argmax_of_summed_weights(
     seen = table.sum(axis=1) > 1e-3
     share = table.max(axis=1)[seen] / table.sum(axis=1)[seen]
     np.testing.assert_allclose(votes.confidence[seen], share, atol=1e-3)
+
+
+@pytest.mark.parametrize("histogram_bytes", [1 << 20, 1])
+def test_pixels_that_vote_later_add_to_the_same_sums(
+    histogram_bytes: int,
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+) -> None:
+    """Merged masks vote when the labels of the others are known: as if all had voted at once."""
+    gaussians, cameras, label_map = scene
+
+    def some(camera: Camera, wanted: int) -> IntArray:
+        labels = label_map(camera)
+        return np.where(labels % 2 == wanted, labels, 0).astype(np.int32)
+
+    sums = VoteSums.empty(len(gaussians), _N_GROUPS, histogram_bytes)
+    for wanted in (0, 1):
+        stage = sums.add_stage(gaussians, cameras, partial(some, wanted=wanted), choose())
+        run_stage(stage)
+    both, once = sums.votes(), _vote(scene)
+    assert (both.labels == once.labels).all()
+    np.testing.assert_allclose(both.weight, once.weight, rtol=1e-5)
+    np.testing.assert_allclose(both.confidence, once.confidence, rtol=1e-5)
 
 
 def test_unseen_gaussians_have_no_label_and_no_confidence(

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.grouping.bank_file import load_bank, save_bank
 from gaga_core.io.colmap import write_colmap
 from gaga_core.io.masks import read_labels, write_labels
 from gaga_core.io.ply import write_ply
@@ -18,7 +20,14 @@ from gaga_core.pipeline import run
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
 from gaga_core.pipeline.render import render_views
-from gaga_core.pipeline.run import SceneStage, Work, missing_stages, run_missing
+from gaga_core.pipeline.run import (
+    JOIN,
+    RunConfig,
+    SceneStage,
+    Work,
+    missing_stages,
+    run_missing,
+)
 from gaga_core.progress import Progress, Stage, run_stage
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
@@ -65,6 +74,32 @@ def test_new_groups_make_encodings_and_pictures_anew(folder: SceneFolder) -> Non
     for path in (folder.work / "identity.npz", *folder.work.rglob("renders/groups/*.png")):
         os.utime(path, (1e9, 1e9))  # clocks of file systems are coarse
     assert missing_stages(folder) == ("lift", "render")
+
+
+def test_masks_of_new_views_join_the_groups(folder: SceneFolder) -> None:
+    """Not all over again: what was decided stays, and the report says what was done."""
+    masks, new = folder.root / "masks" / "sim", folder.train[-1]
+    held = (masks / new).read_bytes()
+    (masks / new).unlink()
+    run_stage(run_missing(folder))
+    before = load_bank(folder.work / "bank.npz")
+    write_labels(masks / new, np.zeros((48, 64), np.int32))
+    assert missing_stages(folder) == ()  # a view without any mask has nothing to join
+    (masks / new).write_bytes(held)
+    assert missing_stages(folder) == ("associate", "lift", "render")
+    assert run_stage(run_missing(folder)) == (JOIN, "lift", "render")
+    report = json.loads((folder.work / "report.json").read_text())
+    assert report["associate"]["notes"] == ["Views that were added: 1, to 3 before."]
+    after = load_bank(folder.work / "bank.npz")
+    assert after.log[: len(before.log)] == before.log
+    assert {decision.view for decision in after.log} == set(folder.train)
+    assert missing_stages(folder) == ()
+    # Groups of the other preset are made of all views again.
+    (folder.work / "masks" / new).unlink()
+    save_bank(folder.work / "bank.npz", before)
+    wanted = RunConfig(associate=AssociateConfig.of("paper"), keeps_groups=False)
+    assert run._can_join(Work(folder, RunConfig()))
+    assert not run._can_join(Work(folder, wanted))
 
 
 def test_a_stage_that_is_to_run_takes_those_that_need_it_along(

@@ -10,8 +10,11 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.robust import consensus
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
+from gaga_core.grouping.robust.contacts import Priors
 from gaga_core.grouping.robust.linkage import LinkageRules, linkage_stage
+from gaga_core.grouping.robust.point_tables import point_tables
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
@@ -189,6 +192,25 @@ def test_linkage_is_what_the_definition_says() -> None:
         assert list(dict.fromkeys(cluster.tolist())) == list(range(1, len(expected) + 1))
         found = {frozenset(np.flatnonzero(cluster == c).tolist()) for c in set(cluster.tolist())}
         assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("n_shared", "touches", "joins"), [(1, False, 0), (2, False, 1), (1, True, 1)]
+)
+def test_one_stray_point_does_not_join_things_apart(
+    n_shared: int, touches: bool, joins: bool
+) -> None:
+    """Six views see one cluster each, a seventh shows ``n_shared`` points of both in one mask."""
+    cluster = np.repeat(np.array([1, 2], np.int32), 20)
+    mask_of = np.zeros((40, 7), np.int32)
+    mask_of[:20, :3], mask_of[20:, 3:6] = 1, 1
+    mask_of[:n_shared, 6], mask_of[20 : 20 + n_shared, 6] = 1, 1
+    tables = point_tables(mask_of, cluster, [2] * 7)
+    key, value = (
+        (np.array([1 * 3 + 2]), np.array([0.6])) if touches else (np.zeros(0, int), np.zeros(0))
+    )
+    joined = consensus._join_best(tables, Priors(3, key, value), ConsensusConfig())
+    assert (joined is not None) == joins
 
 
 def test_merged_masks_hold_two_groups() -> None:

@@ -10,7 +10,12 @@ from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks, open_bounds
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.grouping.robust.label_masks import decide_masks, fill_unseen, voting_labels
+from gaga_core.grouping.robust.label_masks import (
+    decide_masks,
+    divided_labels,
+    fill_unseen,
+    voting_labels,
+)
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -144,3 +149,4 @@ def test_a_merged_mask_is_silent_until_its_pixels_are_told_apart() -> None:
     assert voting_labels(masks, table, merged).tolist() == [[0, 0, 0, 3]]
     shown = np.array([[1, 2, 3, 1]], np.int32)  # group 3 has no point in mask 1
     assert voting_labels(masks, table, merged, shown).tolist() == [[1, 2, 0, 3]]
+    assert divided_labels(masks, table, merged, shown).tolist() == [[1, 2, 0, 0]]
