@@ -87,7 +87,7 @@ def solid_cases(seed: int, n_objects: int, n_splats: int) -> Iterator[FillCase]:
     whole = _lit(surface, seed)
     for group in range(2, len(things) + 1):
         kept = trained(whole, surface.labels == group, train)
-        rest = _rows(surface, surface.labels != group)
+        rest = rows_of(surface, surface.labels != group)
         yield FillCase(
             f"solids {seed}: {things[group - 1].name} {group}",
             whole.take(kept),
@@ -121,7 +121,8 @@ def _lit(surface: Surface, seed: int) -> Gaussians:
     return gaussians_of(surface, sh, np.random.default_rng((seed, 11)))
 
 
-def _rows(surface: Surface, chosen: BoolArray) -> Surface:
+def rows_of(surface: Surface, chosen: BoolArray) -> Surface:
+    """The discs ``chosen`` (N,)."""
     names = [field.name for field in fields(Surface)]
     return Surface(**{name: getattr(surface, name)[chosen] for name in names})
 

@@ -7,7 +7,7 @@ from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import State
-from gaga_studio.actions import history, unchanged
+from gaga_studio.actions import children, history, unchanged
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
@@ -40,11 +40,17 @@ def title(session: Session) -> str:
 
 
 def start(session: Session, *, lighten: bool = True) -> None:
-    """Compute what fills the place of the selection, and show it with the selection removed."""
+    """Compute what fills the place of the selection, and show it with the selection removed.
+
+    What lies under objects that are selected whole is removed with them. Nothing selected means
+    what was deleted.
+    """
     if why_not(session):
         return
     document = session.need()
     project = document.settled()
+    taken = children.along(session) if len(session.selected_indices()) else None
+    named = children.title_along(document, "Delete and fill", taken.groups) if taken else ""
     scene, views = replace(project.scene), project.training_views
     before = document.history.state_id
 
@@ -56,10 +62,12 @@ def start(session: Session, *, lighten: bool = True) -> None:
         from gaga_core.scene.fill.edits import filled_edit
         from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
 
-        splats = fillable(scene)
+        splats = fillable(scene) if taken is None else taken.splats
         config = FillConfig(lighten=lighten)
         found = yield from fill_stage(scene, splats, views, choose(), config)
-        return found, filled_edit(scene, found, fill_title(scene, splats))
+        is_alone = taken is None or not taken.groups
+        done_title = fill_title(scene, splats) if is_alone else named
+        return found, filled_edit(scene, found, done_title)
 
     def is_same() -> bool:
         return document.history.state_id == before and not document.history.is_previewing

@@ -21,6 +21,8 @@ OPAQUE = 0.9  # alpha from which on nothing is missing
 _DOUBT = 0.2  # of the views that show the object there: so few may err at its outline
 _OPENED = 0.5  # of these: so many must see deeper when it is gone
 _RIM = 2  # cells at the edge of a hole that the splats around it half cover
+_SELDOM = 0.25  # of the views in which the object hides a cell: seen by fewer, it is made again
+_CLOSE = 6  # cells between parts of one hole
 _FLAT = 0.12  # sine of the angle to the surface under which a view says nothing
 _LEAST_CELLS = 6  # of a hole
 _ENCLOSED = 0.5  # share of a hole's rim that is known surface
@@ -159,9 +161,12 @@ def _with_hole(chart: Chart, alpha: DoubleArray, views: tuple[SeenView, ...]) ->
         left = above_surface(view.camera, view.after[at], points, plane)
         gone += on_it & (left < -tolerance)
         full += on_it & (np.abs(left) <= tolerance) & (view.after_alpha[at] >= OPAQUE)
-    # What a view looked through is no surface; what it saw and is not known here is another one.
-    free = (through > np.maximum(seen, _DOUBT * behind)) | (seen > _DOUBT * behind)
-    free = free.reshape(chart.shape) & ~known
+    # What a view looked through is no surface; what it saw and is not known here is another one,
+    # but for the rim: splats half under the object are not known.
+    other = (seen > _DOUBT * behind).reshape(chart.shape)
+    other &= ~ndimage.binary_dilation(known, iterations=_RIM + 1)
+    free = (through > np.maximum(seen, _DOUBT * behind)).reshape(chart.shape)
+    free = (free | other) & ~known
     # A hole is where most views that the object hid it from see deeper without the object.
     opened = (gone > _OPENED * behind).reshape(chart.shape) & (behind > 0).reshape(chart.shape)
     hidden = (behind > 0).reshape(chart.shape) & ~known & ~free
@@ -175,7 +180,26 @@ def _with_hole(chart: Chart, alpha: DoubleArray, views: tuple[SeenView, ...]) ->
     # What is next to it was seen by few views, and stood in the object's shadow: it is made again.
     rim = (behind > 0).reshape(chart.shape) & known & ~covered
     hole |= ndimage.binary_dilation(hole, iterations=_RIM, mask=rim | hole)
+    hole = _whole(hole, known, (seen < _SELDOM * behind).reshape(chart.shape))
     return replace(chart, hole=hole, known=known & ~hole)
+
+
+def _whole(hole: BoolArray, known: BoolArray, seldom: BoolArray) -> BoolArray:
+    """The hole (H, W) with the places in it that few views saw: they show the dark of a gap.
+
+    ``seldom``: (H, W) seen by few of the views that look there.
+    """
+    if not hole.any():
+        return hole
+    inside = ndimage.binary_closing(np.pad(hole, _CLOSE), iterations=_CLOSE)
+    inside = ndimage.binary_fill_holes(inside)[_CLOSE:-_CLOSE, _CLOSE:-_CLOSE]
+    result = hole | (inside & known & seldom)
+    result = ndimage.binary_dilation(result, iterations=_CLOSE, mask=result | (known & seldom))
+    # Cells between it and the known surface, of which no view could tell.
+    gaps = ndimage.binary_closing(np.pad(result | known, _RIM), iterations=_RIM)
+    gaps = gaps[_RIM:-_RIM, _RIM:-_RIM] & ~known
+    whole: BoolArray = result | (gaps & ndimage.binary_dilation(result, iterations=_RIM))
+    return whole
 
 
 def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:

@@ -18,7 +18,7 @@ _ROUNDS = 3  # of taking splats out
 _CHANGE = 0.04  # of a color (0..1): what changes more outside the hole is wrong
 _FALL = 0.02  # of alpha: what loses more is wrong
 _WRONG = 0.3  # of a splat's weight: it goes when so much is in wrong pixels
-_MOST_WRONG = 0.05  # wrong pixels for each one that gains, above which nothing is kept
+_MOST_WRONG = 0.1  # wrong pixels for each one that gains, above which nothing is kept
 _SHOWS = 0.075  # root mean square of a color's change (0..1): a hole changed less hardly shows
 _EDGE = 2  # pixels by which an outline may err
 
@@ -28,6 +28,7 @@ class _Look:
     camera: Camera
     open: Frame  # the picture without the object
     hole: BoolArray  # (H, W) pixels that show the hole
+    points: DoubleArray  # (H * W, 3) where their rays meet its plane
 
 
 def accepted(
@@ -42,8 +43,9 @@ def accepted(
 
     ``rest``: (N,) what is left of the scene; ``without`` (N,): rows that go when the hole is
     filled. Compared are pictures before and after: outside the hole's pixels no color may change,
-    and inside alpha may not fall. Where the picture in the hole hardly changes, large neighbours
-    show through in about the right color already: nothing is kept.
+    inside them the surface may not get thinner, and nothing may stand above it. Where the picture
+    in the hole hardly changes, large neighbours show through in about the right color already:
+    nothing is kept.
     """
     kept = np.ones(len(fresh), np.bool_)
     looks = _looks(rest, chart, views, rasterizer)
@@ -58,7 +60,7 @@ def accepted(
         change = 0.0
         for look in looks:
             after = rasterizer.render(filled, look.camera)
-            bad, good = _judged(look, after)
+            bad, good = _judged(look, after, chart)
             change += float(((_shown(after) - _shown(look.open))[good] ** 2).mean(axis=1).sum())
             rasterizer.vote(filled, look.camera, bad.astype(np.int32), weights)
             wrong, gained = wrong + int(bad.sum()), gained + int(good.sum())
@@ -73,10 +75,13 @@ def accepted(
     return np.zeros(len(fresh), np.bool_)
 
 
-def _judged(look: _Look, after: Frame) -> tuple[BoolArray, BoolArray]:
+def _judged(look: _Look, after: Frame, chart: Chart) -> tuple[BoolArray, BoolArray]:
     """Pixels (H, W) that got worse, and those of the hole that are surface now."""
     changed = np.abs(_shown(after) - _shown(look.open)).max(axis=2)
-    less = after.alpha < look.open.alpha - _FALL
+    less = after.alpha < np.minimum(look.open.alpha, OPAQUE) - _FALL
+    above = above_surface(look.camera, after.median_depth.ravel(), look.points, chart.plane)
+    top = float(chart.height[chart.known].max(initial=0.0)) + tolerance_of(chart)
+    less |= (above > top).reshape(less.shape) & (changed > _CHANGE)
     bad: BoolArray = np.where(look.hole, less, changed > _CHANGE)
     nearer = (after.median_depth > 0) & (
         (look.open.median_depth == 0) | (after.median_depth < look.open.median_depth)
@@ -96,7 +101,6 @@ def _looks(
     found: list[tuple[SeenView, BoolArray, DoubleArray]] = []
     for view in views:
         points, hits = _on_plane(view.camera, chart)
-        hits &= ndimage.binary_dilation(view.is_object, iterations=_EDGE).ravel()
         if hits.any():
             found.append((view, hits, points))
     found.sort(key=lambda one: -int(one[1].sum()))
@@ -104,13 +108,9 @@ def _looks(
     for view, hits, points in found[:_VIEWS]:
         frame = rasterizer.render(rest, view.camera)
         above = above_surface(view.camera, frame.median_depth.ravel(), points, chart.plane)
-        seen_through = (above < -tolerance_of(chart)) | (
-            (frame.alpha.ravel() < OPAQUE) & (above < tolerance_of(chart))
-        )
-        hole = ndimage.binary_dilation(
-            (hits & seen_through).reshape(frame.alpha.shape), iterations=_EDGE
-        )
-        looks.append(_Look(view.camera, frame, hole))
+        shows = above < tolerance_of(chart)  # nothing that stays stands before it
+        hole = ndimage.binary_dilation((hits & shows).reshape(frame.alpha.shape), iterations=_EDGE)
+        looks.append(_Look(view.camera, frame, hole, points))
     return looks
 
 

@@ -11,6 +11,7 @@ class FillConfig:
     most_views: int = 64  # photos that are looked at, spread over those that show the object
     view_pixels: int = 320  # longer side of a looked-at view
     seen: float = 0.1  # pixels: a splat with less weight in all views together was never seen
+    seen_share: float = 0.15  # of its weight without the object: less shimmers through it only
     most_surfaces: int = 4  # that are filled
     most_cells: int = 200  # of a side of a chart
     reach: float = 0.6  # of the object's size: how far around it a surface is looked at

@@ -20,9 +20,9 @@ from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.smooth import smooth_base
 from gaga_core.scene.fill.splats import new_splats
-from gaga_core.scene.fill.stains import gains
+from gaga_core.scene.fill.stains import gains, splat_gains, taken_cells
 from gaga_core.scene.fill.surfaces import surfaces_around
-from gaga_core.scene.fill.texture import synthesized
+from gaga_core.scene.fill.texture import continued_color
 from gaga_core.scene.fill.views import Seen, seen_stage
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_name
@@ -31,6 +31,7 @@ from gaga_core.scene.scene import Scene, State
 _STAGE = "Fill the hole"
 _RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
 _VISIBLE = 1.02  # factor of a color from which on it is changed
+_THING = 3.0  # sizes of the object: what is larger is no thing that stands on the surface
 _BASE = 3.0  # cells: what is finer is texture
 
 
@@ -47,7 +48,7 @@ class Filling:
     lighten: bool  # whether stains were looked for
 
     def __bool__(self) -> bool:
-        return len(self.splats) > 0 or len(self.stained) > 0
+        return len(self.splats) > 0 or len(self.stained) > 0 or len(self.unseen) > 0
 
 
 def fillable(scene: Scene) -> LongArray:
@@ -87,23 +88,28 @@ def fill_stage(
     settings = FillConfig() if config is None else config
     chosen = np.zeros(len(scene), np.bool_)
     chosen[sorted_indices(indices, len(scene))] = True
-    rows = np.flatnonzero(scene.visible | chosen)
+    # What has no place in space is never drawn: it hides nothing.
+    is_there = np.isfinite(scene.gaussians.means).all(axis=1)
+    rows = np.flatnonzero((scene.visible | chosen) & is_there)
     labels = scene.labels[rows]
     gaussians = yield from bake_stage(scene, indices=rows)
     is_object = chosen[rows]
-    seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings)
+    if not is_object.any():
+        return _nothing(np.flatnonzero(chosen), gaussians, settings)
+    made = _made(scene)[rows] & ~is_object
+    seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
     work = _Work(gaussians, labels, is_object, seen, rasterizer, settings)
+    work.locked |= (scene.state[rows] & np.uint8(State.LOCKED)) != 0
     parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
     for i, part in enumerate(parts):
         yield Progress(_STAGE, i, len(parts))
         work.fill(part)
-    work.dropped &= (scene.state[rows] & np.uint8(State.LOCKED)) == 0
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
     splats = gaussians.take(np.zeros(0, np.int64))
     for piece in work.made:
         splats = joined(splats, piece)
     return Filling(
-        removed=rows[is_object],
+        removed=np.flatnonzero(chosen),
         unseen=rows[work.dropped],
         splats=splats,
         labels=np.concatenate([np.zeros(0, np.int32), *work.groups]),
@@ -111,6 +117,24 @@ def fill_stage(
         gains=work.gain[stained].astype(np.float32),
         lighten=settings.lighten,
     )
+
+
+def _nothing(removed: LongArray, gaussians: Gaussians, config: FillConfig) -> Filling:
+    """The removal alone, of rows (R,)."""
+    none = np.zeros(0, np.int64)
+    splats, labels = gaussians.take(none), np.zeros(0, np.int32)
+    return Filling(
+        removed, none, splats, labels, none, np.zeros((0, 3), np.float32), config.lighten
+    )
+
+
+def _made(scene: Scene) -> BoolArray:
+    """Splats (N,) of the scene that an edit made, an earlier filling for example."""
+    result = np.zeros(len(scene), np.bool_)
+    for item in scene.added:
+        if item.is_made:
+            result |= (scene.source >= item.first) & (scene.source < item.first + item.n)
+    return result
 
 
 class _Work:
@@ -127,17 +151,25 @@ class _Work:
     ) -> None:
         self.gaussians, self.labels, self.is_object = gaussians, labels, is_object
         self.seen, self.rasterizer, self.config = seen, rasterizer, config
-        self.is_known = seen.weight > config.seen
+        self.is_known = seen.known
         self.points = gaussians.means.astype(np.float64)
+        sizes = _sizes(self.points, labels)
+        self.size = float(sizes[is_object].max())
+        # Other things that the photos showed.
+        self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
         self.made: list[Gaussians] = []
         self.groups: list[IntArray] = []
         self.gain = np.ones((len(gaussians), 3))
         self.dropped = np.zeros(len(gaussians), np.bool_)
+        self.locked = np.zeros(len(gaussians), np.bool_)  # neither goes nor is lightened
 
     def fill(self, part: BoolArray) -> None:
         """Fill behind the splats ``part`` (N,) of the object, surface by surface."""
         own = self.points[part]
         hidden = ~self.is_object & ~self.is_known
+        buried = (hidden | (self.seen.buried & ~self.is_thing)) & ~self.is_object & ~self.locked
+        within = buried & _inside(own, self.points)
+        self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
         usable = self.is_known & ~self.is_object
         n_filled = 0
         for plane in surfaces_around(self.gaussians, self.labels, part, usable, self.config):
@@ -149,21 +181,24 @@ class _Work:
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * plane.spacing
             goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
-            goes |= hidden & _inside(own, self.points)
-            n_filled += self._fill_chart(chart, goes)
+            goes |= within
+            n_filled += self._fill_chart(chart, goes & ~self.locked)
             if n_filled == self.config.most_surfaces:
                 return
 
     def _fill_chart(self, chart: Chart, goes: BoolArray) -> bool:
         """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
         plane = chart.plane
-        chart, factors = _lightened(chart, self.config)
+        chart, factors = self._lightened(chart)
         color, height = _continued(chart)
         fresh = new_splats(self.gaussians, chart, color, height, self.rasterizer, self.config.seed)
         # What no photo showed is no surface to compare with.
         left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
         near = np.ones((len(self.gaussians), 3))
-        near[plane.splats] = chart.at(factors, plane.local(self.points[plane.splats]))
+        rgb = rgb_from_dc(self.gaussians.sh[plane.splats, 0]).astype(np.float64)
+        local = plane.local(self.points[plane.splats])
+        near[plane.splats] = splat_gains(chart, factors, local, rgb)
+        near[self.locked] = 1.0
         gain = np.maximum(self.gain, near)
         rest = _lit(self.gaussians, gain).take(left)
         kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
@@ -175,6 +210,24 @@ class _Work:
         self.made.append(fresh)
         self.groups.append(np.full(len(fresh), plane.label, np.int32))
         return True
+
+    def _lightened(self, chart: Chart) -> tuple[Chart, DoubleArray]:
+        """The chart without the stain, and the factors (H, W, 3) that take it off."""
+        if not self.config.lighten:
+            return chart, np.ones((*chart.shape, 3))
+        stands = self.is_thing & (self.labels != chart.plane.label)
+        factors = gains(chart, taken_cells(chart, self.points[stands], self.size))
+        return replace(chart, color=chart.color * factors), factors
+
+
+def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:
+    """Extent (N,) of the group of each splat."""
+    result = np.zeros(len(labels))
+    for label in np.unique(labels):
+        own = labels == label
+        low, high = np.percentile(points[own], (2, 98), axis=0)
+        result[own] = np.linalg.norm(high - low)
+    return result
 
 
 def _apart(
@@ -199,14 +252,6 @@ def _apart(
     return [part for _, _, part in boxes]
 
 
-def _lightened(chart: Chart, config: FillConfig) -> tuple[Chart, DoubleArray]:
-    """The chart without the stain, and the factors (H, W, 3) that take it off."""
-    if not config.lighten:
-        return chart, np.ones((*chart.shape, 3))
-    factors = gains(chart)
-    return replace(chart, color=chart.color * factors), factors
-
-
 def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
     """The splats with their colors times ``gain`` (N, 3)."""
     sh = gaussians.sh * gain[:, None].astype(np.float32)
@@ -216,9 +261,7 @@ def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
 
 def _continued(chart: Chart) -> tuple[DoubleArray, DoubleArray]:
     """Color (H, W, 3) and height (H, W) with the hole filled."""
-    base = smooth_base(chart.color, chart.known, chart.hole, _BASE)
-    detail = synthesized(chart.color - base, chart.known, chart.hole)
-    color = np.where(chart.hole[:, :, None], base + detail, chart.color)
+    color = continued_color(chart.color, chart.known, chart.hole)
     height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
     return np.clip(color, 0, 1.5), np.where(chart.hole, height, chart.height)
 

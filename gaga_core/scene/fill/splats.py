@@ -15,8 +15,8 @@ from gaga_core.scene.fill.chart import Chart, drawn
 _PIECE = 5.0  # side of a copied piece, spacings of the splats
 _SMALL, _INWARD = 0.7, 0.7  # largest deviation: in spacings, and in ways to the hole's edge
 _ROUNDS = 3  # of correcting colors by what is drawn
-_GAP_ROUNDS = 4  # of splats for what the pieces leave open
-_THIN = 0.8  # alpha under which a cell gets a splat more
+_GAP_ROUNDS = 5  # of splats for what the pieces leave open
+_THIN = 0.9  # alpha under which a cell gets a splat more
 _MOST_GAIN = 0.5  # of a color, in a round
 
 

@@ -1,75 +1,257 @@
-"""Take the shadow of a removed object off the surface that it stood on."""
+"""Take the shadow of a removed object off the surface that it stood on.
+
+How much light a place lacks is the factor by which its colors, made brighter, are those that the
+rest of the surface has: a maximum-likelihood estimate over factors, with the colors of the
+surroundings as distribution. So a dark square of a chessboard is no shadow, and a shadow over
+several squares is one.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.color import LUMA
-from gaga_core.scene.fill.chart import Chart
+from gaga_core.scene.fill.chart import Chart, tolerance_of
 from gaga_core.scene.fill.smooth import blurred
 
-_RIM = 4.0  # cells from the hole: a shadow is seen there
-_SHADOW = 1.1  # usual factor there under which nothing is a shadow
-_EVIDENCE = 3.0  # times darker than the surface varies: so much a shadow is at least
-_DARKEST = 85  # percentile of how dark the surroundings are: so dark it is at least
-_LEAST = 1.06  # gain under which nothing is changed
-_MOST = 4.0
-_BRIGHT = 85  # percentile of the surroundings: nothing is made brighter than that
 _DARK = 0.02  # color that counts as black
+_BRIGHTEST = 1.3  # color at the upper end of the distribution
+_BINS = 48  # of it, a channel
+_UNLIKELY = 2e-6  # share of a color that the surroundings do not have
+_MOST = 5.0  # factor
+_N_LEVELS = 25  # factors that are tried
+_PRICE = 0.5  # log likelihood that a factor e costs: without evidence nothing is made brighter
+_BLUR = 2.0  # cells over which the factor is the same
+_TILTS = (0.0, 0.15, 0.3, 0.45, -0.15)  # how much more red a shadow lacks than blue, in its log
+_LEAST = (0.03, 0.15)  # log of a factor that is a stain: at the hole, and from its size on
+_FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
+_RIM = 0.25  # sizes of the hole, where its shadow begins
+_AT_FOOT = 3.0  # cells from the hole
+_ONE_PIECE = 0.35  # share of the outline that lacks light without a break
+_NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
+_SHADOW = 0.05  # mean log factor there under which nothing is a shadow
+_EVIDENCE = 2.2  # times that of the surroundings: so much a shadow is at least
+_DARKER = 0.1  # log by which a rim is darker that is a shadow whatever the pattern
+_DARKEST = 85  # percentile of the surroundings: so dark it is at least
+_LARGEST = 4.0  # areas of the hole that its shadow covers; larger ones are another's
+_NARROWINGS = 5
+_WIDE = (1.2, 2.2)  # sizes of the hole: a shadow fades out from here to there
+_FITS, _EVEN = 6, 0.03  # rounds of the fit of light that falls off; log that is no deviation
+_EXPLAINED = 0.75  # of the deviations are left after such a fit
+_NEARLY_NONE = 1e-3  # cells of a color, under which it is not led on
+_FEW = 30  # cells of surroundings with which nothing can be said
+_SOFT = 1.0  # cells over which a factor fades at its edge
+_BRIGHT = 98  # percentile of the splats of the surroundings: none is made brighter than that
+_CLEAN = 1.02  # factor under which a splat is no stain
+_PULL = 2.5  # bins: colors so near are taken for the same
+_PULLS = 4  # steps towards them
 
 
-def gains(chart: Chart) -> DoubleArray:
+def gains(chart: Chart, taken: BoolArray | None = None) -> DoubleArray:
     """Factors (H, W, 3) by which known cells are too dark next to the hole; 1 elsewhere.
 
-    Light on a surface is taken to be even over the chart but for a linear trend; the stain is
-    what is darker than that, and hangs together with the hole. Texture is not: it is finer than
-    the blur, or does not touch. There is no stain where the rim of the hole is hardly darker than
-    the surface varies elsewhere.
+    ``taken``: (H, W) cells on which other things stand; what is nearer to them is their shadow.
+    There is no stain where the rim of the hole is hardly darker than other places of the surface.
     """
     ones = np.ones((*chart.shape, 3))
     if not chart.hole.any() or not chart.known.any():
         return ones
     size = np.sqrt(chart.hole.sum())
-    low = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), max(1.2, size / 16))
     distance = ndimage.distance_transform_edt(~chart.hole)
-    far = chart.known & (distance > 0.5 * size)
-    if far.sum() < 30:
+    far = chart.known & (distance > _FAR * size)
+    rim = chart.known & (distance <= _RIM * size + 2)
+    if far.sum() < _FEW or not rim.any():
         return ones
-    log = np.log(np.maximum(low, _DARK))
-    light = _fitted(log, far)
-    light = np.minimum(light, np.percentile(log[far], _BRIGHT, axis=0))
-    ratio = np.exp(light - log)
-    dark = (light - log) @ LUMA
-    spread = 1.4826 * float(np.median(np.abs(dark[far] - np.median(dark[far]))))
-    rim = chart.known & (distance > 1) & (distance <= _RIM)
-    least = max(np.log(_SHADOW), _EVIDENCE * spread, np.percentile(dark[far], _DARKEST))
-    if not rim.any() or np.median(dark[rim]) < least:
+    own = np.ones(chart.shape, np.bool_)
+    if taken is not None and taken.any():
+        own = distance < ndimage.distance_transform_edt(~taken)
+    log = np.log(np.maximum(chart.color, _DARK))
+    log -= _falloff(log @ LUMA, far)[:, :, None]
+    found = _levels(log, chart.known, far, 0.0)
+    free = far & own if (far & own).any() else far
+    foot = chart.known & (distance <= _AT_FOOT)
+    if not _lacks_light(found.lacking, rim, free) and not _is_dark(log, chart.known, rim, far):
         return ones
-    stained = chart.known & (ratio @ LUMA > max(_LEAST, np.exp(spread)))
-    parts, _ = ndimage.label(stained | chart.hole)
-    touched = np.unique(parts[chart.hole])
-    stained &= np.isin(parts, touched)
-    fade = np.clip(2.0 - distance / max(size, 1.0), 0, 1)[:, :, None]
-    # A bright cell next to a dark one is not made brighter than the light allows.
-    fine = blurred(np.maximum(chart.color, _DARK), chart.known.astype(float), 0.7)
-    room = np.maximum(np.exp(light) / np.maximum(fine, _DARK), 1.0)
-    result = np.clip(1 + (np.minimum(ratio, room) - 1) * fade, 1.0, _MOST)
-    soft = ndimage.gaussian_filter(stained.astype(float), 1.0)[:, :, None]
-    factors: DoubleArray = 1 + (result - 1) * soft
+    if not _is_one_piece(found.lacking, foot):
+        return ones
+    least = np.interp(distance / size, (_RIM, 1.0), _LEAST)
+    stained = _touching(own & (found.lacking > least), chart.hole)
+    around = far & ~stained  # what the shadow itself covers is no surroundings
+    if around.sum() < _FEW:
+        return ones
+    tried = [_levels(log, chart.known, around, tilt) for tilt in _TILTS]
+    found = max(tried, key=lambda one: float(one.likelihood[stained].sum()))
+    for _ in range(_NARROWINGS):
+        stained = _touching(own & (found.lacking > least), chart.hole)
+        if stained.sum() <= _LARGEST * chart.hole.sum():
+            break
+        least = 1.5 * least
+    else:  # no outline: only what is next to the hole
+        stained &= distance <= _RIM * size + 2
+    lacking = _falling_off(found.lacking, chart.known & (distance <= _NEAR * size + 2))
+    stained = _touching(stained & (lacking > least), chart.hole)
+    shift = _pulled(log, lacking[:, :, None] * found.channels, stained, around)
+    fade = np.interp(distance / size, _WIDE, (1.0, 0.0)) * stained
+    soft = ndimage.gaussian_filter(shift * fade[:, :, None], (_SOFT, _SOFT, 0))
+    factors: DoubleArray = np.clip(np.exp(soft), 1.0, _MOST)
     return factors
 
 
-def _fitted(log: DoubleArray, far: BoolArray) -> DoubleArray:
-    """Linear trend of ``log`` (H, W, 3) over the cells ``far``, those of upper luminance first."""
+def _falloff(log: DoubleArray, far: BoolArray) -> DoubleArray:
+    """How light falls off linearly over the surface (H, W), zero on average of ``far`` (H, W).
+
+    By least absolute values of ``log`` (H, W), which a shadow hardly moves. Zero everywhere where
+    that explains little: a pattern of light and dark is no fall-off.
+    """
     rows, columns = np.indices(far.shape) / max(far.shape)
     terms = np.stack([np.ones(far.shape), rows, columns], axis=2)
-    use = far.copy()
-    for _ in range(4):
-        fit = np.linalg.lstsq(terms[use], log[use], rcond=None)[0]
-        left = (log - terms @ fit) @ LUMA
-        spread = left[use].std() + 1e-9
-        use = far & (left > -spread) & (left < 2 * spread)
-        if use.sum() < 30:
-            break
-    result: DoubleArray = terms @ fit
+    a, b = terms[far], log[far]
+    weights = np.ones(len(b))
+    for _ in range(_FITS):
+        root = np.sqrt(weights)
+        fit = np.linalg.lstsq(root[:, None] * a, root * b, rcond=None)[0]
+        weights = 1 / (np.abs(b - a @ fit) + _EVEN)
+    if np.abs(b - a @ fit).mean() > _EXPLAINED * np.abs(b - np.median(b)).mean():
+        return np.zeros(far.shape)
+    trend = terms @ fit
+    result: DoubleArray = trend - trend[far].mean()
+    return result
+
+
+def splat_gains(
+    chart: Chart, factors: DoubleArray, local: DoubleArray, rgb: DoubleArray
+) -> DoubleArray:
+    """Factors (N, 3) of splats of colors ``rgb`` (N, 3) at ``local`` (N, 3) on the plane.
+
+    None becomes brighter than the splats that are not stained.
+    """
+    result = chart.at(factors, local)
+    clean = result.max(axis=1) < _CLEAN
+    if not clean.any():
+        return result
+    top = np.percentile(rgb[clean], _BRIGHT, axis=0)
+    capped: DoubleArray = np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
+    return capped
+
+
+def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:
+    """Cells (H, W) over which up to ``height`` some of ``points`` (N, 3), world, lie."""
+    local = chart.plane.local(points)
+    row, column, inside = chart.cells(local)
+    over = inside & (local[:, 2] > tolerance_of(chart)) & (local[:, 2] < height)
+    found = np.zeros(chart.shape, np.bool_)
+    found[row[over], column[over]] = True
+    result: BoolArray = ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
+    return result
+
+
+def _lacks_light(lacking: DoubleArray, rim: BoolArray, far: BoolArray) -> bool:
+    """Whether the rim lacks clearly more light (log) than other places do."""
+    least = max(_SHADOW, _EVIDENCE * float(lacking[far].mean()))
+    return bool(lacking[rim].mean() >= least)
+
+
+def _is_one_piece(lacking: DoubleArray, foot: BoolArray) -> bool:
+    """Whether a long piece of the hole's outline ``foot`` (H, W) lacks light without a break.
+
+    A shadow begins where the object stands; dark parts of a pattern touch the outline here and
+    there.
+    """
+    parts, n = ndimage.label(foot & (lacking > _LEAST[0]), structure=np.ones((3, 3)))
+    largest = int(np.bincount(parts[foot], minlength=n + 1)[1:].max(initial=0))
+    return bool(largest >= _ONE_PIECE * foot.sum())
+
+
+def _is_dark(log: DoubleArray, known: BoolArray, rim: BoolArray, far: BoolArray) -> bool:
+    """Whether the rim is darker all around than nearly all of a surface of one color."""
+    low = blurred((log @ LUMA)[:, :, None], known.astype(float), _BLUR)[:, :, 0]
+    dark = np.median(low[far]) - low
+    spread = 1.4826 * float(np.median(np.abs(dark[far])))
+    least = max(_DARKER, 3 * spread, float(np.percentile(dark[far], _DARKEST)))
+    return bool(np.median(dark[rim]) >= least)
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    lacking: DoubleArray  # (H, W) log of the factor
+    likelihood: DoubleArray  # (H, W) log, of the best factor
+    channels: DoubleArray  # (3,) by which the log is multiplied in each channel
+
+
+def _levels(log: DoubleArray, known: BoolArray, around: BoolArray, tilt: float) -> _Levels:
+    """The likeliest factor at each cell of log colors ``log`` (H, W, 3)."""
+    channels = 1 + tilt * np.array([1.0, 0.0, -1.0])
+    channels = channels / float(LUMA @ channels)
+    box, width = _box()
+    histogram = np.histogramdd(log[around], _BINS, box)[0]
+    share = ndimage.gaussian_filter(histogram / around.sum(), 1.0, mode="nearest")
+    table = np.log(share + _UNLIKELY)
+    below = np.maximum(ndimage.gaussian_filter(known.astype(float), _BLUR), 1e-6)
+    best, lacking = np.full(known.shape, -np.inf), np.zeros(known.shape)
+    for level in np.linspace(0, np.log(_MOST), _N_LEVELS):
+        at = ((log + level * channels - box[0][0]) / width - 0.5).transpose(2, 0, 1)
+        likelihood = ndimage.map_coordinates(table, at, order=1, mode="nearest")
+        mean = ndimage.gaussian_filter(np.where(known, likelihood, 0.0), _BLUR) / below
+        mean -= _PRICE * level
+        better = mean > best
+        best[better], lacking[better] = mean[better], level
+    return _Levels(np.where(known, lacking, 0.0), np.where(known, best, 0.0), channels)
+
+
+def _pulled(
+    log: DoubleArray, shift: DoubleArray, stained: BoolArray, around: BoolArray
+) -> DoubleArray:
+    """``shift`` (H, W, 3) of log colors ``log``, led on to the colors that are usual around.
+
+    Mean shift (Comaniciu & Meer 2002), the same for neighbouring cells.
+    """
+    box, width = _box()
+    rows = log[around]
+    share, *sums = [
+        ndimage.gaussian_filter(
+            np.histogramdd(rows, _BINS, box, weights=weights)[0], _PULL, mode="nearest"
+        )
+        for weights in (None, *rows.T)
+    ]
+    below = np.maximum(ndimage.gaussian_filter(stained.astype(float), _BLUR), 1e-6)[:, :, None]
+    for _ in range(_PULLS):
+        now = log + shift
+        at = ((now - box[0][0]) / width - 0.5).transpose(2, 0, 1)
+        n, *totals = [
+            ndimage.map_coordinates(table, at, order=1, mode="nearest") for table in (share, *sums)
+        ]
+        known = (stained & (n > _NEARLY_NONE))[:, :, None]
+        mean = np.stack(totals, axis=2) / np.maximum(n, _NEARLY_NONE)[:, :, None]
+        step = np.where(known, mean - now, 0.0)
+        shift = shift + ndimage.gaussian_filter(step, (_BLUR, _BLUR, 0)) / below
+    return shift
+
+
+def _box() -> tuple[list[tuple[float, float]], float]:
+    """Limits of log colors in each channel, and the width of a bin."""
+    low, high = float(np.log(_DARK)), float(np.log(_BRIGHTEST))
+    return [(low, high)] * 3, (high - low) / _BINS
+
+
+def _falling_off(lacking: DoubleArray, foot: BoolArray) -> DoubleArray:
+    """``lacking`` (H, W), nowhere more than on the way there from the ``foot`` (H, W).
+
+    A shadow is darkest where the object stands; what is darker farther away is another's, or a
+    dark part of a pattern. Of all ways the one counts whose least value is largest (morphological
+    reconstruction by dilation, Vincent 1993).
+    """
+    result = np.where(foot, lacking, 0.0)
+    while True:
+        spread = np.minimum(ndimage.grey_dilation(result, size=(3, 3)), lacking)
+        if np.array_equal(spread, result):
+            return result
+        result = spread
+
+
+def _touching(stained: BoolArray, hole: BoolArray) -> BoolArray:
+    """What of ``stained`` (H, W) hangs together with the hole."""
+    parts, _ = ndimage.label(stained | hole)
+    result: BoolArray = stained & np.isin(parts, np.unique(parts[hole]))
     return result

@@ -16,6 +16,7 @@ from gaga_core.scene.fill.config import FillConfig
 _AROUND = 32  # cameras where there are no photos
 _FROM = 3.0  # radii of the object: how far away they stand
 _UP = np.array([0.0, 0.0, 1.0])  # any: only what is in the picture counts
+_BURIED = 0.5  # of a splat's weight without the object
 _MOST_POINTS = 2000  # of the object, projected to find the views that show it
 
 
@@ -32,10 +33,11 @@ class SeenView:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """All looked-at views, and how much each splat had to say in them."""
+    """All looked-at views, and which splats can be told from them."""
 
     views: tuple[SeenView, ...]
-    weight: FloatArray  # (N,) blending weights summed over pixels and views
+    known: BoolArray  # (N,) shown by the photos; what only shimmers through the object is not
+    buried: BoolArray  # (N,) the object takes most of what they would show
 
 
 def seen_stage(
@@ -44,9 +46,12 @@ def seen_stage(
     cameras: Sequence[Camera],
     rasterizer: Rasterizer,
     config: FillConfig,
+    made: BoolArray | None = None,
 ) -> Stage[Seen]:
     """Draw the views in which the object (``is_object`` (N,)) is, with it in its place.
 
+    ``made``: (N,) splats that no photo can have shown, and that are there because an edit made
+    them.
     Depths are those at which half of the light is taken (median), so that they lie on a surface.
     """
     chosen = _views_of(gaussians.means[is_object].astype(np.float64), cameras, config)
@@ -55,21 +60,33 @@ def seen_stage(
     mark = np.repeat(is_object.astype(np.float32)[:, None], 3, axis=1)
     frames = []
     for i, camera in enumerate(chosen):
-        yield Progress("Look behind the object", i, 2 * n, camera.name)
+        yield Progress("Look behind the object", i, 3 * n, camera.name)
         frame = rasterizer.render(gaussians, camera, channels=mark)
         shape = (camera.height, camera.width)
         rasterizer.vote(gaussians, camera, np.zeros(shape, np.int32), total)
         frames.append(frame)
-    rest = gaussians.take(~is_object & (total[:, 0] > config.seen))
+    others = np.flatnonzero(~is_object)
+    bare, alone = gaussians.take(others), np.zeros((len(others), 1), np.float32)
+    for i, camera in enumerate(chosen):
+        yield Progress("Look behind the object", n + i, 3 * n, camera.name)
+        rasterizer.vote(bare, camera, np.zeros((camera.height, camera.width), np.int32), alone)
+    known = total[:, 0] > config.seen
+    known[others] &= total[others, 0] > config.seen_share * alone[:, 0]
+    buried = np.zeros(len(gaussians), np.bool_)
+    buried[others] = total[others, 0] < _BURIED * alone[:, 0]
+    if made is not None:
+        known |= made
+        buried &= ~made
+    rest = gaussians.take(~is_object & known)
     views = []
     for i, (camera, frame) in enumerate(zip(chosen, frames, strict=True)):
-        yield Progress("Look behind the object", n + i, 2 * n, camera.name)
+        yield Progress("Look behind the object", 2 * n + i, 3 * n, camera.name)
         after = rasterizer.render(rest, camera)
         on_object = frame.image[:, :, 0] > 0.5
         views.append(
             SeenView(camera, frame.median_depth, on_object, after.median_depth, after.alpha)
         )
-    return Seen(tuple(views), total[:, 0])
+    return Seen(tuple(views), known, buried)
 
 
 def _views_of(

@@ -4,13 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
+import numpy as np
 import pytest
 
 from gaga_core.io.ply import write_ply
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.actions import fill, history, selection
+from gaga_studio.actions import children, fill, history, selection
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
@@ -82,6 +83,29 @@ def test_what_was_deleted_is_filled_later_in_one_step(at_table: Session) -> None
     assert session.need().unsaved
     assert len(scene) > n
     assert (scene.labels[n:] == TABLE).all()
+    history.undo(session)
+    assert snapshot(scene) == before
+
+
+def test_what_lies_under_the_object_goes_with_it(at_table: Session) -> None:
+    """As with Delete: nothing that lay under the object stays in the air, and undo brings all."""
+    session = at_table
+    document = session.need()
+    scene, lid = document.scene, 1 + int(document.scene.labels.max())
+    rows = np.flatnonzero(scene.labels == BOX)[::4]
+    scene.labels[rows] = lid
+    scene.revision.labels += 1
+    assert children.put_under(session, BOX, (lid,))
+    selection.select_groups(session, (BOX,))
+    before = snapshot(scene)
+    run("object.fill", session)
+    finish(session)
+    found = fill.shown(session)
+    assert found is not None
+    assert set(rows) <= set(found.removed.tolist())
+    run("edit.confirm", session)
+    assert scene.has(State.DELETED)[rows].all()
+    assert (document.history.undo_title or "").endswith(" and 1 under it")
     history.undo(session)
     assert snapshot(scene) == before
 

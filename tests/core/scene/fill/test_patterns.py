@@ -1,0 +1,122 @@
+"""Filling on surfaces with a pattern: it goes on in the hole, and is not taken for a shadow."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.scene.fill import texture
+from gaga_core.scene.fill.chart import Chart
+from gaga_core.scene.fill.stains import gains, splat_gains, taken_cells
+from gaga_core.scene.fill.surfaces import Plane
+from gaga_core.scene.fill.texture import STYLES, continued_color
+
+SIDE, CELL = 90, 10  # cells of the chart and of a square on it
+LIGHT, DARK = np.array([0.8, 0.75, 0.7]), np.array([0.35, 0.15, 0.12])
+
+
+def disc(radius: float, row: float = SIDE / 2, column: float = SIDE / 2) -> BoolArray:
+    rows, columns = np.indices((SIDE, SIDE))
+    result: BoolArray = np.hypot(rows - row, columns - column) < radius
+    return result
+
+
+def pattern(*, stripes: bool = False) -> DoubleArray:
+    rows, columns = np.indices((SIDE, SIDE)) // CELL
+    odd = columns % 2 if stripes else (rows + columns) % 2
+    grain = 1 + 0.02 * np.random.default_rng(0).normal(size=(SIDE, SIDE, 1))
+    blurred: DoubleArray = ndimage.gaussian_filter(
+        np.where(odd[:, :, None] == 1, LIGHT, DARK) * grain, (0.8, 0.8, 0)
+    )
+    return blurred
+
+
+def chart(color: DoubleArray) -> Chart:
+    plane = Plane(np.zeros(3), np.eye(3), np.zeros(0, np.int64), 2.0, 0.01, 1)
+    hole = disc(12)
+    height = np.zeros((SIDE, SIDE))
+    return Chart(plane, np.array([0.0, SIDE]), 1.0, color, height, ~hole, hole)
+
+
+def test_stripes_go_on_through_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
+    color, hole = pattern(stripes=True), disc(12)
+
+    def wrong() -> float:
+        found = continued_color(np.where(hole[:, :, None], 0, color), ~hole, hole)
+        assert np.array_equal(found[~hole], color[~hole])
+        return float(((found - color)[hole] ** 2).mean())
+
+    chosen = wrong()
+    monkeypatch.setattr(texture, "STYLES", STYLES[:1])
+    assert chosen < 0.4 * wrong()
+
+
+def test_a_hole_with_no_room_for_a_piece_around_it_is_filled_smoothly() -> None:
+    color = np.full((36, 36, 3), 0.6) + np.random.default_rng(0).normal(0, 0.02, (36, 36, 1))
+    hole = np.zeros((36, 36), np.bool_)
+    hole[11:25, 11:25] = True
+    for rows in (slice(None), slice(8, 28)):  # no piece of the larger style, of the smaller either
+        part = hole[rows, rows]
+        unknown = np.where(part[:, :, None], 0, color[rows, rows])
+        found = continued_color(unknown, ~part, part)
+        assert np.abs(found[part] - 0.6).max() < 0.1
+
+
+def test_a_shadow_over_squares_is_found_and_squares_are_none() -> None:
+    color = pattern()
+    assert (gains(chart(color)) == 1).all()
+    shade = np.where(disc(14, SIDE / 2, SIDE / 2 + 12), 0.5, 1.0)
+    shade = ndimage.gaussian_filter(shade, 1.0)[:, :, None]
+    factors = gains(chart(color * shade))
+    inside = disc(10, SIDE / 2, SIDE / 2 + 14) & ~disc(14)
+    lit = np.median(factors[inside] * shade[inside])
+    assert 0.85 < lit < 1.15
+    assert np.median(factors[disc(40) & ~disc(34)]) < 1.05
+
+
+def test_the_shadow_of_another_thing_stays() -> None:
+    shade = np.where(disc(13) | disc(13, SIDE / 2, SIDE / 2 + 26), 0.5, 1.0)
+    shaded = chart(pattern() * ndimage.gaussian_filter(shade, 1.0)[:, :, None])
+    shaded = chart(np.where(disc(16)[:, :, None], 0.5 * pattern(), shaded.color))
+    other = disc(9, SIDE / 2, SIDE / 2 + 30)
+    rows, columns = np.nonzero(other)
+    points = np.stack([columns + 0.5, SIDE - rows - 0.5, np.full(len(rows), 3.0)], axis=1)
+    taken = taken_cells(shaded, points, 20.0)
+    assert (taken & other).sum() > 0.7 * other.sum()
+    beyond = disc(11, SIDE / 2, SIDE / 2 + 34) & ~disc(24)
+    assert gains(shaded)[beyond].mean() > 1.1
+    assert gains(shaded, taken)[beyond].mean() < 1.03
+
+
+def test_no_splat_becomes_brighter_than_those_in_the_light() -> None:
+    flat = chart(np.full((SIDE, SIDE, 3), 0.4))
+    factors = np.where(disc(20)[:, :, None], 2.0, 1.0) * np.ones(3)
+    local = np.array([[45.0, 45.0, 0], [46.0, 45.0, 0], [5.0, 5.0, 0], [80.0, 80.0, 0]])
+    rgb = np.array([[0.3] * 3, [0.7] * 3, [0.8] * 3, [0.8] * 3])
+    found = splat_gains(flat, factors, local, rgb) * rgb
+    assert np.allclose(found[0], 0.6)
+    assert found.max() < 0.81
+
+
+def plain_table() -> DoubleArray:
+    grain = np.random.default_rng(1).normal(size=(SIDE, SIDE, 1))
+    return LIGHT * (1 + 0.02 * ndimage.gaussian_filter(grain, (0.8, 0.8, 0)))
+
+
+def test_dark_places_here_and_there_at_the_outline_are_no_shadow() -> None:
+    middle = SIDE / 2
+    angles = np.radians([20, 110, 200, 290])
+    places = [disc(5, middle + 14 * np.sin(a), middle + 14 * np.cos(a)) for a in angles]
+    spots = ndimage.gaussian_filter(np.where(np.any(places, axis=0), 0.5, 1.0), 1.0)
+    assert (gains(chart(plain_table() * spots[:, :, None])) == 1).all()
+    around = ndimage.gaussian_filter(np.where(disc(17), 0.5, 1.0), 1.0)
+    assert gains(chart(plain_table() * around[:, :, None])).max() > 1.5
+
+
+def test_what_is_darker_than_the_way_to_it_is_no_shadow_of_the_object() -> None:
+    shade = np.where(disc(16), 0.6, 1.0)
+    shade[42:48, 58:70] = 0.85
+    shade[35:55, 66:80] = 0.45
+    found = gains(chart(plain_table() * ndimage.gaussian_filter(shade, 1.0)[:, :, None]))
+    assert np.median(found[disc(15) & ~disc(12)]) > 1.3
+    assert found[38:52, 70:78].max() < 1.1
