@@ -23,23 +23,27 @@ class LodCommand:
     """Print the result as JSON."""
 
     def run(self) -> int:
-        """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file."""
+        """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file.
+
+        Of a saved project to which files were added: lod-added there, of all of them.
+        """
         from gaga_core.pipeline.level_of_detail import (
             build_project_lod_stage,
             open_project_lod,
-            opened_rows,
+            rows_of,
+            rows_of_files,
         )
         from gaga_core.scene.lod.streamed import write_streamed_sog_stage
         from gaga_core.scene.project import open_path_stage
 
         project = out.follow(open_path_stage(self.scene))
         tree = None if self.again else open_project_lod(project)
-        is_new = tree is None
-        if tree is None:
+        is_new = tree is None or len(tree) < rows_of_files(project.scene)
+        if tree is None or is_new:
             tree = out.follow(build_project_lod_stage(project))
         values: dict[str, object] = {}
         if self.sog is not None:
-            stage = write_streamed_sog_stage(self.sog, tree, opened_rows(project))
+            stage = write_streamed_sog_stage(self.sog, tree, rows_of(project, len(tree)))
             values["streamed_sog"] = str(out.follow(stage))
         out.result(
             {

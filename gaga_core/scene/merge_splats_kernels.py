@@ -54,7 +54,7 @@ def _eigen(c: DoubleArray, axes: DoubleArray) -> None:
 
 
 @kernel
-def _turn_of(quat: FloatArray, turn: DoubleArray) -> None:
+def turn_of(quat: FloatArray, turn: DoubleArray) -> None:
     """The rotation (3, 3) of a quaternion (4,) wxyz of any length; none of one without length."""
     w, x, y, z = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     norm = w * w + x * x + y * y + z * z
@@ -181,7 +181,7 @@ def merge_rows(
         for m in range(n):
             i = order[lo + m]
             w = weights[m]
-            _turn_of(quats[i], turn)
+            turn_of(quats[i], turn)
             for a in range(3):
                 size[a] = math.exp(2.0 * (log_scales[i, a] - unit))
                 d[a] = (np.float64(means[i, a]) - np.float64(means[top, a]) - mean[a]) * shrink

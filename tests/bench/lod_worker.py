@@ -11,7 +11,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_pro
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.pick_rows import PickBoxes
 from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view_state import ViewState
@@ -49,6 +50,7 @@ class Cost:
     frame_ms: float  # of a settled frame of an orbit: cut, sort and picture
     drawn: int  # splats in the cut of the last frame
     pick_ms: float
+    pop: float  # most that nodes on their way change in one frame, in 1/255, after half a turn
     peak_mib: float
     tree_mib: float  # files of the tree
 
@@ -83,6 +85,27 @@ def _cameras(n: int) -> list[Camera]:
         eye = np.array([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.2])
         found.append(Camera(K, look_at(eye, np.zeros(3), np.array([0, 0, 1.0])), *_SIZE, f"{i}"))
     return found
+
+
+def _turned() -> Camera:
+    """What was behind the cameras of the orbit: another cut, all of a sudden."""
+    first = _cameras(1)[0]
+    eye = np.array([2.5, 0.0, 1.2])
+    return replace(first, cam_from_world=look_at(eye, 2 * eye, np.array([0, 0, 1.0])))
+
+
+def _pop(viewport: Viewport, scene: Scene, camera: Camera, view: ViewState) -> float:
+    """Mean difference, in 1/255, of two frames of a resting camera: the greatest on the way."""
+    viewport.draw(scene, camera, view)
+    former, worst = None, 0.0
+    while former is None or not viewport.settled:
+        viewport.finish_order()
+        viewport.draw(scene, camera, view)
+        now = viewport.read_pixels().astype(np.float32)
+        if former is not None:
+            worst = max(worst, float(np.abs(now - former).mean()))
+        former = now
+    return worst
 
 
 def _cpu(work: Callable[[], object]) -> float:
@@ -122,13 +145,14 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
     first_s = _cpu(lambda: settled(cameras[0]))
     frames = [_cpu(partial(settled, camera)) for camera in cameras[1:]]
     drawn = viewport.n_in_cut
-    boxes = PickBoxes.of(tree, scene)
+    boxes = PickBoxes(tree, scene)
 
     def click(v: float) -> None:
         rows = boxes.rows_at(cameras[0], 480.5, v, n)
         pick(scene, cameras[0], 480.5, v, rows=rows)
 
     picks = [_cpu(partial(click, v)) for v in (200.5, 300.5, 400.5, 350.5, 250.5)]
+    pop = max(_pop(viewport, scene, camera, view) for camera in (_turned(), cameras[-1]))
     viewport.release()
     return Cost(
         n=n,
@@ -140,6 +164,7 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         frame_ms=1e3 * float(np.median(frames)),
         drawn=drawn,
         pick_ms=1e3 * float(np.median(picks)),
+        pop=pop,
         peak_mib=_peak_mib(),
         tree_mib=tree.file_bytes / (1 << 20),
     )

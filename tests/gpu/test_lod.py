@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.build import build_lod_stage
+from gaga_core.scene.lod.occlusion import hidden_nodes
 from gaga_core.scene.lod.tree import NODE, LodTree, level_file
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu import lod_view
@@ -22,7 +26,7 @@ from gaga_studio.gpu.node_pool import NodePool
 from gaga_studio.gpu.node_reader import NodeReader, ReadNode
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.session.view_state import Mode, ViewState
-from tests.scenes import objects_scene, orbit_cameras
+from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CAMERAS = orbit_cameras(12, width=160, height=120, radius=2.6)
 ALL = ViewState(lod_budget=200_000)
@@ -103,13 +107,28 @@ def test_within_a_budget_the_picture_is_nearer_than_a_thinned_one(
             assert found < difference(picture(whole, large.scene, as_many, camera), fine)
 
 
-def test_a_motion_does_not_pop(viewport: Viewport, large: Large) -> None:
+def nearer(step: int) -> Camera:
+    pose = CAMERAS[0].cam_from_world.copy()
+    pose[2, 3] -= 0.24 * step
+    return replace(CAMERAS[0], cam_from_world=pose)
+
+
+def turned(step: int) -> Camera:
+    """Half a turn at once: what was behind the camera fills the picture."""
+    eye = np.array([0.4, 0.2, 0.5])
+    aim = eye + np.array([(-1.0) ** step, 0.05 * step, -0.2])
+    return replace(CAMERAS[0], cam_from_world=look_at(eye, aim, np.array([0, 0, 1.0])))
+
+
+@pytest.mark.parametrize("camera_of", [nearer, turned])
+def test_a_motion_does_not_pop(
+    viewport: Viewport, large: Large, camera_of: Callable[[int], Camera]
+) -> None:
     viewport.use_tree(large.tree)
-    before = picture(viewport, large.scene, FEW)
+    viewport.draw(large.scene, camera_of(0), FEW, wait=True)
+    before = viewport.read_pixels()
     for step in range(1, 5):
-        pose = CAMERAS[0].cam_from_world.copy()
-        pose[2, 3] -= 0.24 * step
-        camera = replace(CAMERAS[0], cam_from_world=pose)
+        camera = camera_of(step)
         # The same camera by the former cut, then with the swaps of one frame after the other.
         viewport.draw(large.scene, camera, FEW)
         viewport.finish_order()
@@ -126,22 +145,60 @@ def test_a_motion_does_not_pop(viewport: Viewport, large: Large) -> None:
     assert difference(before, now) > 1.0
 
 
+@pytest.mark.parametrize("limit", ["_MOST_SWAPS", "_MOST_CHANGE"])
 def test_one_frame_replaces_few_nodes(
-    viewport: Viewport, large: Large, monkeypatch: pytest.MonkeyPatch
+    viewport: Viewport, large: Large, monkeypatch: pytest.MonkeyPatch, limit: str
 ) -> None:
-    monkeypatch.setattr(lod_view, "_MOST_SWAPS", 1)
+    monkeypatch.setattr(lod_view, limit, {"_MOST_SWAPS": 1, "_MOST_CHANGE": 0.0}[limit])
     viewport.use_tree(large.tree)
-    sizes = [0]
+    close = replace(CAMERAS[0], K=CAMERAS[0].K * np.array([[4.0], [4.0], [1.0]]))
+    viewport.draw(large.scene, close, FEW, wait=True)
+    sizes = [viewport.n_in_cut]
     viewport.draw(large.scene, CAMERAS[0], FEW)
     for _ in range(300):
         viewport.finish_order()
-        viewport.draw(large.scene, CAMERAS[0], FEW)
         sizes += [viewport.n_in_cut] if viewport.n_in_cut != sizes[-1] else []
         if viewport.settled:
             break
         time.sleep(0.005)  # the reader's thread
+        viewport.draw(large.scene, CAMERAS[0], FEW)
     assert len(sizes) > 3
     assert np.abs(np.diff(sizes)).max() <= 3 * NODE
+
+
+def behind_a_wall() -> Gaussians:
+    """A cloud of splats, and an opaque wall before it: as many again, side by side."""
+    across = np.stack(np.meshgrid(np.linspace(-1.8, 1.8, 200), np.linspace(-1.5, 1.5, 200)), 2)
+    wall = np.insert(across.reshape(-1, 2), 1, 0.0, axis=1)
+    cloud = np.random.default_rng(0).uniform((-0.8, 2, -0.8), (0.8, 4, 0.8), (40_000, 3))
+    splats = random_gaussians(80_000)
+    splats.means[:] = np.concatenate([wall, cloud])
+    splats.log_scales[:] = np.log(0.018)
+    splats.logit_opacities[:] = 4
+    splats.sh[:] = np.sin(2 * splats.means)[:, None]  # alike where depths are the same
+    return splats
+
+
+def test_what_is_hidden_is_drawn_coarser_and_no_picture_shows_it(
+    viewport: Viewport, whole: Viewport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene.of(behind_a_wall())
+    tree = run_stage(build_lod_stage(scene.gaussians, tmp_path / "lod", ""))
+    viewport.use_tree(tree)
+    whole.use_tree(tree)
+    look = hidden_nodes
+    K = np.array([[160.0, 0, 80], [0, 160, 60], [0, 0, 1]])
+    for x in (0.0, 0.05, 0.1):  # a camera that moves before the wall
+        eye = np.array([x, -3.0, 0])
+        pose = look_at(eye, eye + np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
+        camera = Camera(K, pose, 160, 120, "")
+        for view, is_hidden in ((ALL, True), (replace(ALL, mode=Mode.CENTRES), False)):
+            monkeypatch.setattr(lod_view, "hidden_nodes", look)
+            viewport.draw(scene, camera, view, wait=True)
+            monkeypatch.setattr(lod_view, "hidden_nodes", lambda boxes, *_: boxes[:, 0] > np.inf)
+            whole.draw(scene, camera, view, wait=True)
+            assert difference(viewport.read_pixels(), whole.read_pixels()) < 1.0
+            assert (viewport.n_in_cut < 0.9 * len(scene)) == is_hidden
 
 
 def test_slots_stay_until_a_later_order_is_drawn(viewport: Viewport, large: Large) -> None:
@@ -295,3 +352,19 @@ def test_a_damaged_file_ends_refining_and_is_told(
     viewport.draw(large.scene, CAMERAS[0], FEW, wait=True)
     assert viewport.lod_error is not None
     assert "truncated" in str(viewport.lod_error)
+
+
+def test_a_scene_that_is_drawn_whole_counts_as_a_whole(viewport: Viewport, large: Large) -> None:
+    """Splats were added for which the budget has no room next to a cut."""
+    scene = large.scene
+    n = len(scene)
+    few = replace(FEW, lod_budget=200)
+    viewport.use_tree(large.tree)
+    assert viewport.n_in_picture(None, few) == 0
+    assert viewport.n_in_picture(scene, few) == 200
+    copies = edits.duplicate(scene, np.arange(1000))
+    assert copies is not None
+    History(scene).do(copies)
+    viewport.draw(scene, CAMERAS[0], few, Overlays(), wait=True)
+    assert viewport.n_in_cut == 0
+    assert viewport.n_in_picture(scene, few) == n + 1000

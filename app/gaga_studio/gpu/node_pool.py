@@ -8,8 +8,9 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
+from gaga_core.scene.lod.occlusion import covers_of
 from gaga_core.scene.lod.tree import NODE
-from gaga_core.scene.scene import Revision, Scene
+from gaga_core.scene.scene import Revision, Scene, State
 from gaga_studio.gpu import sort_kernels
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.node_reader import ReadNode
@@ -29,6 +30,7 @@ class NodePool:
         self._means: FloatArray = np.zeros((n, 3), np.float32)
         self._reach: FloatArray = np.zeros(n, np.float32)
         self._scores: FloatArray = np.zeros(n, np.float32)
+        self._covers: FloatArray = np.zeros(n, np.float32)  # see `occlusion.covers_of`
         self._is_placed: BoolArray = np.zeros(n, np.bool_)  # no placement moves these rows
         self._node_in: IntArray = np.full(n_slots, _NONE, np.int32)
         self._counts: IntArray = np.zeros(n_slots, np.int32)
@@ -142,6 +144,7 @@ class NodePool:
         sort_kernels.reaches(read.log_scales, self._reach[part])
         sort_kernels.importance(read.log_scales, read.logit_opacities, self._scores[part])
         np.nan_to_num(self._scores[part], copy=False, nan=-np.inf)
+        self._covers[part] = covers_of(read.log_scales, read.logit_opacities)
         for name in _COLUMNS:
             getattr(self.scene, name)[part] = getattr(scene, name)[read.rows]
         self._is_placed[part] = read.is_placed
@@ -184,6 +187,16 @@ class NodePool:
         """Note that these nodes, as far as they are here, are wanted in this pull."""
         slots = self._slots[nodes]
         self._used[slots[slots != _NONE]] = pull
+
+    def samples(self, nodes: IntArray, every: int) -> tuple[FloatArray, FloatArray]:
+        """Places (K, 3) of some splats of these nodes, and what each covers, and others for which
+        it stands (K,). Hidden splats cover nothing, and moved ones are left out."""
+        slots = self._slots[nodes]
+        places = np.arange(0, NODE, every, dtype=np.int32)
+        rows = (slots[:, None] * NODE + places)[places < self._counts[slots, None]]
+        is_there = self.scene.state[rows] & np.uint8(State.HIDDEN | State.DELETED) == 0
+        rows = rows[is_there & (self.scene.placement[rows] == 0)]
+        return self._means[rows], self._covers[rows] * np.float32(every)
 
     def sort_job(self, nodes: IntArray, ticket: int) -> Rows:
         """The rows of these nodes, for the depth sort with this ticket."""

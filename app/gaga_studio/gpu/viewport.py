@@ -25,6 +25,7 @@ from gaga_studio.session.view_state import CentreColors, Mode, ViewState
 __all__ = ["Overlays", "Viewport"]
 
 _NO_OVERLAYS = Overlays()
+_SEE_THROUGH = (Mode.CENTRES, Mode.RINGS)  # what lies behind is seen
 _WITHOUT_OUTLINE = (Mode.CENTRES, Mode.RINGS, Mode.MASK)  # selected splats have a color there
 
 
@@ -139,8 +140,9 @@ class Viewport:
 
     def n_in_picture(self, scene: Scene | None, view: ViewState) -> int:
         """Splats that a picture of ``scene`` is drawn from at most."""
-        n = 0 if scene is None else len(scene)
-        return n if self._tree is None else min(n, view.lod_budget)
+        if scene is None or self._tree is None or not fits(self._tree, scene, view.lod_budget):
+            return 0 if scene is None else len(scene)  # it is drawn whole
+        return min(len(scene), view.lod_budget)
 
     @property
     def n_in_cut(self) -> int:
@@ -244,7 +246,8 @@ class Viewport:
             lod = self._lod = LodView(tree, scene, self.buffers, view.lod_budget)
         lens = _Lens.of(camera)
         while True:
-            lod.pull(scene, camera, lens, self._order.ticket if self._order is not None else 0)
+            shown = self._order.ticket if self._order is not None else 0
+            lod.pull(scene, camera, lens, shown, is_opaque=view.mode not in _SEE_THROUGH)
             if not wait or lod.settled:
                 return lod
             lod.wait()

@@ -3,12 +3,18 @@
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
+from gaga_core.pipeline.level_of_detail import (
+    build_project_lod_stage,
+    is_of,
+    open_project_lod,
+    rows_of_files,
+)
 from gaga_core.scene.lod.pick_rows import PickBoxes
 from gaga_studio.session.notices import Level, notifies
 
 if TYPE_CHECKING:
     from gaga_core.scene.lod.tree import LodTree
+    from gaga_studio.session.document import Document
     from gaga_studio.session.session import Session
 
 COMMAND = "view.build_lod"
@@ -21,14 +27,36 @@ def opened(session: "Session") -> None:
     if len(document.scene) <= LARGE:
         return
     try:
-        document.lod = open_project_lod(document.project)
+        tree = open_project_lod(document.project)
     except GagaError as error:  # it can be built again
         session.notify(Level.WARNING, str(error), COMMAND)
         return
-    if document.lod is None:
-        n = len(document.scene)
-        text = f"This scene has {n:,} splats. With a level of detail it is drawn much faster."
-        session.notify(Level.INFO, text, COMMAND)
+    document.lods = () if tree is None else (tree,)
+    offer(session)
+
+
+def offer(session: "Session") -> None:
+    """Offer to build a tree of the files of a large scene that have none."""
+    document = session.need()
+    n, tree = len(document.scene), current(document)
+    if n <= LARGE or (tree is not None and len(tree) == _rows_of_files(document)):
+        return
+    text = f"This scene has {n:,} splats. With a level of detail it is drawn much faster."
+    if tree is not None:
+        left = n - len(tree)
+        text = f"{left:,} splats of added files have no level of detail: build it again for all."
+    session.notify(Level.INFO, text, COMMAND)
+
+
+def current(document: "Document") -> "LodTree | None":
+    """Of the trees that are known the largest one of the files that are in the scene now."""
+
+    def find() -> "LodTree | None":
+        found = [tree for tree in document.lods if is_of(tree, document.project)]
+        return max(found, key=len, default=None)
+
+    key = (document.lods, document.scene.revision.splats)
+    return document.read.once("level of detail", key, find)
 
 
 def tree_of(session: "Session") -> "LodTree | None":
@@ -36,7 +64,7 @@ def tree_of(session: "Session") -> "LodTree | None":
     document = session.document
     if document is None or session.training is not None or not session.view.uses_lod:
         return None
-    return document.lod if len(document.scene) > LARGE else None
+    return current(document) if len(document.scene) > LARGE else None
 
 
 def pick_boxes(session: "Session") -> PickBoxes | None:
@@ -45,18 +73,18 @@ def pick_boxes(session: "Session") -> PickBoxes | None:
     Also while the level of detail is switched off: what is found is the same.
     """
     document = session.document
-    tree = None if document is None else document.lod
-    if document is None or tree is None or len(document.scene) < len(tree):
+    tree = None if document is None else current(document)
+    if document is None or tree is None:
         return None
     now = document.scene.revision
     key = (id(tree), now.placement, now.placements)
-    return document.read.once("pick boxes", key, lambda: PickBoxes.of(tree, document.scene))
+    return document.read.once("pick boxes", key, lambda: PickBoxes(tree, document.scene))
 
 
 def failed(session: "Session", error: GagaError) -> None:
     """Files of the tree cannot be read: every splat is drawn again."""
-    if session.document is not None and session.document.lod is not None:
-        session.document.lod = None
+    if session.document is not None and session.document.lods:
+        session.document.lods = ()
         session.notify(Level.WARNING, str(error), COMMAND)
 
 
@@ -67,7 +95,7 @@ def no_tree(session: "Session") -> str:
         return "No scene is open."
     if len(document.scene) <= LARGE:
         return f"Scenes of up to {LARGE:,} splats are drawn whole."
-    return "" if document.lod is not None else "Build the level of detail first."
+    return "" if current(document) is not None else "Build the level of detail first."
 
 
 def not_buildable(session: "Session") -> str:
@@ -75,9 +103,15 @@ def not_buildable(session: "Session") -> str:
     document, job = session.document, session.jobs.running
     if document is None or len(document.scene) <= LARGE:
         return no_tree(session)
-    if document.lod is not None:
+    tree = current(document)
+    if tree is not None and len(tree) == _rows_of_files(document):
         return "The level of detail is there already."
     return "" if job is None else f"{job.title} is still running."
+
+
+def _rows_of_files(document: "Document") -> int:
+    key = document.scene.revision.splats
+    return document.read.once("rows of files", key, lambda: rows_of_files(document.scene))
 
 
 @notifies
@@ -87,7 +121,8 @@ def build(session: "Session") -> bool:
 
     def done(tree: "LodTree") -> None:
         if session.document is document:
-            document.lod = tree
+            # The tree of fewer files stays: undo takes files away.
+            document.lods = (*(former for former in document.lods if len(former) < len(tree)), tree)
             session.view.uses_lod = True
         text = f"Built {len(tree.sizes) - 1} coarser levels of {len(tree):,} splats."
         session.notify(Level.INFO, text, shows=tree.folder)

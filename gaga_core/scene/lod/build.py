@@ -19,6 +19,7 @@ from gaga_core.scene.lod.tree import (
     NODE,
     NODES,
     ORDER,
+    WINDOW,
     LodFile,
     LodTree,
     first_nodes,
@@ -36,6 +37,7 @@ _REACH = 3.34  # standard deviations at which a splat ends
 _SAMPLE = 1 << 16  # splats that say how large the scene is
 _MOST_SPREAD = 90.0  # percentile of the sizes of a node's splats that is its detail
 _KEY_CHUNK = 1 << 18
+_WINDOWS = 64  # that one thread looks at at once
 _GROWTH = 0.25  # log of size per log of opacity that has no room; 0.5 would keep all of it
 _MOST_GROWTH = 0.5
 
@@ -132,18 +134,15 @@ def _merged(
         below = gaussians.bare(rows)
     else:
         below, rows = read_rows(folder, level - 1, start, stop, gaussians.sh.shape[1])
-    return merged_runs(below, rows)
+    return merged_level(below, rows)
 
 
-def merged_runs(
-    below: Gaussians, rows: IntArray, starts: LongArray | None = None
-) -> tuple[Gaussians, IntArray]:
-    """Every `FAN` neighbours as one splat, and of their ``rows`` that of the heaviest.
+def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
+    """A `FAN`-th as many splats, and of the ``rows`` merged into each that of the heaviest.
 
-    ``starts`` (P,): where runs of another length begin.
-
-    Where one splat cannot be as opaque as they are together, it is larger than their moments say:
-    a dense surface would let through what lies behind it.
+    Of every `WINDOW` neighbours those become one that are most alike, few or many of them. Where
+    one splat cannot be as opaque as they are together, it is larger than their moments say: a dense
+    surface would let through what lies behind it.
     """
     named = Gaussians(
         below.means,
@@ -153,15 +152,38 @@ def merged_runs(
         below.sh,
         {"row": rows},
     )
-    if starts is None:
-        starts = np.arange(0, len(below), FAN, dtype=np.int64)
-    merged = merge_runs(named, starts)
-    together = np.add.reduceat(below.opacities * _faces(below.log_scales), starts)
+    order, starts = alike_runs(below)
+    merged = merge_runs(named, starts, order)
+    covered = (below.opacities * _faces(below.log_scales))[order]
+    together = np.add.reduceat(covered, starts) if len(starts) else covered
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         lost = np.log(together / _faces(merged.log_scales))
     growth = np.clip(_GROWTH * np.nan_to_num(lost, posinf=0.0), 0, _MOST_GROWTH)
     larger = merged.log_scales + growth[:, None].astype(np.float32)
     return replace(merged, log_scales=larger), merged.extra["row"]
+
+
+def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
+    """Rows (K,) of splats, those that become one next to each other, and where runs begin (P,)."""
+    # Imported when first needed: importing numba takes a large part of the launch time.
+    from gaga_core.raster.cpu.prepare import for_kernel
+    from gaga_core.scene.lod.cluster_kernels import cluster_windows
+
+    n = len(splats)
+    order, starts = np.empty(n, np.int64), np.empty(-(-n // FAN), np.int64)
+    means = for_kernel(splats.means, np.float32)
+    quats = for_kernel(splats.quats, np.float32)
+    log_scales = for_kernel(splats.log_scales, np.float32)
+    logits = for_kernel(splats.logit_opacities, np.float32)
+    sh = for_kernel(splats.sh, np.float32)
+
+    def work(first: int, last: int) -> None:
+        cluster_windows(
+            means, quats, log_scales, logits, sh, WINDOW, FAN, order, starts, first, last
+        )
+
+    run_chunks(work, -(-n // WINDOW), _WINDOWS)
+    return order, starts
 
 
 def _faces(log_scales: FloatArray) -> DoubleArray:

@@ -4,20 +4,23 @@ A node is divided while what it cannot show is larger than some pixels in the pi
 pixels follows from the budget of splats (view-dependent refinement: Hoppe 1997, Rusinkiewicz 2000).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, FloatArray, IntArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.lod.tree import FAN, LodTree
 
 LEAST_ERROR = 0.7  # pixels: finer than this nothing is divided
 MARGIN = 0.12  # share of the picture's size around it that counts as seen, as in the depth sort
-_OUTSIDE = 0.08  # share of the error that counts of what is not in the picture
+_OUTSIDE = 0.2  # share of the error that counts of what is not in the picture
+_HIDDEN = 0.1  # the same of what lies behind others
 _KEPT = 1.3  # factor of the error of nodes that are divided already: no flicker between two cuts
 _MOST = 1e6  # pixels
+_COVERED = 0.25  # of its squared error is what a splat covers
 _STEPS = 24  # of the search for the error that fits the budget
 _ROOM = 1.5  # splats of a cut, also out of the picture, times the budget
 
@@ -34,27 +37,22 @@ class Cut:
     n_all: int
 
 
-def node_counts(tree: LodTree) -> IntArray:
-    """Splats (M,) of each node."""
-    counts = [np.diff([tree.span(int(node)) for node in range(tree.n_nodes)], axis=1)[:, 0]]
-    return np.concatenate(counts).astype(np.int32)
-
-
 def choose_cut(
     tree: LodTree,
-    counts: IntArray,
     boxes: FloatArray,
     camera: Camera,
     budget: int,
     *,
     before: BoolArray | None = None,
     exact: BoolArray | None = None,
+    hidden: BoolArray | None = None,
 ) -> Cut:
     """The finest cut with at most ``budget`` splats in the picture.
 
-    ``counts`` (M,) are of `node_counts`, ``boxes`` (M, 6) those of the nodes as the scene is now,
+    ``boxes`` (M, 6) are those of the nodes as the scene is now,
     ``before`` (M,) the divided nodes of the last cut, which stay so for a little longer. Nodes of
-    ``exact`` (M,) that are seen are divided whatever their size, as far as the budget allows.
+    ``exact`` (M,) that are seen are divided whatever their size, as far as the budget allows. Those
+    of ``hidden`` (M,) lie behind others: they are drawn coarser.
     """
     # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.scene.lod.cut_kernels import divide, node_errors
@@ -67,31 +65,59 @@ def choose_cut(
     )
     pose = np.ascontiguousarray(camera.cam_from_world[:3], np.float64)
     node_errors(boxes, tree.details, pose, lens, _OUTSIDE, errors, seen)
+    if hidden is not None:
+        errors[hidden & seen] *= np.float32(_HIDDEN)
     if before is not None:
         errors[before] *= np.float32(_KEPT)
     if exact is not None:
         errors[exact & seen] += np.float32(_MOST)
     divided = np.empty(n, np.bool_)
 
-    def count(least: float) -> tuple[int, int]:
-        n_seen, n_all = divide(errors, seen, counts, tree.first_nodes, FAN, least, divided)
+    def count(values: FloatArray, least: float) -> tuple[int, int]:
+        n_seen, n_all = divide(values, seen, tree.counts, tree.first_nodes, FAN, least, divided)
         return int(n_seen), int(n_all)
 
-    def fits(found: tuple[int, int]) -> bool:
-        return found[0] <= budget and found[1] <= _ROOM * budget
+    def fits(least: float) -> bool:
+        return count(errors, least)[0] <= budget
 
-    least, found = LEAST_ERROR, count(LEAST_ERROR)
-    if not fits(found):
-        low, high = np.log(LEAST_ERROR), np.log(4 * _MOST)
-        for _ in range(_STEPS):
-            middle = (low + high) / 2
-            if fits(count(float(np.exp(middle)))):
-                high = middle
-            else:
-                low = middle
-        least = float(np.exp(high))
-        found = count(least)
+    def leaves_room(share: float) -> bool:
+        values = np.where(seen, errors, errors * np.float32(share))
+        return count(values, least)[1] <= _ROOM * budget
+
+    # First what is in the picture, then what there is room for besides.
+    least = LEAST_ERROR
+    if not fits(least):
+        least = _least_that(fits, LEAST_ERROR, 4 * _MOST)
+    if not leaves_room(1.0):
+        coarser = _least_that(lambda factor: leaves_room(1 / factor), 1.0, _MOST)
+        errors = np.where(seen, errors, errors / np.float32(coarser))
+    found = count(errors, least)
     return Cut(divided, seen, errors, least, *found)
+
+
+def _least_that(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """The least value above ``low``, for which it does not hold, up to ``high``."""
+    lower, upper = np.log(low), np.log(high)
+    for _ in range(_STEPS):
+        middle = (lower + upper) / 2
+        if holds(float(np.exp(middle))):
+            upper = middle
+        else:
+            lower = middle
+    return float(np.exp(upper))
+
+
+def picture_shares(counts: IntArray, errors: FloatArray, camera: Camera) -> DoubleArray:
+    """About what share (K,), 0..1, of the picture the splats of nodes cover.
+
+    ``counts`` (K,) of splats, ``errors`` (K,) of `choose_cut`: about two standard deviations of the
+    largest ones in pixels.
+    """
+    # Those that are divided whatever their size have their own error on top.
+    pixels = np.where(errors >= _MOST, errors - _MOST, errors).astype(np.float64)
+    covered = _COVERED * counts * pixels**2
+    shares: DoubleArray = np.minimum(covered / (camera.width * camera.height), 1.0)
+    return shares
 
 
 def drawn_nodes(tree: LodTree, divided: BoolArray) -> IntArray:

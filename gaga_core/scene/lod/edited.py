@@ -13,7 +13,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntAr
 from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import run_chunks
 from gaga_core.scene.bake import bake
-from gaga_core.scene.lod.build import merged_runs
+from gaga_core.scene.lod.build import merged_level
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
 from gaga_core.scene.scene import Placements, Scene, State
 
@@ -95,19 +95,18 @@ def _upwards(tree: LodTree, leaf_keys: LongArray) -> tuple[BoolArray, BoolArray]
 
 def merged_again(tree: LodTree, node: int, scene: Scene) -> tuple[Gaussians, IntArray]:
     """Splats (K,) of a node above level 0, merged from those below that are visible, where they
-    stand now; and of each the row that counts most in it. Fewer than as opened, or none."""
+    stand now; and of each the row that counts most in it. Never more than as opened: where few are
+    visible, they are merged less often, or not at all."""
     first, end = tree.opened_span(node)
     rows = tree.order[first:end]
-    runs = np.arange(end - first) // FAN ** tree.level_of(node)
-    visible = scene.state[rows] & np.uint8(_UNSEEN) == 0
-    rows, runs = rows[visible], runs[visible]
+    rows = rows[scene.state[rows] & np.uint8(_UNSEEN) == 0]
     ordered = np.sort(rows)
     baked = bake(replace(scene, gaussians=replace(scene.gaussians, extra={})), indices=ordered)
-    below = baked.take(np.searchsorted(ordered, rows))
-    if len(rows) == 0:
-        return below, rows
-    starts = np.flatnonzero(np.r_[True, runs[1:] != runs[:-1]])
-    return merged_runs(below, rows, starts)
+    splats = baked.take(np.searchsorted(ordered, rows))
+    place, last = tree.span(node)
+    while len(rows) > last - place:
+        splats, rows = merged_level(splats, rows)
+    return splats, rows
 
 
 def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> FloatArray:

@@ -1,6 +1,7 @@
 """Which splats a pixel may show: what a click in a large scene looks at."""
 
-from dataclasses import dataclass
+import threading
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,19 +15,31 @@ from gaga_core.scene.scene import Scene
 _MARGIN = 4.0  # pixels: the blur of small splats, and more
 
 
-@dataclass(frozen=True, eq=False)
 class PickBoxes:
-    """A tree, and the boxes (M, 6) of its nodes where their splats stand."""
+    """A tree, and the boxes of its nodes where the splats of a scene stand.
 
-    tree: LodTree
-    boxes: FloatArray
+    They are looked up when the first one asks: after an edit that is the thread of what lies under
+    the mouse, not the one that draws.
+    """
 
-    @staticmethod
-    def of(tree: LodTree, scene: Scene) -> "PickBoxes":
-        """The boxes under the edits of ``scene``."""
-        if not scene.placement[: len(tree)].any():
-            return PickBoxes(tree, tree.boxes)
-        return PickBoxes(tree, placed_boxes(tree, node_facts(tree, scene), scene.placements))
+    def __init__(self, tree: LodTree, scene: Scene) -> None:
+        self.tree = tree
+        # Edits replace columns, never change them in place: this is the scene as it is now.
+        self._scene = replace(scene)
+        self._boxes: FloatArray | None = None
+        self._looking = threading.Lock()
+
+    @property
+    def boxes(self) -> FloatArray:
+        """Boxes (M, 6) of the nodes under the edits of the scene."""
+        with self._looking:
+            if self._boxes is None:
+                tree, scene = self.tree, self._scene
+                is_moved = scene.placement[: len(tree)].any()
+                self._boxes = tree.boxes
+                if is_moved:
+                    self._boxes = placed_boxes(tree, node_facts(tree, scene), scene.placements)
+            return self._boxes
 
     def rows_at(self, camera: Camera, u: float, v: float, n: int) -> IntArray:
         """Rows (K,) ascending, of ``n`` splats, whose nodes the ray of a pixel may meet.

@@ -1,8 +1,8 @@
 """The tree of merged splats: levels on the disk, nodes in memory.
 
-Level 0 is the opened splats in the order of a Hilbert curve; a splat of level l stands for four
-neighbours of level l - 1 (the last one for fewer). A node is a run of `NODE` splats of a level; its
-children are the four nodes below it. Files in the folder ``lod``:
+Level 0 is the opened splats in the order of a Hilbert curve. `WINDOW` neighbours of a level become
+a quarter as many of the next one: a splat there stands for one or more that are alike. A node is a
+run of `NODE` splats of a level; its children are the four nodes below it. Files in the folder:
 
     lod.json      format, digest of the model, sizes of the levels
     order.i32     (N,) row of the model at each place of level 0
@@ -26,10 +26,11 @@ from gaga_core.io.arrays_file import read_array
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.json_file import read_json
 
-FORMAT = 1
+FORMAT = 2  # 1: every four neighbours became one
 FILE, ORDER, NODES = "lod.json", "order.i32", "nodes.npy"
 FOLDER = "lod"
-FAN = 4  # splats that become one, and children of a node
+FAN = 4  # splats that become one on average, and children of a node
+WINDOW = 64  # neighbours among which splats are merged: NODE and CHUNK are multiples of it
 NODE = 2048  # splats of a node: a line of a data texture
 CHUNK = 65536  # splats that are merged, written and read at once
 CURE = "Build the level of detail again."
@@ -104,6 +105,14 @@ class LodTree:
     def first_nodes(self) -> IntArray:
         """Number of the first node of each level, and of all nodes (L + 1,)."""
         return first_nodes(self.sizes)
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """Splats (M,) of each node."""
+        full = [np.full(-(-size // NODE), NODE, np.int32) for size in self.sizes]
+        for nodes, size in zip(full, self.sizes, strict=True):
+            nodes[-1] = size - (len(nodes) - 1) * NODE
+        return np.concatenate(full)
 
     @property
     def n_nodes(self) -> int:

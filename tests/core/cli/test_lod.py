@@ -5,8 +5,14 @@ from pathlib import Path
 import pytest
 
 from gaga_core.io.ply import write_ply
+from gaga_core.io.splat_files import read_splats
+from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
+from gaga_core.progress import run_stage
 from gaga_core.scene.lod.tree import FILE
+from gaga_core.scene.project import Project, open_path_stage
+from gaga_core.scene.scene import Scene
 from tests.core.cli.calls import Capture, answer
+from tests.gltf_files import write_gltf
 from tests.scenes import random_gaussians
 
 
@@ -34,3 +40,10 @@ def test_lod_is_built_once_and_again_when_the_model_changed(model: Path, capsys:
     assert answer(capsys, "lod", str(model))["built"] is True
     (folder / FILE).write_text("{", encoding="utf-8")
     assert "damaged" in str(answer(capsys, "info", str(model))["level_of_detail"])
+
+
+def test_a_level_of_detail_of_a_gltf_is_found_when_that_is_opened(tmp_path: Path) -> None:
+    """Also one that was built while nobody had looked at the files yet."""
+    path = write_gltf(tmp_path / "hall.gltf", random_gaussians(3_000))
+    run_stage(build_project_lod_stage(Project(Scene.of(read_splats(path)), path)))
+    assert open_project_lod(run_stage(open_path_stage(path))) is not None

@@ -15,7 +15,7 @@ CAMERAS = orbit_cameras(3, width=160, height=120, radius=1.9)
 
 def check(built: Built, scene: Scene, seed: int) -> float:
     """Compare clicks at random pixels; the share of splats that they looked at."""
-    boxes = PickBoxes.of(built.tree, scene)
+    boxes = PickBoxes(built.tree, scene)
     rng = np.random.default_rng(seed)
     shares = []
     for camera in CAMERAS:
@@ -47,3 +47,14 @@ def test_clicks_follow_what_was_moved_hidden_and_added(built: Built) -> None:
     history.do(edits.hide(scene, some[::3]))
     history.do(edits.duplicate(scene, some[:500]))
     check(built, scene, 1)
+
+
+def test_boxes_are_those_of_the_scene_that_was_given(built: Built) -> None:
+    """Though they are looked up later, maybe by another thread."""
+    scene = Scene.of(built.gaussians)
+    boxes = PickBoxes(built.tree, scene)
+    matrix = np.eye(3, 4)
+    matrix[2, 3] = 9.0
+    History(scene).do(edits.transform(scene, np.arange(len(scene)), matrix))
+    assert np.array_equal(boxes.boxes, built.tree.boxes)
+    assert PickBoxes(built.tree, scene).boxes[-1, 2] > 7

@@ -9,12 +9,13 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
-from gaga_core.scene.lod.build import build_lod_stage, curve_order
+from gaga_core.scene.lod.build import alike_runs, build_lod_stage, curve_order
 from gaga_core.scene.lod.tree import (
     FAN,
     FILE,
     NODES,
     ORDER,
+    WINDOW,
     LodTree,
     level_file,
     level_sizes,
@@ -45,13 +46,19 @@ def test_nodes_of_every_level_stand_for_each_splat_once(built: Built) -> None:
         assert all(a[1] == b[0] for a, b in pairwise(spans))
 
 
-def test_level_one_is_the_merge_of_neighbours(built: Built) -> None:
+def test_level_one_is_the_merge_of_its_windows(built: Built) -> None:
     tree, opened = built.tree, built.gaussians
     first = int(tree.first_nodes[1])
     splats, rows = tree.read(first + 1, opened)
     start, stop = tree.opened_span(first + 1)
     below = tree.order[start:stop]
-    expected = merge_splats(opened.take(below), np.arange(stop - start) // FAN)
+    order, starts = alike_runs(opened.take(below))
+    assert len(starts) == len(splats)
+    # Each window of neighbours on the curve has a quarter as many splats.
+    assert np.array_equal(np.sort(order.reshape(-1, WINDOW)), np.arange(len(below)).reshape(-1, 64))
+    assert np.array_equal(starts[:: WINDOW // FAN], np.arange(0, len(below), WINDOW))
+    runs = np.repeat(np.arange(len(starts)), np.diff([*starts, len(below)]))
+    expected = merge_splats(opened.take(below[order]), runs)
     for name in ("means", "quats", "logit_opacities", "sh"):
         assert np.array_equal(getattr(splats, name), getattr(expected, name)), name
     # Larger, all sides alike, where the opacity has come to its end, and only there.
@@ -59,8 +66,30 @@ def test_level_one_is_the_merge_of_neighbours(built: Built) -> None:
     assert np.ptp(growth, axis=1).max() < 1e-5
     assert growth.min() > -1e-6
     assert (growth[expected.opacities < 0.999] < 1e-5).all()
-    runs = np.arange(len(rows)) * FAN
-    assert all(row in below[at : at + FAN] for at, row in zip(runs, rows, strict=True))
+    members = np.split(below[order], starts[1:])
+    assert all(row in run for row, run in zip(rows, members, strict=True))
+
+
+def test_splats_that_are_alike_become_one() -> None:
+    """Two colors, and two sheets one behind the other, that neighbours on the curve go through."""
+    rng = np.random.default_rng(0)
+    splats = random_gaussians(8 * WINDOW)
+    splats.log_scales[:] = np.log([0.04, 0.04, 0.002])
+    splats.quats[:] = (1, 0, 0, 0)
+    splats.logit_opacities[:] = 2
+    splats.means[:, :2] = rng.uniform(0, 0.3, (len(splats), 2))
+    kinds = rng.integers(0, 2, (len(splats), 2))
+    splats.means[:, 2] = 0.05 * kinds[:, 0]
+    splats.sh[:] = (kinds[:, 1] * 2 - 1)[:, None, None]
+    order, starts = alike_runs(splats)
+    for run in np.split(order, starts[1:]):
+        assert (kinds[run] == kinds[run[0]]).all()
+    # What is not finite is merged all the same.
+    splats.means[3], splats.log_scales[70], splats.logit_opacities[200] = np.nan, np.inf, -np.inf
+    order, starts = alike_runs(splats.take(np.arange(8 * WINDOW - 5)))
+    assert np.array_equal(np.sort(order), np.arange(8 * WINDOW - 5))
+    assert len(starts) == 127
+    assert (np.diff(starts) > 0).all()
 
 
 def test_level_zero_is_the_model_bit_for_bit(built: Built) -> None:
