@@ -25,7 +25,7 @@ _COLOR_WEIGHT = 10.0
 # Of the splats that are merged away in a round: more, and pairs are merged that fit badly.
 _A_ROUND = 0.4
 _CHUNK = 1 << 14  # pairs that one thread takes at once
-_EXACT = 99.0  # dB that stand for "no difference"
+EXACT = 99.0  # dB that stand for "no difference"
 
 
 def decimate_stage(
@@ -71,7 +71,12 @@ def picture_loss_stage(
         error = (pictures[0] - pictures[1]).astype(np.float64)
         total, n = total + float((error**2).sum()), n + error.size
     yield Progress("Compare pictures", len(cameras), len(cameras))
-    return min(_EXACT, -10 * float(np.log10(max(total / max(n, 1), 1e-12))))
+    return psnr_of(total, n)
+
+
+def psnr_of(total: float, n: int) -> float:
+    """PSNR in dB of ``n`` numbers whose squared errors make up ``total``; 99 at most."""
+    return min(EXACT, -10 * float(np.log10(max(total / max(n, 1), 1e-12))))
 
 
 def _pairs(

@@ -1,0 +1,259 @@
+"""Fewer splats of a selection, of objects or of the scene, as an edit: `decimate` in place.
+
+What is merged is deleted, and what it became is added with its group, so that undo, projects and
+scripts know it as any other edit. What no pair was found for stays as it is, bit for bit.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.packing import morton_order
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.decimate import EXACT, decimate_stage, picture_loss_stage, psnr_of
+from gaga_core.scene.edits.append import append_made
+from gaga_core.scene.edits.state import delete
+from gaga_core.scene.edits.values import Edit, together
+from gaga_core.scene.frame import Frame
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.scene import Revision, Scene, State
+from gaga_core.scene.selection.click_views import loss_views
+
+SHARES = (0.75, 0.5, 0.25, 0.1, 0.05)  # at which a loss is estimated
+_MOST = 100_000  # splats that an estimate merges; of more, some blocks are taken
+_BLOCKS = 8
+_FEW_VIEWS = 3  # of an estimate
+_MOST_MOTIONS = 64  # that are told apart: each is an addition of its own
+_OPAQUE = 0.5  # a pixel shows splats where they hide more than this
+_ESTIMATE = "Estimate the loss"
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """What fewer splats are made of."""
+
+    removed: LongArray  # (K,) splats of the scene that are merged
+    splats: Gaussians  # (M,) what they become, world
+    labels: IntArray  # (M,)
+    origins: LongArray  # (M,) splat of the scene that each is made of, among others
+    n_before: int  # splats that were looked at
+    psnr: float  # dB of pictures of after against those of before, 99 where nothing is lost
+    is_selected: bool
+
+    @property
+    def n_after(self) -> int:
+        """How many of the splats that were looked at are left."""
+        return self.n_before - len(self.removed) + len(self.splats)
+
+
+@dataclass(frozen=True)
+class LossCurve:
+    """An estimate of what is lost: PSNR in dB by the share of the splats that is kept."""
+
+    points: tuple[tuple[float, float], ...]  # share and dB, the largest share first
+
+    def at(self, share: float) -> float:
+        """About how many dB are left at ``share`` (0..1]; linear in its logarithm."""
+        if share >= 1 or not self.points:
+            return EXACT
+        shares, levels = (np.array(column) for column in zip(*self.points, strict=True))
+        x, known = np.log(share), np.log(shares)
+        if x > known[0] and len(known) > 1:  # the same slope goes on above the first
+            slope = (levels[0] - levels[1]) / (known[0] - known[1])
+            return float(min(levels[0] + slope * (x - known[0]), EXACT))
+        return float(np.interp(x, known[::-1], levels[::-1]))
+
+
+def reducible(scene: Scene, splats: AnyArray) -> LongArray:
+    """Those of ``splats`` (rows or mask) that may be merged: visible and not locked."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[splats] = True
+    free: BoolArray = chosen & scene.visible & ~scene.has(State.LOCKED)
+    return np.flatnonzero(free)
+
+
+def reduce_stage(
+    scene: Scene,
+    splats: AnyArray,
+    share: float,
+    cameras: Sequence[Camera],
+    rasterizer: Rasterizer,
+) -> Stage[Reduction]:
+    """Merge neighbours of ``splats`` (rows or mask) until about ``share`` (0..1) of them is left.
+
+    Hidden and locked ones stay as they are, splats of different groups are never merged. The loss
+    is measured from the photos' ``cameras`` when all that can be is merged, else from all around.
+    Raises ``GagaError`` when there is nothing to merge.
+    """
+    rows = reducible(scene, splats)
+    if len(rows) < 2:
+        raise GagaError("There is nothing to merge: hidden and locked splats stay as they are.")
+    gaussians = yield from bake_stage(scene, indices=rows)
+    labels = scene.labels[rows]
+    fewer, places = yield from decimate_stage(gaussians, share, labels)
+    is_merged = ~_same(fewer, gaussians, places)
+    removed = np.setdiff1d(rows, rows[places[~is_merged]])
+    views = _views(scene, rows, gaussians, cameras)
+    psnr = yield from picture_loss_stage(gaussians, fewer, views, rasterizer)
+    return Reduction(
+        removed=removed,
+        splats=fewer.take(np.flatnonzero(is_merged)),
+        labels=labels[places[is_merged]],
+        origins=rows[places[is_merged]],
+        n_before=len(rows),
+        psnr=psnr,
+        is_selected=bool(scene.has(State.SELECTED)[rows].all()),
+    )
+
+
+def reduced_edit(scene: Scene, found: Reduction, title: str) -> Edit | None:
+    """Replace what is merged by what it became; None when nothing was.
+
+    ``scene``: as it was when ``found`` was computed.
+    """
+    scratch = replace(scene, revision=Revision())
+    removing = delete(scratch, found.removed, title)
+    if removing is None:
+        return None
+    removing.apply(scratch)
+    state = State.SELECTED if found.is_selected else State(0)
+    parts: list[Edit] = [removing]
+    for motion, some in _by_motion(scene, found.origins):
+        splats, labels = found.splats.take(some), found.labels[some]
+        adding = append_made(scratch, splats, labels, title, state, merged_from=motion)
+        if adding is not None:
+            adding.apply(scratch)
+            parts.append(adding)
+    return together(title, parts)
+
+
+def _by_motion(scene: Scene, origins: LongArray) -> Iterator[tuple[Frame, LongArray]]:
+    """How splats were moved since they came, and places in ``origins`` (M,) of those moved so.
+
+    What `reset_placement` and the pose of an object count from; one that was stretched or mirrored,
+    and all where there are very many motions, count from now.
+    """
+    placed = scene.placement[origins]
+    rows, first = np.unique(placed, return_index=True)
+    alike: dict[object, tuple[Frame, list[int]]] = {}
+    for row, place in zip(rows.tolist(), first.tolist(), strict=True):
+        motion = _motion(scene, int(origins[place]))
+        alike.setdefault(motion.rows, (motion, []))[1].append(row)
+    if len(alike) > _MOST_MOTIONS:
+        alike = {(): (scene.frame, rows.tolist())}
+    for motion, members in alike.values():
+        yield motion, np.flatnonzero(np.isin(placed, members))
+
+
+def _motion(scene: Scene, splat: int) -> Frame:
+    """The motion of the scene at which a splat would have come to be where it is unmoved."""
+    now = np.eye(4)
+    now[:3] = scene.placements.matrix[scene.placement[splat]]
+    came = scene.motion_of(int(scene.source[splat]))
+    if np.array_equal(now, came):
+        return scene.frame
+    try:
+        return Frame(now @ np.linalg.inv(came) @ scene.frame.world)
+    except ValueError:  # stretched or mirrored
+        return scene.frame
+
+
+def reduce_title(scene: Scene, splats: AnyArray, found: Reduction) -> str:
+    """What the edit is called in the history, with what it lost."""
+    groups = np.unique(scene.labels[reducible(scene, splats)])
+    name = f" of {group_name(scene, int(groups[0]))}" if len(groups) == 1 and groups[0] else ""
+    return f"Reduce splats{name} to {found.n_after:,} ({loss_text(found.psnr)})"
+
+
+def loss_text(psnr: float) -> str:
+    """ "29.6 dB", or that nothing is lost."""
+    return "nothing is lost" if psnr >= EXACT else f"{psnr:.1f} dB"
+
+
+def estimate_stage(
+    scene: Scene, splats: AnyArray, cameras: Sequence[Camera], rasterizer: Rasterizer
+) -> Stage[LossCurve]:
+    """About what `reduce_stage` would lose: few pictures, and of many splats some blocks."""
+    rows = reducible(scene, splats)
+    gaussians = yield from bake_stage(scene, indices=rows)
+    if len(rows) < 2:
+        return LossCurve(())
+    views = _views(scene, rows, gaussians, cameras)
+    views = views[:: -(-len(views) // _FEW_VIEWS)]
+    labels, filled = scene.labels[rows], 1.0
+    is_part = len(rows) > _MOST
+    if is_part:  # judged where it is opaque; the whole fills so much of the pictures
+        whole = [rasterizer.render(gaussians, view).alpha > _OPAQUE for view in views]
+        filled = float(np.concatenate([drawn.ravel() for drawn in whole]).mean())
+        some = _blocks(gaussians)
+        gaussians, labels = gaussians.take(some), labels[some]
+    before = []
+    for view in views:
+        yield Progress(_ESTIMATE, 0, len(SHARES), view.name)
+        drawn = rasterizer.render(gaussians, view)
+        where = drawn.alpha > _OPAQUE if is_part else np.ones_like(drawn.alpha, np.bool_)
+        before.append((view, np.clip(drawn.image, 0, 1), where))
+    n, fewer, points = len(gaussians), gaussians, []
+    for k, share in enumerate(SHARES):
+        yield Progress(_ESTIMATE, k, len(SHARES))
+        target = max(share * n / len(fewer), 1e-9)
+        if target < 1:
+            fewer, places = yield from decimate_stage(fewer, target, labels)
+            labels = labels[places]
+        error = _error(fewer, before, rasterizer)
+        points.append((share, psnr_of(filled * float((error**2).sum()), error.size)))
+    return LossCurve(tuple(points))
+
+
+def _error(
+    fewer: Gaussians,
+    before: Sequence[tuple[Camera, FloatArray, BoolArray]],
+    rasterizer: Rasterizer,
+) -> DoubleArray:
+    """Differences to the pictures (H, W, 3) of before, where their masks (H, W) are set."""
+    parts = [
+        (np.clip(rasterizer.render(fewer, view).image, 0, 1) - picture)[where].ravel()
+        for view, picture, where in before
+    ]
+    return np.concatenate(parts).astype(np.float64)
+
+
+def _views(
+    scene: Scene, rows: LongArray, gaussians: Gaussians, cameras: Sequence[Camera]
+) -> Sequence[Camera]:
+    """The photos' for all that can be merged, else all around the splats alone."""
+    free = scene.visible & ~scene.has(State.LOCKED)
+    is_whole = len(rows) == int(np.count_nonzero(free))
+    return loss_views(cameras if is_whole else (), gaussians.means)
+
+
+def _same(fewer: Gaussians, gaussians: Gaussians, places: LongArray) -> BoolArray:
+    """Which of ``fewer`` (M,) have all numbers of the splat that they stand for."""
+    same = np.ones(len(fewer), np.bool_)
+    pairs: list[tuple[AnyArray, AnyArray]] = [
+        (fewer.means, gaussians.means),
+        (fewer.quats, gaussians.quats),
+        (fewer.log_scales, gaussians.log_scales),
+        (fewer.logit_opacities, gaussians.logit_opacities),
+        (fewer.sh, gaussians.sh),
+        *((column, gaussians.extra[name]) for name, column in fewer.extra.items()),
+    ]
+    for after, before in pairs:
+        is_same = (after == before[places]) | (np.isnan(after) & np.isnan(before[places]))
+        same &= is_same.reshape(len(same), -1).all(axis=1)
+    return same
+
+
+def _blocks(gaussians: Gaussians) -> LongArray:
+    """Some splats in blocks of neighbours, evenly over the scene."""
+    order = morton_order(gaussians.means)
+    starts = np.linspace(0, len(order) - _MOST // _BLOCKS, _BLOCKS).astype(np.int64)
+    chosen = [order[start : start + _MOST // _BLOCKS] for start in starts]
+    return np.unique(np.concatenate(chosen)).astype(np.int64)
