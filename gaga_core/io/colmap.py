@@ -139,7 +139,6 @@ def write_colmap(
     folder: Path, cameras: Sequence[Camera], points: DoubleArray, colors: UInt8Array
 ) -> None:
     """Write a text model: one PINHOLE camera a view, points (P, 3) world without tracks."""
-    folder.mkdir(parents=True, exist_ok=True)
     lines = []
     for i, c in enumerate(cameras, start=1):
         numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
@@ -152,7 +151,7 @@ def write_colmap(
         lines += [f"{i} {_exact(numbers)} {i} {camera.name}", ""]
     _write_text(folder / "images.txt", lines)
     lines = [
-        f"{i} {x:.6f} {y:.6f} {z:.6f} {r} {g} {b} 0"
+        f"{i} {x:.9g} {y:.9g} {z:.9g} {r} {g} {b} 0"
         for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
     ]
     _write_text(folder / "points3D.txt", lines)

@@ -4,8 +4,15 @@ Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities
 order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned half
 around z. Reading takes every mesh of the scene with the places of its nodes.
 Layout: github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting.
+
+Splats that are compressed as SPZ are read too (``KHR_gaussian_splatting_compression_spz_2``, pull
+request 2531, and its two former names), but not written: it is a draft, and which way its axes
+point is not settled. It says left, up, front after Niantic's library has turned them; CesiumJS and
+cesium-native, the only implementations that it names, take the stored numbers for those of the
+glTF. We read as they do, unless the SPZ says which way its axes point.
 """
 
+import io
 import json
 import struct
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,12 +30,15 @@ from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.glb_buffers import BIN, JSON, Buffers, heads, padded
 from gaga_core.io.packing import unit_quats
 from gaga_core.io.ply import without_broken_rows
+from gaga_core.io.spz import decode_spz_stage
 from gaga_core.io.spz_axes import turned
 from gaga_core.progress import Progress, Stage
 from gaga_core.sh_rotation import sh_rotation
 
 MOST_DEGREE = 3  # of SH that the extension has room for
 _EXTENSION = "KHR_gaussian_splatting"
+_SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
+_FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
 _AXES = "LUF"
 _MOST_NODES = 10_000
 _FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
@@ -53,14 +63,15 @@ _DAMAGED = (
 def read_glb_stage(path: Path) -> Stage[Gaussians]:
     """Read the splats of a .glb or .gltf with progress; its buffers lie in its folder.
 
-    ``GagaError`` with one sentence when it is damaged, has no splats, or has them compressed.
+    ``GagaError`` with one sentence when it is damaged, has no splats, or has them compressed by
+    another extension than SPZ.
     """
     path = Path(path)
     yield Progress("Read splats", 0, 2, path.name)
     try:
         content = path.read_bytes()
         buffers = Buffers.of(content, path)
-        parts = list(_splats_of(buffers, path.name))
+        parts = yield from _splats_of(buffers, path)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except _DAMAGED as error:
@@ -73,19 +84,35 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     return without_broken_rows(path, whole)
 
 
-def _splats_of(buffers: Buffers, name: str) -> Iterator[Gaussians]:
-    gltf = buffers.gltf
+def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
+    """Splats of every primitive that has some, where its node puts them; axes of the glTF."""
+    gltf, found = buffers.gltf, []
     for place, mesh in list(_placed_meshes(gltf)):  # a circle is found before memory is taken
         for primitive in gltf["meshes"][mesh]["primitives"]:
-            extension = primitive.get("extensions", {}).get(_EXTENSION)
-            if extension is None:
-                continue
-            if any("compression" in str(key) for key in extension.get("extensions", {})):
+            extensions = primitive.get("extensions", {})
+            inside = extensions.get(_EXTENSION, {}).get("extensions", {})
+            packed = next((inside[name] for name in _SPZ if name in inside), None)
+            packed = extensions.get(_FORMER) if packed is None else packed
+            if packed is not None:
+                splats = yield from _unpacked(buffers, packed, path)
+            elif any("compression" in str(key) for key in inside):
                 raise GagaError(
-                    f"{name} holds compressed splats, which gaga-studio does not read in a glTF. "
-                    "Convert it to .ply or .spz."
+                    f"{path.name} holds compressed splats ({', '.join(map(str, inside))}), of "
+                    "which gaga-studio reads SPZ alone in a glTF. Convert it to .ply or .spz."
                 )
-            yield _moved(_decoded(buffers, primitive["attributes"]), place)
+            elif _EXTENSION in extensions:
+                splats = _decoded(buffers, primitive["attributes"])
+            else:
+                continue
+            found.append(_moved(splats, place))
+    return found
+
+
+def _unpacked(buffers: Buffers, extension: Mapping[str, Any], path: Path) -> Stage[Gaussians]:
+    """The splats of an SPZ in a buffer view, with the axes of the glTF."""
+    content = io.BytesIO(buffers.view(extension["bufferView"]))
+    splats = yield from decode_spz_stage(path, content, _AXES)
+    return turned(splats, _AXES)  # the half turn is its own inverse
 
 
 def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:
@@ -189,6 +216,7 @@ def _joined(parts: Sequence[Gaussians]) -> Gaussians:
         log_scales=np.concatenate([part.log_scales for part in parts]),
         logit_opacities=np.concatenate([part.logit_opacities for part in parts]),
         sh=np.ascontiguousarray(np.concatenate(sh)),
+        comments=parts[0].comments if len({part.comments for part in parts}) == 1 else (),
     )
 
 

@@ -71,6 +71,16 @@ class Buffers:
         shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
         return shares
 
+    def view(self, index: int) -> bytes:
+        """The bytes of a buffer view; ``ValueError`` when some lie outside of the file."""
+        view = self.gltf["bufferViews"][_natural(index)]
+        binary = self.binaries[_natural(view["buffer"])]
+        start = _natural(view.get("byteOffset", 0))
+        end = start + _natural(view["byteLength"])
+        if end > len(binary):
+            raise ValueError("a buffer view that reaches beyond its buffer")
+        return binary[start:end]
+
 
 def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], bytes]:
     """JSON and numbers of a GLB."""
@@ -101,14 +111,23 @@ def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
         raise ValueError("a buffer whose address is no text")
     if uri.startswith("data:"):
         return base64.b64decode(uri.partition(",")[2], validate=True)
+    file = buffer_file(uri, path)
+    if not file.is_file():
+        raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
+    return file.read_bytes()
+
+
+def buffer_file(uri: str, path: Path) -> Path:
+    """The file that the .gltf at ``path`` names, in the same folder or below; it need not exist.
+
+    Raises ``GagaError`` when it lies elsewhere.
+    """
     place = PurePosixPath(unquote(uri))
     folder = path.parent.resolve()
     file = (folder / place).resolve()
     if ":" in uri or "\\" in place.name or not file.is_relative_to(folder) or "\0" in str(place):
         raise GagaError(f"{path.name} asks for {uri[:80]}, outside of its folder: not read.")
-    if not file.is_file():
-        raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
-    return file.read_bytes()
+    return file
 
 
 def heads(sizes: Sequence[tuple[bytes, int]]) -> list[bytes]:

@@ -117,8 +117,12 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
 
 def find_sparse(root: Path) -> Path | None:
     """The folder of the scene's COLMAP model; None when there is none."""
-    folders = (root / "sparse" / "0", root / "sparse", root / "colmap" / "sparse" / "0")
-    return next((folder for folder in folders if has_colmap(folder)), None)
+    return next((folder for folder in sparse_folders(root) if has_colmap(folder)), None)
+
+
+def sparse_folders(root: Path) -> tuple[Path, ...]:
+    """Folders of a scene in which a COLMAP model is looked for, the first first."""
+    return (root / "sparse" / "0", root / "sparse", root / "colmap" / "sparse" / "0")
 
 
 def find_model(root: Path) -> Path | None:
@@ -231,6 +235,7 @@ class AssociateEntry(msgspec.Struct, frozen=True):
 
     mask_folder: str = ""  # label maps that were read
     groups_with_gaussians: Annotated[int, msgspec.Meta(ge=0)] | None = None
+    notes: tuple[str, ...] = ()  # for the user
 
 
 def read_report_entry(path: Path, key: str, kind: type[T]) -> T | None:

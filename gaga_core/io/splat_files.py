@@ -22,8 +22,9 @@ from gaga_core.io.ply import read_ply_stage, write_ply_stage
 from gaga_core.io.sog import META, is_sog_meta, read_sog_stage
 from gaga_core.io.sog_writer import write_sog_stage
 from gaga_core.io.splat import read_splat_stage, write_splat_stage
-from gaga_core.io.spz import read_spz_stage, write_spz_stage
+from gaga_core.io.spz import read_spz_stage
 from gaga_core.io.spz_axes import OURS
+from gaga_core.io.spz_writer import fraction_bits, write_spz_stage
 from gaga_core.io.streamed_sog import LOD_META, is_streamed_sog, read_streamed_sog_stage
 from gaga_core.io.web_page import plain_page, write_page_stage
 from gaga_core.progress import Stage, run_stage
@@ -226,7 +227,7 @@ def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
             "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
             "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
         )
-    step = 2.0 ** -spz.fraction_bits(gaussians.means)
+    step = 2.0 ** -fraction_bits(gaussians.means)
     return (
         f"All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
         "and opacities to 8 bits, SH to 5 bits or 4."

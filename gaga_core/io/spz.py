@@ -2,11 +2,12 @@
 
 Versions 1 to 3 are one gzip stream, or are not compressed: a header of 16 bytes, each attribute of
 all splats, extensions. Version 4 has a header of 32 bytes, extensions, a table of sizes, and each
-attribute as a Zstandard stream. We write our own axes and say so; see `spz_axes`.
+attribute as a Zstandard stream. Axes: `spz_axes`; writing: `spz_writer`.
 Layout: github.com/nianticlabs/spz.
 """
 
 import gzip
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -18,35 +19,29 @@ from typing import BinaryIO, Protocol
 import numpy as np
 import zstandard
 
-from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
+from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import explain_os_error
 from gaga_core.io.packing import (
     CHUNK,
-    bytes_of_logits,
     logits_of_bytes,
     quats_of_three,
     room_for,
-    three_of_quats,
-    to_bytes,
     unit_quats,
 )
 from gaga_core.io.ply import without_broken_rows
-from gaga_core.io.spz_axes import OURS, axes_in, extension, turned
+from gaga_core.io.spz_axes import OURS, axes_in, turned
 from gaga_core.progress import Progress, Stage
 
 GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
 COLOR_SCALE = 0.15  # of a DC coefficient in a byte
-MOST_BITS = 16  # after the point of a position, when the scene is small enough
-SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Niantic's writer does
-_HEAD = struct.Struct("<4sIIBBBB")
-_HEAD_4 = struct.Struct("<4sIIBBBBI12x")
-_SIZES = struct.Struct("<QQ")
-_AA, _HAS_EXTENSIONS = 1, 2
+HEAD = struct.Struct("<4sIIBBBB")
+HEAD_4 = struct.Struct("<4sIIBBBBI12x")
+SIZES = struct.Struct("<QQ")
+AA, HAS_EXTENSIONS = 1, 2  # flags
 _ANTIALIASED = "antialiased 1"
 _MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
-_GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
 _MOST_EXTENSIONS = 1 << 20  # bytes
 
 
@@ -55,7 +50,9 @@ class _Stream(Protocol):
 
 
 @dataclass(frozen=True)
-class _Head:
+class Head:
+    """What the first bytes of a file say."""
+
     version: int
     n: int
     degree: int
@@ -64,14 +61,17 @@ class _Head:
 
     @property
     def is_antialiased(self) -> bool:
-        return bool(self.flags & _AA)
+        """Whether the splats are to be drawn antialiased."""
+        return bool(self.flags & AA)
 
     @property
     def has_extensions(self) -> bool:
-        return bool(self.flags & _HAS_EXTENSIONS)
+        """Whether records of extensions follow."""
+        return bool(self.flags & HAS_EXTENSIONS)
 
     @property
     def n_rest(self) -> int:
+        """Coefficients of the SH above degree 0."""
         return (self.degree + 1) ** 2 - 1
 
     @property
@@ -102,21 +102,31 @@ def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            start = file.read(4)
-            file.seek(0)
-            if start[:2] != GZIP_MAGIC and start != MAGIC:
-                raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
-            reading = _read_4 if _is_version_4(file) else _read_stream
-            head, out, records = yield from reading(path, file)
-            axes = axes_in(records, path.name) or silent_axes
-    except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
-        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+            splats = yield from decode_spz_stage(path, file, silent_axes)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
+    return without_broken_rows(path, splats)
+
+
+def decode_spz_stage(path: Path, file: BinaryIO, silent_axes: str) -> Stage[Gaussians]:
+    """The splats of an SPZ that ``file`` holds, in our axes; ``path`` is named in messages.
+
+    See `read_spz_stage`.
+    """
+    try:
+        start = file.read(4)
+        file.seek(0)
+        if start[:2] != GZIP_MAGIC and start != MAGIC:
+            raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
+        reading = _read_4 if _is_version_4(file) else _read_stream
+        head, out, records = yield from reading(path, file)
+        axes = axes_in(records, path.name) or silent_axes
+    except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
+        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     yield Progress("Read splats", head.n, head.n, path.name)
     if head.is_antialiased:
         out = replace(out, comments=(_ANTIALIASED,))
-    return without_broken_rows(path, turned(out, axes))
+    return turned(out, axes)
 
 
 def states_axes(path: Path) -> bool:
@@ -129,12 +139,12 @@ def states_axes(path: Path) -> bool:
             is_packed = file.read(2) == GZIP_MAGIC
             file.seek(0)
             with _unzipped(file, is_packed=is_packed) as stream:
-                magic, *_, flags, _ = _HEAD.unpack(_exactly(stream, _HEAD.size))
+                magic, *_, flags, _ = HEAD.unpack(_exactly(stream, HEAD.size))
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
-    return bool(magic == MAGIC and flags & _HAS_EXTENSIONS)
+    return bool(magic == MAGIC and flags & HAS_EXTENSIONS)
 
 
 def _is_version_4(file: BinaryIO) -> bool:
@@ -154,13 +164,13 @@ def _unzipped(file: BinaryIO, *, is_packed: bool) -> Iterator[_Stream]:
         yield stream
 
 
-def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, bytes]]:
-    size = path.stat().st_size
+def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, bytes]]:
+    size = _size_of(file)
     is_packed = file.read(2) == GZIP_MAGIC
     file.seek(0)
     with _unzipped(file, is_packed=is_packed) as stream:
-        magic, version, n, degree, bits, flags, _ = _HEAD.unpack(_exactly(stream, _HEAD.size))
-        head = _checked(path, magic, _Head(version, n, degree, bits, flags))
+        magic, version, n, degree, bits, flags, _ = HEAD.unpack(_exactly(stream, HEAD.size))
+        head = _checked(path, magic, Head(version, n, degree, bits, flags))
         ratio = _MOST_RATIO if is_packed else 1
         if version > 3 or n * sum(head.widths.values()) > ratio * size:
             raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
@@ -173,20 +183,20 @@ def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, by
     return head, out, records
 
 
-def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, bytes]]:
-    size = path.stat().st_size
-    magic, version, n, degree, bits, flags, n_streams, toc = _HEAD_4.unpack(
-        _exactly(file, _HEAD_4.size)
+def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, bytes]]:
+    size = _size_of(file)
+    magic, version, n, degree, bits, flags, n_streams, toc = HEAD_4.unpack(
+        _exactly(file, HEAD_4.size)
     )
-    head = _checked(path, magic, _Head(version, n, degree, bits, flags))
+    head = _checked(path, magic, Head(version, n, degree, bits, flags))
     widths = head.widths
-    at = toc + n_streams * _SIZES.size
-    if version < 4 or n_streams != len(widths) or toc < _HEAD_4.size or at > size:
+    at = toc + n_streams * SIZES.size
+    if version < 4 or n_streams != len(widths) or toc < HEAD_4.size or at > size:
         raise GagaError(f"{path.name} is damaged: its table does not fit. Export it again.")
-    n_records = min(toc - _HEAD_4.size, _MOST_EXTENSIONS) if head.has_extensions else 0
+    n_records = min(toc - HEAD_4.size, _MOST_EXTENSIONS) if head.has_extensions else 0
     records = _exactly(file, n_records) if n_records else b""
     file.seek(toc)
-    table = [_SIZES.unpack(_exactly(file, _SIZES.size)) for _ in widths]
+    table = [SIZES.unpack(_exactly(file, SIZES.size)) for _ in widths]
     wanted = [n * width for width in widths.values()]
     if [plain for _, plain in table] != wanted or at + sum(p for p, _ in table) > size:
         raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
@@ -200,7 +210,7 @@ def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[_Head, Gaussians, bytes]]
     return head, out, records
 
 
-def _checked(path: Path, magic: bytes, head: _Head) -> _Head:
+def _checked(path: Path, magic: bytes, head: Head) -> Head:
     if magic != MAGIC:
         raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
     if head.version > 4:
@@ -213,7 +223,7 @@ def _checked(path: Path, magic: bytes, head: _Head) -> _Head:
 
 
 def _read_section(
-    path: Path, stream: _Stream, head: _Head, name: str, into: tuple[Gaussians, int]
+    path: Path, stream: _Stream, head: Head, name: str, into: tuple[Gaussians, int]
 ) -> Stage[None]:
     """Decode one attribute of all splats; ``into``: the target, and bytes a splat before it."""
     out, before = into
@@ -226,7 +236,7 @@ def _read_section(
         _unpack(name, raw, slice(start, start + k), (head, out))
 
 
-def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[_Head, Gaussians]) -> None:
+def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[Head, Gaussians]) -> None:
     head, out = into
     if name == "means":
         out.means[part] = _positions(raw, head)
@@ -243,7 +253,7 @@ def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[_Head, Gaussian
         out.sh[part, 1:] = sh
 
 
-def _positions(raw: UInt8Array, head: _Head) -> FloatArray:
+def _positions(raw: UInt8Array, head: Head) -> FloatArray:
     if head.version == 1:
         halves: FloatArray = raw.view("<f2").astype(np.float32)
         return halves
@@ -269,6 +279,12 @@ def _quats_xyz(raw: UInt8Array) -> FloatArray:
     return unit_quats(quats)
 
 
+def _size_of(file: BinaryIO) -> int:
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    return size
+
+
 def _exactly(stream: _Stream, size: int) -> bytes:
     """``size`` bytes; ``EOFError`` when the stream ends before."""
     pieces, missing = [], size
@@ -279,111 +295,3 @@ def _exactly(stream: _Stream, size: int) -> bytes:
         pieces.append(piece)
         missing -= len(piece)
     return pieces[0] if len(pieces) == 1 else b"".join(pieces)
-
-
-# --- writing
-
-
-def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage[None]:
-    """Write an .spz file of version 3 (which most programs read) or 4, with progress.
-
-    Positions get as many bits after the point as the scene's extent leaves, 16 at most; SH keep 5
-    bits in degree 1 and 4 above, as Niantic's writer does. The axes are ours, as other programs
-    write them, and an extension says so. Nothing is left when it fails.
-    """
-    if version not in (3, 4):
-        raise ValueError(f"version: expected 3 or 4, got {version}")
-    bits = fraction_bits(gaussians.means)
-    flags = _HAS_EXTENSIONS | (_AA if gaussians.is_antialiased else 0)
-    head = _Head(version, len(gaussians), gaussians.sh_degree, bits, flags)
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        if version == 3:
-            with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, 0) as stream:
-                stream.write(_HEAD.pack(MAGIC, 3, *_numbers(head), 0))
-                done = 0
-                for name, width in head.widths.items():
-                    for piece, raw in enumerate(_packed(gaussians, head, name)):
-                        yield _step(path, head, done, piece * CHUNK * width)
-                        stream.write(raw)
-                    done += width
-                stream.write(extension())
-        else:
-            yield from _write_4(path, file, gaussians, head)
-    yield Progress("Write splats", head.n, head.n, path.name)
-
-
-def _write_4(path: Path, file: BinaryIO, gaussians: Gaussians, head: _Head) -> Stage[None]:
-    widths = head.widths
-    records = extension()
-    toc = _HEAD_4.size + len(records)
-    file.write(_HEAD_4.pack(MAGIC, 4, *_numbers(head), len(widths), toc) + records)
-    file.write(bytes(_SIZES.size * len(widths)))  # the table, known at the end
-    table, done = [], 0
-    for name, width in widths.items():
-        start = file.tell()
-        compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-        stream = compressor.stream_writer(file, size=head.n * width, closefd=False)
-        for piece, raw in enumerate(_packed(gaussians, head, name)):
-            yield _step(path, head, done, piece * CHUNK * width)
-            stream.write(raw)
-        stream.flush(zstandard.FLUSH_FRAME)  # not when cancelled: the frame would be too short
-        table.append((file.tell() - start, head.n * width))
-        done += width
-    file.seek(toc)
-    file.write(b"".join(_SIZES.pack(*sizes) for sizes in table))
-
-
-def _numbers(head: _Head) -> tuple[int, int, int, int]:
-    return head.n, head.degree, head.fraction_bits, head.flags
-
-
-def _step(path: Path, head: _Head, before: int, done: int) -> Progress:
-    total = sum(head.widths.values())
-    return Progress("Write splats", (head.n * before + done) // total, head.n, path.name)
-
-
-def fraction_bits(means: FloatArray) -> int:
-    """Bits after the point with which every position fits into 24 signed bits."""
-    most = float(np.abs(means[np.isfinite(means)]).max(initial=0))
-    fits = [bits for bits in range(MOST_BITS + 1) if most * (1 << bits) < (1 << 23) - 1]
-    return max(fits, default=0)
-
-
-def _packed(gaussians: Gaussians, head: _Head, name: str) -> Iterator[memoryview]:
-    """One attribute of all splats, in pieces of bytes."""
-    for start in range(0, head.n, CHUNK):
-        part = slice(start, min(start + CHUNK, head.n))
-        yield np.ascontiguousarray(_pack(gaussians, head, name, part)).data
-
-
-def _pack(gaussians: Gaussians, head: _Head, name: str, part: slice) -> AnyArray:
-    if name == "means":
-        scaled = gaussians.means[part].astype(np.float64) * (1 << head.fraction_bits)
-        fixed = np.clip(np.rint(scaled), -(1 << 23), (1 << 23) - 1).astype("<i4")
-        low: UInt8Array = fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3]  # of little-endian words
-        return low
-    if name == "opacities":
-        return bytes_of_logits(gaussians.logit_opacities[part])
-    if name == "colors":
-        return to_bytes(gaussians.sh[part, 0] * (COLOR_SCALE * 255) + 127.5)
-    if name == "scales":
-        return to_bytes((gaussians.log_scales[part] + 10) * 16)
-    if name == "quats":
-        return _words(gaussians.quats[part])
-    buckets = np.full((head.n_rest, 1), SH_BUCKETS[1])
-    buckets[:3] = SH_BUCKETS[0]
-    sh = np.rint(gaussians.sh[part, 1:] * 128) + 128
-    rounded = np.clip((sh + buckets // 2) // buckets * buckets, 0, 255)
-    coded: UInt8Array = rounded.astype(np.uint8)
-    return coded
-
-
-def _words(quats: FloatArray) -> AnyArray:
-    """Smallest-three words (N,) of quaternions wxyz."""
-    largest, three = three_of_quats(np.roll(unit_quats(quats), -1, axis=1))
-    size = np.clip(np.rint(np.abs(three) * (511 * np.sqrt(2))), 0, 511).astype(np.uint32)
-    fields = size | ((three < 0).astype(np.uint32) << np.uint32(9))
-    words = largest.astype(np.uint32) << np.uint32(30)
-    for i, shift in enumerate((20, 10, 0)):
-        words |= fields[:, i] << np.uint32(shift)
-    return words.astype("<u4")

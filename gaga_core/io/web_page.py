@@ -44,7 +44,11 @@ _STEEP = 0.9  # cosine between up and +z, from which on +z is no direction ahead
 
 @dataclass(frozen=True)
 class PageObject:
-    """An object of the list. ``picture`` is a WebP; empty: none."""
+    """An object of the list. ``picture`` is a WebP; empty: none.
+
+    An object under another one (``parent``) is in no folder of its own. One of the background is
+    listed at the end, in a part that is closed at first; one that is locked cannot be selected.
+    """
 
     id: int  # group id of the scene
     name: str
@@ -53,6 +57,10 @@ class PageObject:
     centre: tuple[float, float, float]
     radius: float
     picture: bytes = b""
+    folder: str = ""  # path, "Kitchen/Cups"; empty: the top
+    parent: int = 0  # place in the page's objects of the one that it lies under; 0: none
+    is_background: bool = False
+    is_locked: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,11 +93,7 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
     Raises ``GagaError`` when the place cannot be written, or the page has too many objects.
     """
     path = Path(path)
-    if len(page.objects) > _MOST_OBJECTS:
-        raise GagaError(
-            f"A web page holds at most {_MOST_OBJECTS - 1:,} objects, and this scene has "
-            f"{len(page.objects) - 1:,}. Merge or hide some."
-        )
+    check_room(len(page.objects) - 1)
     n = len(page.gaussians)
     columns: dict[str, str] = {}
     with atomic_write(path) as temporary:
@@ -100,6 +104,15 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
         columns = {"scene": _json(_described(page, head)), **columns}
         # A title from the name of a folder may have bytes that are no text: they become "?".
         temporary.write_text(_assembled(page.title, columns), encoding="utf-8", errors="replace")
+
+
+def check_room(n_objects: int) -> None:
+    """Raise ``GagaError`` when a page cannot hold ``n_objects``, not counting "no object"."""
+    if n_objects >= _MOST_OBJECTS:
+        raise GagaError(
+            f"A web page holds at most {_MOST_OBJECTS - 1:,} objects, and this scene has "
+            f"{n_objects:,}. Merge or hide some."
+        )
 
 
 def viewer_bytes() -> int:
@@ -191,6 +204,10 @@ def _entry(item: PageObject) -> dict[str, object]:
         "centre": _rounded(item.centre),
         "radius": float(f"{item.radius:.4g}"),
         "picture": f"data:image/webp;base64,{picture}" if picture else "",
+        "folder": item.folder,
+        "parent": item.parent,
+        "background": item.is_background,
+        "locked": item.is_locked,
     }
 
 

@@ -17,6 +17,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.mesh_files import write_mesh
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.web_page import check_room
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
@@ -27,14 +28,13 @@ from gaga_core.scene.manifest import MANIFEST, MANIFEST_VERSION, read_manifest
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.click_views import click_views
+from gaga_core.scene.selection.click_views import loss_views
 from gaga_core.scene.selection.oriented_box import oriented_box
 from gaga_core.scene.web_page import write_scene_page_stage
 
 T = TypeVar("T")
 ExportWhat = Literal["visible", "selected"]
 _AS_IS = ExportOptions()
-_EVERY = 3  # of the views from which scenes are looked at: enough for what a decimation loses
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 
 
@@ -126,6 +126,8 @@ def _export_scene(
         state = "selected" if what == "selected" else "visible"
         state += " in the box of the crop" if options.crop is not None else ""
         raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
+    if form is SplatFormat.HTML:  # before anything is computed
+        check_room(len(np.setdiff1d(scene.labels[splats], 0)))
     gaussians = yield from bake_stage(scene, indices=splats)
     origin = options.origin(gaussians.means)
     gaussians, rows, psnr = yield from _decimated(
@@ -152,7 +154,7 @@ def _decimated(
     if options.keep == 1.0:
         return gaussians, np.arange(len(gaussians)), None
     fewer, rows = yield from decimate_stage(gaussians, options.keep, labels)
-    views = click_views(() if alone else options.page.cameras, gaussians.means)[::_EVERY]
+    views = loss_views(() if alone else options.page.cameras, gaussians.means)
     return fewer, rows, (yield from picture_loss_stage(gaussians, fewer, views, choose()))
 
 
@@ -189,9 +191,9 @@ def export_objects_stage(
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     A `MeshExport` writes a solid in place of the splats; an object without one is left out.
-    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file, folder}]}``,
-    colors 0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files. Files
-    appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
+    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file, folder,
+    parent}]}``, colors 0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files.
+    Files appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
     what is written, with one origin for all files. Raises ``GagaError`` when none of the groups is
     visible.
     """
@@ -239,6 +241,9 @@ def _export_objects(
             manifest.append(described)
         if not manifest:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
+        ids = {row["id"] for row in manifest}
+        for row in manifest:  # the nearest object above it that is written, too
+            row["parent"] = scene.folders.nearest(int(str(row["id"])), ids)
         content = {
             "version": MANIFEST_VERSION,
             "source": source,
@@ -287,7 +292,7 @@ def _objects(
         name = group_name(scene, int(group))
         color = [round(float(c), 4) for c in group_colors(np.array([group]), scene.colors)[0]]
         file = _unique(slug(name) or f"group-{group}", used) + suffix
-        folder = scene.folders.home.get(int(group), "")
+        folder = scene.folders.places.get(int(group), "")
         objects.append(_Object(int(group), name, color, file, folder, splats))
     return objects
 

@@ -37,6 +37,7 @@ class PageContent:
     bookmarks: tuple[Bookmark, ...] = ()
     path: CameraPath = field(default_factory=CameraPath)
     cameras: tuple[Camera, ...] = ()  # of the photos: objects are pictured from their side
+    background: frozenset[int] = frozenset()  # groups that the list folds at its end
 
 
 @dataclass(frozen=True)

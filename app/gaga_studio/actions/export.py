@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.splat_files import SplatFormat, form_of
+from gaga_core.pipeline.export_cameras import CameraForm, export_cameras
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.export import (
     export_losses,
     exported_indices,
@@ -18,24 +21,27 @@ from gaga_core.scene.export import (
 )
 from gaga_core.scene.export_mesh import MeshExport, MeshForm
 from gaga_core.scene.export_options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.web_page import content_of
-from gaga_studio.actions import cleanup
+from gaga_studio.actions import children, cleanup, files
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
 from gaga_studio.system import file_manager, paths
 
+What = Export | Literal["cameras"]
+_CAMERA = 700  # bytes of a camera in a file, about
 _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
 @dataclass(frozen=True)
 class ExportPlan:
-    """What is to be written. ``path`` is a folder for objects."""
+    """What is to be written. ``path`` is a folder for objects and for cameras of COLMAP."""
 
     path: Path
-    what: Export = "scene"
-    form: SplatFormat | MeshExport = SplatFormat.PLY  # solids: of objects only
+    what: What = "scene"
+    form: SplatFormat | MeshExport | CameraForm = SplatFormat.PLY  # solids: of objects only
     options: ExportOptions = field(default_factory=ExportOptions)
 
 
@@ -43,10 +49,11 @@ class ExportPlan:
 class ExportSummary:
     """What a plan will write."""
 
-    n_splats: int
+    n_splats: int  # of cameras: 0
     n_files: int
     n_bytes: int  # an estimate
     lost: tuple[str, ...]  # what the form does not keep, a sentence each
+    n_cameras: int = 0
 
 
 @notifies
@@ -57,17 +64,35 @@ def start(session: Session, plan: ExportPlan) -> bool:
     except OSError as error:
         raise GagaError(explain_os_error(error, plan.path.parent)) from error
     options = plan.options
+    if plan.what == "cameras" or isinstance(plan.form, CameraForm):
+        files.start_export(session, plan.path, _cameras_stage(session, plan.path, options))
+        return True
     if plan.form is SplatFormat.HTML or options.keep < 1:  # a decimation is judged from the photos
         options = replace(options, page=page_content(session))
     cleanup.export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
 
 
+def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stage[str]:
+    """Write the cameras as they are now; returns a sentence on it."""
+    project = session.need().settled()
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[str]:
+        yield Progress("Export cameras", 0, 0)
+        n = export_cameras(frozen, path, options)
+        return f"Exported {n:,} cameras to {paths.shown(path)}."
+
+    return stage()
+
+
 def page_content(session: Session) -> PageContent:
     """What a web page shows besides the splats: it begins with the present view."""
     document = session.need()
     project = replace(document.project, scene=document.scene)
-    return replace(content_of(project), start=session.rig.shot())
+    found = document.search.described
+    behind = found.description.background if found is not None else frozenset()
+    return replace(content_of(project), start=session.rig.shot(), background=behind)
 
 
 @notifies
@@ -83,13 +108,17 @@ def summary(session: Session, plan: ExportPlan) -> ExportSummary:
     document = session.need()
     # Where it lies and how large it is changes neither counts nor losses.
     options = replace(plan.options, centre=False, ground=False, scale=1.0)
-    key = (document.scene.revision.total(), plan.what, plan.form, options)
+    going = session.settings.children_go_along
+    key = (document.scene.revision.total(), going, plan.what, plan.form, options)
     asked = replace(plan, options=options)
     return document.read.once("export", key, lambda: _summary(session, asked))
 
 
 def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
-    scene, options, groups = session.need().scene, plan.options, session.selected_groups() or None
+    if plan.what == "cameras" or isinstance(plan.form, CameraForm):
+        return _cameras_summary(session, plan)
+    scene, options = children.scene_along(session), plan.options
+    groups = selected_groups(scene).tolist() or None
     if isinstance(plan.form, MeshExport):
         return _mesh_summary(scene, plan.form, groups, options)
     if plan.what == "objects":
@@ -110,6 +139,18 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if n_splats < len(splats):
         lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
+
+
+def _cameras_summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    cameras = session.cameras
+    is_off = any(abs(c.K[0, 2] - c.width / 2) + abs(c.K[1, 2] - c.height / 2) > 1 for c in cameras)
+    lost: tuple[str, ...] = ()
+    if plan.form is CameraForm.CAMERAS_JSON and is_off:
+        lost = ("The principal point is left out: readers take the middle of the picture.",)
+    if plan.form is CameraForm.COLMAP:
+        lost = ("Points of the model are written without their tracks.",)
+    n_files = 3 if plan.form is CameraForm.COLMAP else 1
+    return ExportSummary(0, n_files, _CAMERA * len(cameras), lost, len(cameras))
 
 
 def _mesh_summary(
@@ -143,12 +184,16 @@ def folder(session: Session) -> Path:
     return paths.exports() if root.is_relative_to(paths.home()) else root
 
 
-def proposed(session: Session, what: Export, form: SplatFormat) -> Path:
+def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Path:
     """The path that is proposed: the name of the scene or of the object."""
     document = session.need()
     stem, groups = Path(document.name).stem, session.selected_groups()
     if what == "objects":
         return folder(session) / f"{stem} objects"
+    if isinstance(form, CameraForm):
+        # Readers of transforms.json look for photos next to it, under its own name.
+        name = form.value if form is CameraForm.TRANSFORMS_JSON else f"{stem} {form}"
+        return folder(session) / name
     if what == "scene":
         return folder(session) / f"{stem} edited{form.suffix}"
     name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"

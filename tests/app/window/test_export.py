@@ -6,8 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.io.cameras_json import read_cameras_json
+from gaga_core.io.colmap import read_colmap
 from gaga_core.io.splat_files import SplatFormat, read_splats
+from gaga_core.pipeline.export_cameras import CameraForm
 from gaga_studio.actions import selection
+from gaga_studio.commands import run
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data
@@ -30,8 +34,38 @@ def test_every_form_is_in_reach_in_a_small_window(display: str, tmp_path: Path) 
         d.export_to(tmp_path / "page.html")
         d.settle()
         assert page_data(tmp_path / "page.html")[0]["objects"]
+        _cameras(d, tmp_path)
 
     drive(walk, path=tmp_path / "balls", size=(800, 500))
+
+
+def _cameras(d: Driver, folder: Path) -> None:
+    """In every form, from the menu's own entry; the name and the form follow each other."""
+    d.session.notices = ()
+    sheet, n = d.studio.ui.export, len(d.session.cameras)
+    d.menu("File/###Export cameras…")
+    d.frames(3)
+    assert sheet.path.endswith(" cameras.json")
+    d.click("**/###COLMAP")
+    d.frames()
+    assert Path(sheet.path).suffix == ""
+    d.export_to(folder / "model")
+    d.settle()
+    assert len(read_colmap(folder / "model").cameras) == n
+    assert d.exists("**/###Show in folder")
+    d.menu("File/###Export cameras…")
+    d.frames(3)
+    d.click("**/###cameras.json")
+    d.export_to(folder / "transforms.json")  # the form follows the name
+    d.settle()
+    assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == n
+    assert sheet.cameras is CameraForm.TRANSFORMS_JSON
+    d.menu("File/###Export cameras…")
+    d.frames(3)
+    d.click("**/###cameras.json")
+    d.export_to(folder / "cameras.json")
+    d.settle()
+    assert len(read_cameras_json(folder / "cameras.json")) == n
 
 
 def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> None:
@@ -86,6 +120,12 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         np.testing.assert_allclose(means.min(axis=0), -means.max(axis=0), atol=0.01)
         assert len(means) == len(session.selected_indices())
         assert d.exists("**/###Show in folder")
+        d.menu("Edit/###Reduce splats…")
+        d.frames(3)
+        d.click("**/###Reduce now")
+        d.settle()
+        assert (session.need().history.undo_title or "").startswith("Reduce splats of ")
+        run("edit.undo", session)
         d.menu("File/###Export scene…")
         d.frames(3)
         d.click("**/###Choose a place")

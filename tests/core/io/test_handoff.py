@@ -2,7 +2,6 @@
 
 import base64
 import json
-import struct
 import subprocess
 import warnings
 from dataclasses import replace
@@ -16,11 +15,17 @@ from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.glb_buffers import Buffers
+from gaga_core.io.mesh_files import MeshFile, write_mesh
 from gaga_core.io.packing import unit_quats
 from gaga_core.io.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene.collider import box_mesh, convex_collider
+from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.selection.oriented_box import oriented_box
 from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
 from tests.core.io.ksplat_parts import ksplat
+from tests.gltf_files import glb_bytes, glb_of_spz, silent_spz
 from tests.peer_tools import node_tool
 from tests.scenes import random_gaussians
 
@@ -77,7 +82,7 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
         {"mesh": 0, "matrix": np.eye(4).ravel().tolist()},
     ]
     gltf["scenes"][0]["nodes"] = [0, 1]
-    path.write_bytes(_glb(gltf, buffers.binaries[0]))
+    path.write_bytes(glb_bytes(gltf, buffers.binaries[0]))
     back = read_splats(path)
     assert len(back) == 60
     there = g.means * [-1, -1, 1]  # left, up, front
@@ -86,27 +91,19 @@ def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None
     np.testing.assert_allclose(back.log_scales[:30], g.log_scales + np.log(2), atol=1e-5)
     np.testing.assert_allclose(back.means[30:], g.means + np.array([-1, -2, 3]), atol=1e-5)
     gltf["nodes"][0]["scale"] = [1, 2, 1]
-    path.write_bytes(_glb(gltf, buffers.binaries[0]))
+    path.write_bytes(glb_bytes(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="stretches"):
         read_splats(path)
     gltf["nodes"] = [{"children": [0], "mesh": 9}]  # found before a mesh is read
     gltf["scenes"][0]["nodes"] = [0]
-    path.write_bytes(_glb(gltf, buffers.binaries[0]))
+    path.write_bytes(glb_bytes(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="circle"):
         read_splats(path)
     gltf["nodes"] = [{"mesh": 0}]
     gltf["accessors"][0]["count"] = 4_000_000_000
-    path.write_bytes(_glb(gltf, buffers.binaries[0]))
+    path.write_bytes(glb_bytes(gltf, buffers.binaries[0]))
     with pytest.raises(GagaError, match="beyond its buffer"):
         read_splats(path)
-
-
-def _glb(gltf: object, binary: bytes) -> bytes:
-    text = json.dumps(gltf).encode()
-    text += b" " * (-len(text) % 4)
-    head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text
-    return head + chunks + struct.pack("<I4s", len(binary), b"BIN\0") + binary
 
 
 def test_a_gltf_takes_its_numbers_from_its_own_folder_or_text_only(tmp_path: Path) -> None:
@@ -139,6 +136,60 @@ def test_a_gltf_takes_its_numbers_from_its_own_folder_or_text_only(tmp_path: Pat
     for uri in ("data:;base64,%%", "data:;base64,AAAA", "parts/the%20numbers.bin\0"):
         with pytest.raises(GagaError):
             read_with(uri)
+    with pytest.raises(GagaError, match="too long"):
+        read_with("n" * 5000)
+    with pytest.raises(GagaError, match="too long"):  # not when the file is looked at before that
+        run_stage(open_path_stage(folder / "a.gltf"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "KHR_gaussian_splatting_compression_spz_2",
+        "KHR_gaussian_splatting_compression_spz",
+        "KHR_spz_gaussian_splats_compression",
+    ],
+)
+def test_splats_that_are_packed_as_spz_are_read_from_a_glb(tmp_path: Path, name: str) -> None:
+    """Stored numbers are those of the glTF, unless the SPZ says which way its axes point."""
+    g = random_gaussians(60, seed=4, sh_degree=2)
+    spz, glb = tmp_path / "a.spz", tmp_path / "a.glb"
+    write_splats(spz, replace(g, comments=("antialiased 1",)))
+    here = read_splats(spz)  # rounded, our axes
+    glb.write_bytes(glb_of_spz(spz.read_bytes(), name, {"translation": [1, 2, 3]}))
+    back = read_splats(glb)
+    np.testing.assert_allclose(back.means, here.means + np.array([-1, -2, 3]), atol=1e-6)
+    np.testing.assert_allclose(back.sh, here.sh, atol=1e-6)
+    assert _angles(back.quats, here.quats).max() < 2e-3
+    assert back.is_antialiased
+    glb.write_bytes(glb_of_spz(silent_spz(spz.read_bytes()), name))
+    back = read_splats(glb)  # left, up, front
+    np.testing.assert_array_equal(back.means, here.means * [-1, -1, 1])
+    turned = here.quats * np.array([1, -1, -1, 1], np.float32)  # of the ellipsoid's own axes, too
+    assert _angles(back.quats, turned).max() < 2e-3
+    odd = [False, True, False, True, False, True, False, True, False]  # in x and y, by coefficient
+    np.testing.assert_allclose(back.sh, np.where(np.array(odd)[:, None], -here.sh, here.sh))
+
+
+def test_damaged_and_other_compressions_in_a_glb_are_one_sentence(tmp_path: Path) -> None:
+    name = "KHR_gaussian_splatting_compression_spz_2"
+    spz, glb = tmp_path / "a.spz", tmp_path / "a.glb"
+    write_splats(spz, random_gaussians(60, sh_degree=1))
+    whole = spz.read_bytes()
+    glb.write_bytes(glb_of_spz(whole, "EXT_gaussian_splatting_compression_other"))
+    with pytest.raises(GagaError, match=r"compression_other.*SPZ alone"):
+        read_splats(glb)
+    glb.write_bytes(glb_of_spz(whole[:-40], name))
+    with pytest.raises(GagaError, match="truncated or damaged"):
+        read_splats(glb)
+    glb.write_bytes(glb_of_spz(b"no splats at all", name))
+    with pytest.raises(GagaError, match="not an SPZ"):
+        read_splats(glb)
+    content = glb_of_spz(whole, name)
+    for wrong in (b'"bufferView": 1', b'"bufferView":-1'):
+        glb.write_bytes(content.replace(b'"bufferView": 0', wrong))
+        with pytest.raises(GagaError, match="not a valid glTF"):
+            read_splats(glb)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +210,7 @@ def test_places_that_overflow_are_one_sentence_and_no_warning(
     write_splats(path, random_gaussians(20))
     buffers = Buffers.of(path.read_bytes(), path)
     nodes = [{"mesh": 0, **node}, {"mesh": 0, "scale": [1e14, 1e14, 1e14]}]
-    path.write_bytes(_glb({**buffers.gltf, "nodes": nodes}, buffers.binaries[0]))
+    path.write_bytes(glb_bytes({**buffers.gltf, "nodes": nodes}, buffers.binaries[0]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(GagaError, match="not a valid glTF"):
@@ -182,37 +233,52 @@ def test_a_glb_with_any_other_json_is_one_sentence(tmp_path: Path, wrong: object
     write_splats(path, random_gaussians(3))
     buffers = Buffers.of(path.read_bytes(), path)
     for name in ("scenes", "nodes", "meshes", "accessors", "bufferViews", "buffers"):
-        path.write_bytes(_glb({**buffers.gltf, name: wrong}, buffers.binaries[0]))
+        path.write_bytes(glb_bytes({**buffers.gltf, name: wrong}, buffers.binaries[0]))
         if name != "scenes" or wrong:  # scenes may be absent
             with pytest.raises(GagaError):
                 read_splats(path)
 
 
 @pytest.mark.skipif(_VALIDATOR is None, reason="gltf-validator is not installed (make peers)")
-def test_the_validator_finds_nothing_wrong_with_a_glb(tmp_path: Path) -> None:
+def test_the_validator_finds_nothing_wrong_with_splats_and_solids(tmp_path: Path) -> None:
     """But for what it does not know yet: the extension, and the names of its attributes."""
-    assert _VALIDATOR is not None
-    path = tmp_path / "a.glb"
-    write_splats(path, random_gaussians(100, sh_degree=3))
-    script = (
-        "const v = require(process.argv[1]);"
-        "v.validateBytes(new Uint8Array(require('fs').readFileSync(process.argv[2])))"
-        ".then(r => console.log(JSON.stringify(r.issues)))"
+    splats, damaged, *solids = (
+        tmp_path / f"{name}.glb" for name in ("splats", "damaged", "mesh", "collider", "box")
     )
-    call = [_VALIDATOR[0], "-e", script, _VALIDATOR[1], str(path)]
+    g = random_gaussians(100, sh_degree=3)
+    write_splats(splats, g)
+    damaged.write_bytes(splats.read_bytes().replace(b'"mode":0', b'"mode":9'))
+    hull = convex_collider(g.means.astype(np.float64))
+    rgb = np.linspace([0, 128, 255], [255, 0, 9], len(hull.vertices)).astype(np.uint8)
+    box = oriented_box(g.means)
+    assert box is not None
+    for path, mesh in zip(solids, (replace(hull, colors=rgb), hull, box_mesh(box)), strict=True):
+        write_mesh(path, mesh, MeshFile.GLB, "a </cup>\n\u00e9")
+    issues = _validated(splats, damaged, *solids)
+    names = "/meshes/0/primitives/0/attributes/KHR_gaussian_splatting:"
+    found = [row for row in issues[0] if not row["pointer"].startswith(names)]
+    assert [row["code"] for row in found] == ["UNSUPPORTED_EXTENSION"]
+    assert {row["code"] for row in issues[0]} <= {
+        "UNSUPPORTED_EXTENSION",
+        "MESH_PRIMITIVE_INVALID_ATTRIBUTE",  # of the extension's own names
+    }
+    assert any("primitives/0/mode" in row["pointer"] for row in issues[1])
+    assert issues[2:] == [[], [], []], "solids are plain glTF: not even a hint"
+
+
+def _validated(*paths: Path) -> list[list[dict[str, Any]]]:
+    """What Khronos' validator says of files; severity 0 error, 1 warning, 2 information, 3 hint."""
+    assert _VALIDATOR is not None
+    script = (
+        "const v = require(process.argv[1]), read = require('fs').readFileSync;"
+        "Promise.all(process.argv.slice(2).map(p => v.validateBytes(new Uint8Array(read(p)))))"
+        ".then(all => console.log(JSON.stringify(all.map(r => r.issues))))"
+    )
+    call = [_VALIDATOR[0], "-e", script, _VALIDATOR[1], *map(str, paths)]
     answer = subprocess.run(call, check=True, capture_output=True, timeout=60)
-    issues = json.loads(answer.stdout)
-    assert not issues["truncated"]
-    found = [
-        message
-        for message in issues["messages"]
-        if message["severity"] < 2 and "KHR_gaussian_splatting:" not in message["pointer"]
-    ]
-    assert found == []
-    damaged = tmp_path / "b.glb"
-    damaged.write_bytes(path.read_bytes().replace(b'"mode":0', b'"mode":9'))
-    answer = subprocess.run([*call[:-1], str(damaged)], check=True, capture_output=True, timeout=60)
-    assert "primitives/0/mode" in answer.stdout.decode()
+    found = json.loads(answer.stdout)
+    assert not any(issues["truncated"] for issues in found)
+    return [issues["messages"] for issues in found]
 
 
 @pytest.mark.parametrize("name", ["a.sog", "folder/meta.json"])

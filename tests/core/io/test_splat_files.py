@@ -26,8 +26,9 @@ from gaga_core.io.splat_files import (
     write_splats,
     write_splats_stage,
 )
-from gaga_core.io.spz import fraction_bits, states_axes
+from gaga_core.io.spz import states_axes
 from gaga_core.io.spz_axes import AXES, axes_map, turned
+from gaga_core.io.spz_writer import fraction_bits
 from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
 from tests.peer_tools import node_tool

@@ -1,18 +1,24 @@
 """Exported cameras see the exported splats as the photos saw the scene."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gaga_core.camera import Camera
 from gaga_core.cli.main import main
+from gaga_core.errors import GagaError
 from gaga_core.io.cameras_json import read_cameras_json
+from gaga_core.io.colmap import read_colmap
 from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.scene_folder import find_sparse, open_scene_folder
+from gaga_core.pipeline.export_cameras import export_cameras
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import open_path_stage, save_project
 from tests.app.folders import write_scene
@@ -42,6 +48,77 @@ def test_exported_cameras_fit_the_exported_scene(
     cameras = read_cameras_json(tmp_path / "moved.json")
     for was, now in zip(folder.cameras, cameras, strict=True):
         np.testing.assert_allclose(now.project(moved)[0], was.project(means)[0], atol=0.05)
+
+
+def _transforms(path: Path) -> tuple[Camera, ...]:
+    """Read as the nerfstudio documentation says: camera to world, OpenGL's axes."""
+    read = json.loads(path.read_text())
+    assert read["camera_model"] == "PINHOLE"
+    cameras = []
+    for frame in read["frames"]:
+        world_from_cam = np.array(frame["transform_matrix"])
+        world_from_cam[:3, 1:3] *= -1
+        K = np.array([[frame["fl_x"], 0, frame["cx"]], [0, frame["fl_y"], frame["cy"]], [0, 0, 1]])
+        pose = np.linalg.inv(world_from_cam)
+        cameras.append(Camera(K, pose, frame["w"], frame["h"], Path(frame["file_path"]).name))
+    return tuple(cameras)
+
+
+def test_every_form_holds_the_same_cameras_and_replaces_nothing_that_is_read(
+    tmp_path: Path,
+) -> None:
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    assert project.folder is not None
+    cameras = project.folder.cameras
+    (tmp_path / "far").mkdir()
+    for name in ("t cameras.json", "table/transforms.json", "far/transforms.json", "model"):
+        assert export_cameras(project, tmp_path / name, ExportOptions(scale=3)) == len(cameras)
+    model, own = read_colmap(tmp_path / "model"), read_colmap(tmp_path / "table" / "sparse" / "0")
+    frames = _transforms(tmp_path / "table/transforms.json")
+    plain = read_cameras_json(tmp_path / "t cameras.json")
+    for was, a, b, c in zip(cameras, model.cameras, frames, plain, strict=True):
+        assert was.name == a.name == b.name
+        for camera in (a, b, c):
+            np.testing.assert_allclose(camera.position, 3 * was.position, atol=1e-9)
+            rotation, expected = camera.cam_from_world[:3, :3], was.cam_from_world[:3, :3]
+            np.testing.assert_allclose(rotation, expected, atol=1e-9)
+            np.testing.assert_allclose(camera.K, was.K, atol=1e-9)
+    rows = [np.column_stack([m.points / k, m.point_colors]) for m, k in ((model, 3), (own, 1))]
+    listed = [points[np.lexsort(np.round(points.T, 4))] for points in rows]  # in no order of theirs
+    np.testing.assert_allclose(listed[0], listed[1], atol=1e-5)
+    for place in ("table", "far"):
+        found = json.loads((tmp_path / place / "transforms.json").read_text())["frames"]
+        assert [frame["file_path"] for frame in found] == [f"images/{c.name}" for c in cameras]
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "images.bin").write_bytes(b"")
+    before = sorted(tmp_path.rglob("*"))
+    for name in ("table/sparse/0", "a.ply", "other", "t cameras.json/model"):
+        with pytest.raises(GagaError):
+            export_cameras(project, tmp_path / name)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_no_place_that_would_become_the_cameras_of_the_scene_is_written(tmp_path: Path) -> None:
+    """A model in sparse/ hides the cameras.json that a scene was opened with."""
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    export_cameras(project, tmp_path / "table" / "cameras.json")
+    shutil.rmtree(tmp_path / "table" / "sparse")
+    alone = run_stage(open_path_stage(tmp_path / "table"))
+    for name in ("sparse", "sparse/0", "colmap/sparse/0", "cameras.json"):
+        with pytest.raises(GagaError, match="Choose another place"):
+            export_cameras(alone, tmp_path / "table" / name)
+    assert find_sparse(tmp_path / "table") is None
+
+
+def test_points_of_a_small_unit_keep_their_digits(tmp_path: Path) -> None:
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    export_cameras(project, tmp_path / "small", ExportOptions(scale=1e-6))
+    own, small = (read_colmap(tmp_path / name) for name in ("table/sparse/0", "small"))
+    listed = [np.sort(points, axis=0) for points in (own.points, small.points * 1e6)]
+    np.testing.assert_allclose(listed[0], listed[1], rtol=1e-6, atol=1e-6)
 
 
 def test_a_lone_file_has_no_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

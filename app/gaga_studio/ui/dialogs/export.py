@@ -1,4 +1,4 @@
-"""The sheet that exports: the scene, the selection or every object; one for all."""
+"""The sheet that exports: the scene, the selection, every object or the cameras; one for all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -8,16 +8,17 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.splat_files import WRITE_SUFFIXES, SplatFormat
+from gaga_core.pipeline.export_cameras import CameraForm, camera_form_of
 from gaga_core.scene.export_mesh import MeshExport, MeshForm
-from gaga_core.scene.export_options import ExportOptions, Point
-from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.export_options import ExportOptions
 from gaga_studio import commands
 from gaga_studio.actions import export
-from gaga_studio.actions.export import ExportPlan, ExportSummary
+from gaga_studio.actions.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.stages import Export
 from gaga_studio.system import paths
+from gaga_studio.ui.dialogs import export_cameras, export_options
+from gaga_studio.ui.dialogs.export_options import NAMES
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height
@@ -25,8 +26,10 @@ from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-_SHEET, _NAMES = "Export", 7.0  # its title; width of the names of fields, ems
-_WHATS: tuple[tuple[Export, str, str, str, str], ...] = (
+_SHEET = "Export"  # its title
+_CAMERAS = "file.export_cameras"
+_NO_FOLDER = "COLMAP needs a folder: leave .json out of the name."
+_WHATS: tuple[tuple[What, str, str, str, str], ...] = (
     ("scene", "", "Scene", "One file of all that is visible", "file.export_scene"),
     ("selected", "", "Selection", "One file of what is selected", "file.export_selected"),
     (
@@ -36,6 +39,7 @@ _WHATS: tuple[tuple[Export, str, str, str, str], ...] = (
         "A file for each selected object, else for each, and groups.json with their names",
         "file.export_objects",
     ),
+    ("cameras", "", "Cameras", "Where the photos stand around what is visible", _CAMERAS),
 )
 _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     (SplatFormat.PLY, "", "PLY", "Keeps everything. Every program for splats opens it."),
@@ -78,15 +82,15 @@ _FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
     (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Lies as the GLB of the splats."),
     (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Lies as the PLY of the splats."),
 )
-_SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
 
 
 @dataclass
 class ExportSheet:
     """What was chosen last, kept while the program runs."""
 
-    what: Export = "scene"
+    what: What = "scene"
     form: SplatFormat = SplatFormat.PLY
+    cameras: CameraForm = CameraForm.CAMERAS_JSON
     solid: MeshForm | None = None  # of objects, in place of their splats
     mesh_file: MeshFile = MeshFile.GLB
     options: ExportOptions = field(default_factory=ExportOptions)
@@ -102,14 +106,15 @@ def register(table: RequestTable, sheet: ExportSheet) -> None:
         (Request.EXPORT_OBJECTS, "objects"),
         (Request.EXPORT_MESHES, "objects"),
         (Request.EXPORT_PAGE, "scene"),
+        (Request.EXPORT_CAMERAS, "cameras"),
     ):
         form = SplatFormat.HTML if request is Request.EXPORT_PAGE else None
         solid = MeshForm.MESH if request is Request.EXPORT_MESHES else None
-        table.register(request, _opener(sheet, what, form, solid))  # type: ignore[arg-type]  # Export
+        table.register(request, _opener(sheet, what, form, solid))  # type: ignore[arg-type]  # What
 
 
 def _opener(
-    sheet: ExportSheet, what: Export, form: SplatFormat | None, solid: MeshForm | None
+    sheet: ExportSheet, what: What, form: SplatFormat | None, solid: MeshForm | None
 ) -> Callable[[Session], None]:
     def opens(session: Session) -> None:
         if session.document is None:
@@ -142,7 +147,9 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
         return
     imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
-    _options(session, sheet)
+    is_solid = sheet.what == "objects" and sheet.solid is not None
+    has_splats = sheet.what != "cameras" and not is_solid
+    sheet.options = export_options.draw(session, sheet.options, has_splats=has_splats)
     _place(sheet, files)
     summary = export.summary(session, _plan(sheet))
     _says(sheet, summary)
@@ -152,39 +159,48 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
 
 
 def _plan(sheet: ExportSheet) -> ExportPlan:
-    form: SplatFormat | MeshExport = sheet.form
-    if sheet.what == "objects" and sheet.solid is not None:
+    form: SplatFormat | MeshExport | CameraForm = sheet.form
+    if sheet.what == "cameras":
+        form = sheet.cameras
+    elif sheet.what == "objects" and sheet.solid is not None:
         form = MeshExport(sheet.solid, sheet.mesh_file)
     return ExportPlan(Path(sheet.path.strip()).expanduser(), sheet.what, form, sheet.options)
 
 
 def _propose(session: Session, sheet: ExportSheet) -> None:
-    sheet.path = paths.shown(export.proposed(session, sheet.what, sheet.form))
+    form = sheet.cameras if sheet.what == "cameras" else sheet.form
+    sheet.path = paths.shown(export.proposed(session, sheet.what, form))
 
 
 def _what_and_form(session: Session, sheet: ExportSheet) -> None:
     off = {what: commands.command(name).enabled(session) for what, *_, name in _WHATS}
-    widgets.field_name("What", em(_NAMES))
+    widgets.field_name("What", em(NAMES))
     choices = [(what, icon, label, hint) for what, icon, label, hint, _ in _WHATS]
     what = widgets.segmented("What", choices, sheet.what, why_not=off)
     if what != sheet.what:
         sheet.what = what
         _propose(session, sheet)
+    if sheet.what == "cameras":
+        cameras = export_cameras.draw(sheet.cameras, em(NAMES))
+        if cameras is not sheet.cameras:
+            sheet.cameras = cameras
+            _propose(session, sheet)
+        return
     if sheet.what == "objects":
-        widgets.field_name("As", em(_NAMES))
+        widgets.field_name("As", em(NAMES))
         sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={})
         if sheet.solid is not None:
-            widgets.field_name("Form", em(_NAMES))
+            widgets.field_name("Form", em(NAMES))
             sheet.mesh_file = widgets.segmented("File", _FILES, sheet.mesh_file, why_not={})
-            widgets.under_fields(em(_NAMES))
+            widgets.under_fields(em(NAMES))
             widgets.dim(next(hint for f, _, _, hint in _FILES if f is sheet.mesh_file), wrap=True)
             return
-    widgets.field_name("Form", em(_NAMES))
+    widgets.field_name("Form", em(NAMES))
     form = widgets.segmented("Form", _FORMS, sheet.form, why_not={})
     if form is not sheet.form:
         sheet.path = _with_suffix(sheet, form)
         sheet.form = form
-    widgets.under_fields(em(_NAMES))
+    widgets.under_fields(em(NAMES))
     widgets.dim(next(hint for form, _, _, hint in _FORMS if form is sheet.form), wrap=True)
 
 
@@ -195,93 +211,15 @@ def _with_suffix(sheet: ExportSheet, form: SplatFormat) -> str:
     return sheet.path.removesuffix(sheet.form.suffix) + form.suffix
 
 
-def _options(session: Session, sheet: ExportSheet) -> None:
-    options = sheet.options
-    degree = session.need().scene.gaussians.sh_degree
-    if sheet.what != "objects" or sheet.solid is None:
-        options = _color(options, degree) if degree > 0 else options
-        options = _fewer(options)
-    widgets.field_name("Placement", em(_NAMES))
-    changed, centre = widgets.checkbox("Middle at the origin", options.centre)
-    widgets.tooltip("The middle of all that is written becomes the origin; files still fit")
-    options = replace(options, centre=centre) if changed else options
-    widgets.next_to("Lowest point at height 0", extra=em(2))
-    changed, ground = widgets.checkbox("Lowest point at height 0", options.ground)
-    widgets.tooltip("What is written stands on the ground")
-    options = replace(options, ground=ground) if changed else options
-    widgets.field_name("Units", em(_NAMES))
-    form = "1 scene unit = %.4g units of the file"
-    flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
-    changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
-    widgets.tooltip("Drag, or double-click to type. What is 2 long here is twice this number long")
-    options = replace(options, scale=scale) if changed and scale > 0 else options
-    widgets.field_name("Crop", em(_NAMES))
-    sheet.options = _crop(session, options)
-
-
-def _color(options: ExportOptions, degree: int) -> ExportOptions:
-    widgets.field_name("Color", em(_NAMES))
-    chosen = degree if options.sh_degree is None else min(options.sh_degree, degree)
-    names = [f"View-dependent, degree {k}" if k else "The same from every side" for k in range(5)]
-    names[degree] = f"As it is (degree {degree})"
-    order = list(range(degree, -1, -1))
-    changed, at = imgui.combo("##Color", order.index(chosen), [names[k] for k in order])
-    widgets.tooltip("Lower degrees make smaller files and lose reflections")
-    if not changed:
-        return options
-    return replace(options, sh_degree=None if order[at] == degree else order[at])
-
-
-def _fewer(options: ExportOptions) -> ExportOptions:
-    widgets.field_name("Splats", em(_NAMES))
-    shares = list(_SHARES)
-    now = min(range(len(shares)), key=lambda k: abs(shares[k] - options.keep))
-    changed, at = imgui.combo("##Splats", now, list(_SHARES.values()))
-    widgets.tooltip("Fewer make smaller files that are drawn faster: neighbours are merged")
-    return replace(options, keep=shares[at]) if changed else options
-
-
-def _crop(session: Session, options: ExportOptions) -> ExportOptions:
-    changed, is_on = widgets.checkbox("Only what is in a box", options.crop is not None)
-    widgets.tooltip("The box is around the selection at first, else around everything")
-    if changed:
-        crop = _box(session) if is_on else None
-        return replace(options, crop=crop)
-    if options.crop is None:
-        return options
-    lo, hi = options.crop
-    speed = max(*(b - a for a, b in zip(lo, hi, strict=True)), 1e-6) / 300
-    widgets.field_name("  from", em(_NAMES))
-    moved_lo, low = imgui.drag_float3("##Crop from", list(lo), speed, 0, 0, "%.3f")
-    widgets.field_name("  to", em(_NAMES))
-    moved_hi, high = imgui.drag_float3("##Crop to", list(hi), speed, 0, 0, "%.3f")
-    if not (moved_lo or moved_hi):
-        return options
-    first = [min(a, b) for a, b in zip(low, high, strict=True)]
-    last = [max(a, b) for a, b in zip(low, high, strict=True)]
-    return replace(options, crop=(_point(first), _point(last)))
-
-
-def _box(session: Session) -> tuple[Point, Point]:
-    chosen = session.selected_indices()
-    lo, hi = splat_box(session.need().scene, chosen if len(chosen) else None, share=1.0)
-    return _point(lo.tolist()), _point(hi.tolist())
-
-
-def _point(values: "list[float]") -> Point:
-    x, y, z = values
-    return float(x), float(y), float(z)
-
-
 def _place(sheet: ExportSheet, files: FilePicker) -> None:
-    is_folder = sheet.what == "objects"
+    is_folder = _is_folder(sheet)
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
-    widgets.field_name("Folder" if is_folder else "File", em(_NAMES), right=room)
+    widgets.field_name("Folder" if is_folder else "File", em(NAMES), right=room)
     changed, sheet.path = imgui.input_text("##Path", sheet.path)
     widgets.tooltip(sheet.path)
-    if changed and not is_folder:
-        sheet.form = export.form_of_name(sheet.path) or sheet.form
+    if changed:
+        _follow_name(sheet)
     imgui.same_line()
     if widgets.button("Choose a place", Face(label, width=-1), hint="Choose another place"):
         imgui.close_current_popup()
@@ -291,19 +229,37 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
 def _ask(sheet: ExportSheet, files: FilePicker) -> None:
     now = _plan(sheet).path
     start = next((p for p in now.parents if p.is_dir()), Path.home())
-    if sheet.what == "objects":
+    if _is_folder(sheet):
         dialog = FileDialog("Export into a folder", PathKind.NEW_FOLDER, start, now.name)
     else:
-        title = f"Export as {', '.join(WRITE_SUFFIXES[:-1])} or {WRITE_SUFFIXES[-1]}"
-        dialog = FileDialog(title, PathKind.SAVE_FILE, start, now.name, WRITE_SUFFIXES)
+        suffixes = (".json",) if sheet.what == "cameras" else WRITE_SUFFIXES
+        title = f"Export as {' or '.join(filter(None, (', '.join(suffixes[:-1]), suffixes[-1])))}"
+        dialog = FileDialog(title, PathKind.SAVE_FILE, start, now.name, suffixes)
     dialog.action = "Choose"
 
     def chosen(path: Path) -> None:
         sheet.path = paths.shown(path)
-        sheet.form = export.form_of_name(path.name) or sheet.form
+        _follow_name(sheet)
 
     files.ask(dialog, chosen)
     sheet.waits = dialog
+
+
+def _is_folder(sheet: ExportSheet) -> bool:
+    if sheet.what == "cameras":
+        return sheet.cameras is CameraForm.COLMAP
+    return sheet.what == "objects"
+
+
+def _follow_name(sheet: ExportSheet) -> None:
+    """Take the form that the name asks for; a folder has none."""
+    if _is_folder(sheet):
+        return
+    if sheet.what == "cameras":
+        form = camera_form_of(Path(sheet.path))
+        sheet.cameras = sheet.cameras if form is CameraForm.COLMAP else form
+    else:
+        sheet.form = export.form_of_name(sheet.path) or sheet.form
 
 
 def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
@@ -311,12 +267,13 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     s = "" if summary.n_files == 1 else "s"
     n_files = f" in {summary.n_files:,} file{s}" if sheet.what == "objects" else ""
-    imgui.text_unformatted(
-        f"{summary.n_splats:,} splats{n_files}, about {size_text(summary.n_bytes)}"
-    )
+    n_things = f"{summary.n_splats:,} splats"
+    if sheet.what == "cameras":
+        n_things = "1 camera" if summary.n_cameras == 1 else f"{summary.n_cameras:,} cameras"
+    imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
     said = " ".join(summary.lost) or "Nothing is lost."
     widgets.dim(said, wrap=True)
-    if sheet.what != "objects" and _plan(sheet).path.is_file():
+    if not _is_folder(sheet) and _plan(sheet).path.is_file():
         imgui.text_wrapped("The file that is there is replaced.")
 
 
@@ -347,6 +304,8 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
     reason = commands.command(name).enabled(session)
     if reason:
         return reason
+    if sheet.what == "cameras":
+        return _why_no_cameras(sheet)
     if summary.n_splats == 0:
         return "There is nothing to write: nothing of it is visible."
     if not sheet.path.strip():
@@ -354,3 +313,11 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
     if sheet.what != "objects" and export.form_of_name(sheet.path) is None:
         return f"The name must end in {sheet.form.suffix}."
     return ""
+
+
+def _why_no_cameras(sheet: ExportSheet) -> str:
+    if not sheet.path.strip():
+        return "Say where to write."
+    if camera_form_of(_plan(sheet).path) is sheet.cameras:
+        return ""
+    return f"The name must end in {sheet.cameras}." if not _is_folder(sheet) else _NO_FOLDER
