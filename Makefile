@@ -8,6 +8,7 @@
 # make cluster  runs twenty scenes on a dask cluster whose workers are killed and run out of memory
 # make peers  installs the programs of others that tests compare with, where there is npm
 # make browser  installs the Chromium that tests of web pages drive, where there is apt
+# make test-browsers  web pages in Chromium and, on demand, in Firefox
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 # make app     a folder dist/gaga-studio that starts on a Linux without Python (a few minutes)
 # make app-models  torch and what reads models, as the folder dist/models to put into it
@@ -18,7 +19,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
+.PHONY: app app-models test-app test-browsers studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -41,6 +42,10 @@ peers: .peers/.ready
 # Debian's Chromium, which tests of web pages drive.
 browser:
 	@.ci/system-libraries browser || echo "no chromium: tests of web pages are skipped"
+
+test-browsers: setup browser
+	@.ci/system-libraries firefox || echo "no firefox: its test is skipped"
+	@GAGA_TEST_FIREFOX=1 $(BIN)/python -m pytest -q tests/web
 
 captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures

@@ -35,7 +35,7 @@ from gaga_core.scene.object_picture import MOST_DRAWN, object_picture, object_vi
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.orientation import common_target
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 
 PICTURE = 96  # pixels of a side
 _QUALITY = 82  # of WebP
@@ -78,9 +78,10 @@ def write_scene_page_stage(
     ids, places = np.unique(np.append(scene.labels[splats], 0), return_inverse=True)
     groups = ids.astype(np.int32), places[:-1].astype(np.int32)
     objects: list[PageObject] = []
+    locked = _locked(scene, splats, ids)
     for entry in _objects(scene, gaussians, groups, options):
         yield Progress("Draw objects", len(objects), len(ids), entry.name)
-        objects.append(entry)
+        objects.append(replace(entry, is_locked=entry.id in locked))
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin
     marks = carried_bookmarks(options.page.bookmarks, world)
@@ -108,6 +109,7 @@ def _objects(
     order = np.argsort(places, kind="stable")
     starts = np.searchsorted(places[order], np.arange(len(ids)))
     up = np.asarray(options.up, np.float64)
+    listed = {int(group): k for k, group in enumerate(ids) if group}
     for k, rows in enumerate(np.split(order, starts[1:])):
         if k == 0:
             yield no_object(len(rows))
@@ -118,6 +120,7 @@ def _objects(
         thin = gaussians.take(rows[:: max(-(-len(rows) // MOST_DRAWN), 1)])
         view = object_view(centre, radius, options.page.cameras, up)
         r, g, b = (float(part) for part in colors[k])
+        parent = listed.get(scene.folders.nearest(int(ids[k]), listed), 0)
         x, y, z = (float(part) for part in centre)
         yield PageObject(
             id=int(ids[k]),
@@ -127,7 +130,16 @@ def _objects(
             centre=(x, y, z),
             radius=radius,
             picture=_webp(object_picture(thin, view, PICTURE)),
+            folder="" if parent else scene.folders.places.get(int(ids[k]), ""),
+            parent=parent,
+            is_background=int(ids[k]) in options.page.background,
         )
+
+
+def _locked(scene: Scene, splats: IntArray, ids: IntArray) -> frozenset[int]:
+    """Groups all of whose ``splats`` (K,) are locked."""
+    free = scene.labels[splats[~scene.has(State.LOCKED)[splats]]]
+    return frozenset(np.setdiff1d(ids, free).tolist()) - {0}
 
 
 def _ball(means: DoubleArray, least: float) -> tuple[DoubleArray, float]:

@@ -15,12 +15,11 @@ from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.reconstruct.losses import psnr
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.picking import pick
-from tests.web.conftest import HOSTILE, Exported
+from tests.web.conftest import DARK, HOSTILE, Exported
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
 
-_DARK = np.array([26, 27, 31], np.float32) / 255  # background of page.css
 _SETTLED = "canvas[data-settled]"
 
 
@@ -92,7 +91,7 @@ def test_the_picture_is_that_of_the_renderer(fresh: "Page", exported: Exported) 
     _, _, width, height = _box(fresh)
     rendered = [
         CpuRasterizer()
-        .render(exported.scene.gaussians, shot.camera(width, height), background=_DARK)
+        .render(exported.scene.gaussians, shot.camera(width, height), background=DARK)
         .image
         for shot in (exported.shot, exported.behind)
     ]
@@ -123,7 +122,7 @@ def test_a_drag_turns_and_the_picture_is_whole_again(fresh: "Page", exported: Ex
     pose[:3, :3] = camera.cam_from_world[:3, :3] @ turn.T
     pose[:3, 3] = -pose[:3, :3] @ (pivot + turn @ (camera.position - pivot))
     turned = replace(camera, cam_from_world=pose)
-    rendered = CpuRasterizer().render(exported.scene.gaussians, turned, background=_DARK).image
+    rendered = CpuRasterizer().render(exported.scene.gaussians, turned, background=DARK).image
     assert psnr(_picture(fresh), rendered) > 36
 
 
@@ -146,7 +145,7 @@ def test_a_click_selects_what_the_window_selects(fresh: "Page", exported: Export
         if v < 90:  # under the card of a selected object
             fresh.keyboard.press("Escape")
         fresh.mouse.click(x + u, y + v)
-        group = hit.group if hit is not None else 0
+        group = hit.group if hit is not None and hit.group != 4 else 0  # 4 is locked
         assert _selected(fresh) == group, (u, v)
         seen.add(group)
     assert len(seen) >= 4
@@ -181,10 +180,10 @@ def test_names_are_text_and_never_markup(fresh: "Page", exported: Exported) -> N
 
 def test_search_hides_rows_and_keys_walk_through_them(fresh: "Page") -> None:
     rows = fresh.locator("#list li:visible")
-    assert rows.count() == 7, "six objects, and what is in none"
+    assert rows.count() == 9, "five objects, what is in none, two folders and the background"
     fresh.keyboard.press("/")
     fresh.keyboard.type("BRULEE creme")
-    assert rows.count() == 1
+    assert rows.count() == 3, "it, and the folders that it lies in"
     fresh.keyboard.press("ArrowDown")
     fresh.keyboard.press("Enter")
     assert _selected(fresh) == 2
@@ -192,7 +191,7 @@ def test_search_hides_rows_and_keys_walk_through_them(fresh: "Page") -> None:
     assert fresh.locator("#none").is_visible()
     fresh.locator("#search").focus()
     fresh.keyboard.press("Escape")
-    assert rows.count() == 7
+    assert rows.count() == 9
     fresh.keyboard.press("Tab")
     for key in ("ArrowDown", "ArrowDown", "ArrowDown", "Enter"):
         fresh.keyboard.press(key)
@@ -208,7 +207,7 @@ def test_an_object_is_hidden_and_shown_alone(fresh: "Page", exported: Exported) 
 
     def rendered(shown: BoolArray) -> FloatArray:
         splats = scene.gaussians.take(np.flatnonzero(shown))
-        return CpuRasterizer().render(splats, camera, background=_DARK).image
+        return CpuRasterizer().render(splats, camera, background=DARK).image
 
     assert not (scene.state & State.HIDDEN).any()
     row = fresh.locator("#list li[data-id='3']")
@@ -224,6 +223,48 @@ def test_an_object_is_hidden_and_shown_alone(fresh: "Page", exported: Exported) 
     fresh.locator("#all").click()
     fresh.wait_for_selector(_SETTLED)
     assert psnr(_picture(fresh), whole) > 50
+
+
+def test_folders_and_the_background_fold_and_act_on_all_in_them(
+    fresh: "Page", exported: Exported
+) -> None:
+    """Folders first and open, the background last and closed; keys and search open them."""
+    scene = exported.scene
+    names = fresh.locator("#list li:visible b").all_inner_texts()
+    assert names[:3] == ["Toys", "<b>Balls", "Crème\u2028 brûlée"]
+    assert names[-2:] == ["Background and supports", "unassigned"]
+    toys, behind = fresh.locator("#list li.head").first, fresh.locator("#list li.head").last
+    balls, sixth = fresh.locator("#list li[data-id='3']"), fresh.locator("#list li[data-id='6']")
+    assert not sixth.is_visible()
+    behind.locator(".name").click()
+    assert sixth.is_visible()
+    sixth.locator(".name").click()
+    assert _selected(fresh) == 6
+    behind.locator(".name").click()
+    assert not sixth.is_visible()
+    toys.locator(".name").focus()
+    for key, is_there in (("ArrowLeft", False), ("ArrowRight", True)):
+        fresh.keyboard.press(key)
+        assert balls.is_visible() == is_there
+    fresh.keyboard.press("Escape")
+    toys.locator(".eye").click()
+    fresh.mouse.move(2, 2)
+    fresh.wait_for_selector(_SETTLED)
+    _, _, width, height = _box(fresh)
+    shown = scene.gaussians.take(np.flatnonzero(~np.isin(scene.labels, (2, 3))))
+    camera = exported.shot.camera(width, height)
+    rendered = CpuRasterizer().render(shown, camera, background=DARK).image
+    assert psnr(_picture(fresh), rendered) > 36
+    assert fresh.locator("#list li.off").count() == 4, "two folders, two objects"
+    toys.locator(".alone").click()
+    assert fresh.locator("#list li:not(.off)").count() == 4
+    fresh.locator("#all").click()
+    fresh.locator("#list li[data-id='1'] .eye").click()
+    off = [item.get_attribute("data-id") for item in fresh.locator("#list li.off").all()]
+    assert off == ["1", "5"], "what lies under it is hidden with it"
+    fresh.locator("#list .name", has_text="style").click()
+    assert _selected(fresh) == 0
+    assert fresh.locator("#status").inner_text().startswith("Locked")
 
 
 def test_graphics_that_were_lost_come_back(fresh: "Page") -> None:
@@ -297,7 +338,7 @@ def test_fingers_tap_pinch_and_open_the_list(browser: "Browser", exported: Expor
     ahead = far.camera(width, height).forward * far.distance / 3
     x, y, z = (float(part) for part in np.array(far.eye) + ahead)
     near = replace(far, eye=(x, y, z), distance=far.distance * 2 / 3).camera(width, height)
-    rendered = CpuRasterizer().render(exported.scene.gaussians, near, background=_DARK).image
+    rendered = CpuRasterizer().render(exported.scene.gaussians, near, background=DARK).image
     assert psnr(_picture(page), rendered) > 34
     middles = [
         exported.scene.gaussians.means[exported.scene.labels == k].mean(axis=0) for k in (5, 6)

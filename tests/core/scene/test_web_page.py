@@ -15,11 +15,13 @@ from PIL import Image
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.splat_files import SplatFormat, losses, write_splats
+from gaga_core.io.web_page import check_room
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
 from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.export_options import ExportOptions, PageContent
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import Scene, State
 from tests.pages import page_data
 from tests.scenes import objects_scene, random_gaussians
@@ -51,8 +53,16 @@ def means_of(head: dict[str, list[float]], planes: bytes) -> DoubleArray:
 def test_every_visible_object_is_listed_and_nothing_hidden_is_there(tmp_path: Path) -> None:
     made = scene()
     made.state[made.labels == 3] |= np.uint8(State.HIDDEN)
-    path = written(tmp_path / "a.html", ExportOptions(up=(0, 0, 1)), made)
+    made.folders = Folders.of(["Kitchen/Cups"], {1: "Kitchen/Cups"}, {3: 1, 2: 3})
+    made.state[made.labels <= 1] |= np.uint8(State.LOCKED)
+    made.state[np.flatnonzero(made.labels == 2)[0]] |= np.uint8(State.LOCKED)  # not all of it
+    options = ExportOptions(up=(0, 0, 1), page=PageContent(background=frozenset({2, 3})))
+    path = written(tmp_path / "a.html", options, made)
     page, columns = page_data(path)
+    assert [item["folder"] for item in page["objects"]] == ["", "Kitchen/Cups", ""]
+    assert [item["parent"] for item in page["objects"]] == [0, 0, 1], "3, between them, is hidden"
+    assert [item["locked"] for item in page["objects"]] == [False, True, False]
+    assert [item["background"] for item in page["objects"]] == [False, False, True]
     assert [(item["id"], item["count"]) for item in page["objects"]] == [(0, 180), (1, 60), (2, 60)]
     assert page["objects"][2]["name"] == "the </script> one"
     assert page["title"] == "a"
@@ -190,3 +200,17 @@ def test_pages_of_objects_share_an_origin_and_begin_with_the_object(tmp_path: Pa
         eye, distance = np.array(page["start"][:3]), page["start"][9]
         np.testing.assert_allclose(np.linalg.norm(eye - item["centre"]), distance, rtol=0.1)
         assert distance < 1.5, "it is near: the object fills the picture"
+
+
+def test_too_many_objects_are_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    """65,535 objects fit; one more is refused at once, also next to splats of none."""
+    check_room(65_535)
+    with pytest.raises(GagaError, match="65,536"):
+        check_room(65_536)
+    labels = np.arange(65_537, dtype=np.int32)
+    made = Scene.of(random_gaussians(len(labels)), labels)
+    stage = export_scene_stage(made, tmp_path / "a.html")
+    with pytest.raises(GagaError, match="at most 65,535 objects"):
+        next(stage)
+    made.state[:2] |= np.uint8(State.HIDDEN)
+    assert next(export_scene_stage(made, tmp_path / "a.html")).done == 0
