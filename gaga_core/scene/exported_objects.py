@@ -1,4 +1,4 @@
-"""Open exported objects again: the files that groups.json names, with names, colors and folders."""
+"""Open exported objects again: the files that groups.json names, with names, colors and order."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,8 +28,9 @@ def manifest_in(path: Path) -> Path | None:
 def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
     """Read all objects of an export as one scene, the first file as the one that was opened.
 
-    Returns the scene, that file and its fingerprint. Ids, names, colors and folders are those of
-    the export. Raises ``GagaError`` when the manifest is damaged, names nothing, or a file is gone.
+    Returns the scene, that file and its fingerprint. Ids, names, colors, folders and parents are
+    those of the export. Raises ``GagaError`` when the manifest is damaged, names nothing, or a file
+    is gone.
     """
     content = read_manifest(manifest)
     entries = content.groups
@@ -65,7 +66,7 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
 
 
 def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
-    """Names, colors and folders of the export."""
+    """Names, colors, folders and parents of the export."""
     plain = group_colors(np.array([entry.id for entry in entries], np.int32))
     colors: dict[int, RGB] = {}
     for entry, usual in zip(entries, plain, strict=True):
@@ -75,7 +76,11 @@ def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
     names = {entry.id: " ".join(entry.name.split()) for entry in entries}
     scene.names = {g: name for g, name in sorted(names.items()) if name not in ("", f"group {g}")}
     scene.colors = dict(sorted(colors.items()))
-    scene.folders = Folders.of((), {entry.id: entry.folder for entry in entries})
+    parents = {entry.id: entry.parent for entry in entries if entry.parent in names}
+    try:
+        scene.folders = Folders.of((), {entry.id: entry.folder for entry in entries}, parents)
+    except ValueError as error:
+        raise GagaError(f"{MANIFEST} is damaged ({error}). Export the objects again.") from error
 
 
 def _all_joined(parts: Sequence[Gaussians]) -> Gaussians:

@@ -32,6 +32,13 @@ class Frame:
         """Whether nothing was moved as a whole and no length is known."""
         return not self.is_metric and np.array_equal(self.world, np.eye(4))
 
+    @property
+    def rows(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Rows of ``world`` as plain values; none when the scene was not moved."""
+        if np.array_equal(self.world, np.eye(4)):
+            return ()
+        return tuple((a, b, c, d) for a, b, c, d in self.world.tolist())
+
     def equals(self, other: "Frame") -> bool:
         """Whether both are the same."""
         return self.is_metric == other.is_metric and np.array_equal(self.world, other.world)

@@ -31,6 +31,7 @@ class ManifestEntry(msgspec.Struct, frozen=True):
     file: PathText  # next to the manifest
     oriented_box: BoxEntry | None = None  # turned as the object lies; older files lack it
     folder: str = ""  # of the object list, "Kitchen/Cups"; older files lack it
+    parent: int = 0  # id of the exported object that it lies under; 0 = none; older files lack it
     psnr: float | None = None  # dB against the object before it was decimated; None: it was not
 
 

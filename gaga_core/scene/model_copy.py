@@ -8,6 +8,7 @@ import numpy as np
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
+from gaga_core.io.model_files import is_same_model
 from gaga_core.io.ply import write_ply
 from gaga_core.scene.scene import Scene
 
@@ -37,7 +38,7 @@ class ModelChangedError(GagaError):
 def has_changed(wanted: File) -> bool:
     """Whether a file is not there or has another content than its fingerprint says."""
     path, digest = wanted
-    return not path.is_file() or fingerprint(path) != digest
+    return not path.is_file() or not is_same_model(path, digest)
 
 
 def current_file(

@@ -139,8 +139,8 @@ def group_colors(ids: IntArray, own: Mapping[int, RGB] | None = None) -> FloatAr
 def folder_colors(folders: Folders, ids: IntArray) -> FloatArray:
     """Colors (G, 3) of groups ``ids`` (G,): one hue for each folder, dark gray for none."""
     hue = {path: i for i, path in enumerate(folders.paths)}
-    home = folders.home
-    hues = np.array([hue.get(home.get(group, ""), -1) for group in ids.tolist()], np.int32)
+    places = folders.places
+    hues = np.array([hue.get(places.get(group, ""), -1) for group in ids.tolist()], np.int32)
     colors = shades(np.maximum(hues, 0), ids)
     colors[hues < 0] = _palette(256)[0]
     return colors

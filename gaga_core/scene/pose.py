@@ -1,7 +1,7 @@
 """Where splats stand as one: position, rotation and scale, absolute, and the motion between two.
 
-Rotation and scale count from how the file was opened, carried along when the scene is moved as a
-whole. A map that shears keeps its shear when its rotation or scale is changed.
+Rotation and scale count from how the file was opened or added, carried along when the scene is
+moved as a whole. A map that shears keeps its shear when its rotation or scale is changed.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ class Pose:
     """A position, a rotation and a scale."""
 
     centre: DoubleArray  # (3,) world
-    turn: DoubleArray  # (3, 3) rotation, world, since the file was opened
+    turn: DoubleArray  # (3, 3) rotation, world, since the file came
     scale: DoubleArray  # (3,) along its own axes; one is negative where it is mirrored
     base: DoubleArray  # (3, 3) rotation of the scene as a whole: the file's axes, world
     is_one: bool = True  # False: of several placements; rotation and scale are of the first
@@ -36,8 +36,9 @@ def pose_of(scene: Scene, splats: IntArray, centre: DoubleArray) -> Pose:
     rows = np.unique(scene.placement[splats])
     table = scene.placements.matrix[rows]
     is_one = bool(np.abs(table - table[:1]).max() <= _SAME)
-    whole = scale_of(scene.frame.world)
-    base = scene.frame.world[:3, :3] / whole
+    motion = scene.motion_of(int(scene.source[splats[0]]))
+    whole = scale_of(motion)
+    base = motion[:3, :3] / whole
     linear = scene.placements.matrix[scene.placement[splats[0]]][:, :3] / whole
     mirror = np.diag([1.0 if np.linalg.det(linear) > 0 else -1.0, 1.0, 1.0])
     u, _, vt = np.linalg.svd(linear @ mirror)

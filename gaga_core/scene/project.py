@@ -25,8 +25,9 @@ import numpy as np
 from gaga_core import __version__
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, fingerprint
+from gaga_core.io.files import atomic_write
 from gaga_core.io.folder_lock import lock_folder
+from gaga_core.io.model_files import is_same_model, model_fingerprint
 from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.sog import META, is_sog_meta
 from gaga_core.io.splat_files import read_splats_stage
@@ -42,9 +43,11 @@ from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.model_copy import KnownCopies, current_file
 from gaga_core.scene.opened_labels import groups_of_file, groups_of_folder, with_groups
 from gaga_core.scene.project_file import (
+    CURE,
     FILE,
     FORMAT,
     FileEntry,
+    ProjectFile,
     read_project_file,
     saved_scene,
 )
@@ -144,7 +147,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
 
 
 def _open_model(path: Path) -> Stage[Project]:
-    digest = fingerprint(path)
+    digest = model_fingerprint(path)
     gaussians = yield from read_splats_stage(path)
     scene = with_groups(Scene.of(gaussians), groups_of_file(gaussians, path))
     return Project(scene, path, model_fingerprint=digest)
@@ -210,6 +213,7 @@ def _write_project(project: Project, target: Path, entries: Sequence[FileEntry])
         "colors": {str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
         "folders": list(scene.folders.paths),
         "in_folder": {str(group): path for group, path in scene.folders.home.items()},
+        "parents": {str(group): above for group, above in scene.folders.parent.items()},
         "sets": list(scene.named_selections),
         "bookmarks": bookmarks_entry(project.bookmarks),
         "path": path_entry(project.film),
@@ -244,7 +248,7 @@ def _open_folder(folder: SceneFolder) -> Stage[Project]:
             f"{folder.root} has photos but no splats (point_cloud.ply). Train a 3D Gaussian "
             "Splatting model of it first, or open its .ply file."
         )
-    digest = fingerprint(folder.model_path)
+    digest = model_fingerprint(folder.model_path)
     gaussians = yield from read_splats_stage(folder.model_path)
     if (folder.work / "labels.npz").is_file():
         groups = groups_of_folder(folder.work, len(gaussians))
@@ -263,7 +267,7 @@ def _open_saved(file: Path) -> Stage[Project]:
             f"The splats of this project are gone: {model_path}. Put the file back, or open "
             "another one."
         )
-    if fingerprint(model_path) != entry.fingerprint:
+    if not is_same_model(model_path, entry.fingerprint):
         raise GagaError(
             f"{model_path} changed since this project was saved, so its edits do not fit. "
             f"Put the former file back, or move {file} away to open the model without edits."
@@ -282,8 +286,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
     scene.colors = _colors_of(document.colors)
-    homes = {int(group): path for group, path in document.in_folder.items()}
-    scene.folders = Folders.of(document.folders, homes)
+    scene.folders = _folders_of(file, document)
     kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
     scene.named_selections = dict(zip(document.sets, kept, strict=False))
     return Project(
@@ -291,7 +294,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         model_path,
         folder,
         file.parent,
-        entry.fingerprint,
+        model_fingerprint(model_path),
         entry.axes,
         bookmarks_of(document.bookmarks),
         _film_of(document.path),
@@ -307,6 +310,16 @@ def _film_of(content: object) -> CameraPath:
         return CameraPath()
 
 
+def _folders_of(file: Path, document: ProjectFile) -> Folders:
+    """The order among objects. Raises ``GagaError`` when an object lies under itself."""
+    homes = {int(group): path for group, path in document.in_folder.items()}
+    parents = {int(group): above for group, above in document.parents.items()}
+    try:
+        return Folders.of(document.folders, homes, parents)
+    except ValueError as error:
+        raise GagaError(f"{file} is damaged ({error}). {CURE}") from error
+
+
 def _colors_of(content: object) -> dict[int, RGB]:
     """List colors of groups; what is no color is left out, it is only a color."""
     colors: dict[int, RGB] = {}
@@ -320,29 +333,34 @@ def _colors_of(content: object) -> dict[int, RGB]:
 def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEntry]:
     """The model's entry, then those of added files."""
     if not project.model_fingerprint:
-        project.model_fingerprint = fingerprint(project.model_path)
+        project.model_fingerprint = model_fingerprint(project.model_path)
     scene = project.scene
     model = str(project.model_path), project.model_fingerprint
     opened = Added(*model, 0, scene.n_opened, project.model_axes)
     entries = []
     for item in (opened, *scene.added):
         if item.is_made:
-            entries.append(FileEntry("", "", item.n))
+            entries.append(FileEntry("", "", item.n, item.axes, item.frame, item.is_merged))
             continue
         rows = (item.first, item.first + item.n) if copies_model else None
         wanted = Path(item.path), item.fingerprint
         path, digest = current_file(wanted, target, scene, rows, project.copies)
-        entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes))
+        entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes, item.frame))
     return entries
 
 
 def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[Added, ...]:
-    """Files whose splats were added; none in older projects."""
+    """Files whose splats were added; none in older projects. ``GagaError``: a frame is none."""
     added: list[Added] = []
     first = n_opened
     for item in entries:
         path = str(_resolve(base, item.path)) if item.path else ""  # "": see `Added`
-        added.append(Added(path, item.fingerprint, first, item.gaussians, item.axes))
+        try:
+            origin = path, item.fingerprint, first, item.gaussians, item.axes
+            entry = Added(*origin, item.frame, item.merged)
+        except ValueError as error:
+            raise GagaError(f"{base / FILE} is damaged ({error}). {CURE}") from error
+        added.append(entry)
         first += item.gaussians
     return tuple(added)
 

@@ -29,6 +29,9 @@ class FileEntry(msgspec.Struct, frozen=True):
     gaussians: Rows = 0
     # As which an .spz is read that does not say its axes; projects without this took RUB.
     axes: SilentAxes = "RUB"
+    # Of added splats: how the scene had been moved by then, rows of (4, 4); none: not at all.
+    frame: tuple[tuple[float, float, float, float], ...] = ()
+    merged: bool = False  # splats that an edit made of others, which it deleted
 
 
 class ProjectFile(msgspec.Struct, frozen=True):
@@ -45,6 +48,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     colors: object = None
     folders: list[str] = []  # of the object list
     in_folder: dict[Group, str] = {}
+    parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, lt=1 << 31)]] = {}
     sets: list[str] = []
     bookmarks: object = None
     path: object = None

@@ -73,6 +73,22 @@ class Added:
     first: int  # row of its first splat among the rows of all files, see `Scene.source`
     n: int  # splats
     axes: SilentAxes = OURS  # of an .spz that does not say its own, see `gaga_core.io.spz_axes`
+    # How the scene had been moved as a whole when they were added: rows of (4, 4),
+    # world_from_opened; none = not at all. Of merged splats with how their origins had been moved
+    # by themselves. See `motion_of`.
+    frame: tuple[tuple[float, float, float, float], ...] = ()
+    is_merged: bool = False  # made of others that were deleted for it, see `gaga_core.scene.reduce`
+
+    def __post_init__(self) -> None:
+        if self.frame:
+            Frame(np.array(self.frame, np.float64))  # raises ValueError when it is none
+
+    def motion_since(self, world: DoubleArray) -> DoubleArray:
+        """Motion (4, 4) of the scene as a whole since then; ``world`` (4, 4) as it is moved now."""
+        if not self.frame:
+            return world
+        then = np.array(self.frame)
+        return np.eye(4) if np.array_equal(then, world) else world @ np.linalg.inv(then)
 
     @property
     def is_made(self) -> bool:
@@ -203,6 +219,11 @@ class Scene:
             return colors[self.source]
         gray = np.full((1, 3), 128, np.uint8)
         return np.concatenate([colors, gray])[np.minimum(self.source, len(colors))]
+
+    def motion_of(self, source: int) -> DoubleArray:
+        """Motion (4, 4) of the scene as a whole since a splat came into it; ``source``: its row."""
+        item = next((a for a in self.added if a.first <= source < a.first + a.n), None)
+        return self.frame.world if item is None else item.motion_since(self.frame.world)
 
     @property
     def n_opened(self) -> int:

@@ -17,6 +17,7 @@ from gaga_core.scene.edits.json import AnyEntry
 from gaga_core.scene.lod.tree import LodFile
 from gaga_core.scene.manifest import Manifest
 from gaga_core.scene.project_file import ProjectFile
+from gaga_core.scene.script.computed import ComputedOperation
 from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import ObjectOperation
 from gaga_core.scene.script.regions import RegionOperation
@@ -27,7 +28,7 @@ from tests.docs.pages import DOCS
 TYPES: Mapping[str, object] = {
     "camera_path": PathEntry,
     "cameras": list[CameraEntry],
-    "edit_script": list[ObjectOperation | FolderOperation | RegionOperation],
+    "edit_script": list[ObjectOperation | ComputedOperation | FolderOperation | RegionOperation],
     "groups": Manifest,
     "lod": LodFile,
     "lod_meta": LodMeta,

@@ -72,7 +72,7 @@ def test_every_operation_of_edit_scripts_is_listed_with_its_fields() -> None:
     listed = {}
     for heading in (
         "Operations on objects",
-        "Operations on folders",
+        "Operations on folders and parents",
         "Operations on regions and whole scenes",
     ):
         for cells in tables(DOCS / "scripting.md")[heading]:

@@ -30,6 +30,7 @@ from gaga_core.scene.scene import Scene
 from gaga_studio import commands
 from gaga_studio.actions import (
     autosave,
+    children,
     color_grade,
     files,
     history,
@@ -47,6 +48,7 @@ COMMANDS = (
     "edit.delete_floaters", "select.all", "select.none", "select.invert", "select.grow",
     "select.shrink", "select.keep", "object.hide", "object.isolate", "object.show_all",
     "object.merge", "object.separate", "object.split", "object.lock", "object.unlock_all",
+    "object.folder", "object.folder_out", "object.leave_parent", "select.children",
     "camera.add_bookmark", "camera.add_keyframe", "camera.clear_path",
 )  # fmt: skip
 MOST_SPLATS = 4000  # duplicates of everything would double the scene for ever
@@ -64,6 +66,7 @@ def snapshot(scene: Scene) -> Snapshot:
         for name, a in columns.items()
     }
     tables = {"names": scene.names, "colors": scene.colors, "sets": list(scene.named_selections)}
+    tables |= {"folders": scene.folders}
     return digests | {name: repr(table) for name, table in tables.items()}
 
 
@@ -156,6 +159,10 @@ class SessionMachine(RuleBasedStateMachine):
     @rule(at=st.integers(0, 9), rgb=st.none() | st.tuples(*[st.floats(0, 1, width=32)] * 3))
     def color_in_the_list(self, at: int, rgb: tuple[float, float, float] | None) -> None:
         objects.set_color(self.session, self._group(at), rgb)
+
+    @rule(at=st.integers(0, 9), parent=st.integers(0, 9))
+    def put_under(self, at: int, parent: int) -> None:
+        children.put_under(self.session, self._group(parent), (self._group(at),))
 
     @rule(at=st.integers(0, 9))
     def assign(self, at: int) -> None:

@@ -44,7 +44,7 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
     scene = document.settled().scene
     evidence = evidence_of(session, document)
     labels, confidence = file_columns(scene)
-    is_same, (progress, end) = _watch(session, document), files.watch_bank(session)
+    is_same, (progress, end) = watch(session, document), files.watch_bank(session)
     free = edits.free_group(scene)
 
     def stage() -> "Stage[Repair]":
@@ -67,11 +67,7 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
 
 
 def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:
-    """Make the edit. Copies follow their originals inside one object; added splats stay."""
-    known = scene.source < len(before)
-    rows = np.where(known, scene.source, 0)
-    follows = known & (scene.labels == before[rows])
-    labels = np.where(follows, repair.labels[rows], scene.labels)
+    labels = repaired_labels(scene, before, repair.labels)
     grouping = edits.set_grouping(
         scene,
         labels,
@@ -79,11 +75,23 @@ def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> ed
         scene.names,
         title,
         confidence=repair.confidence,
-        homes=scene.folders.home,
+        folders=scene.folders,
     )
     if not repair.group:
         return grouping
     return edits.together(title, (grouping, edits.select(scene, labels == repair.group)))
+
+
+def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray:
+    """Return groups (N,) of all splats when those of the opened file (M,) change.
+
+    Copies follow their originals inside one object; added splats stay.
+    """
+    known = scene.source < len(before)
+    rows = np.where(known, scene.source, 0)
+    follows = known & (scene.labels == before[rows])
+    labels: IntArray = np.where(follows, after[rows], scene.labels).astype(np.int32)
+    return labels
 
 
 # --- an object that is two
@@ -102,7 +110,7 @@ def split_by_masks(session: Session) -> bool:
     log = document.read.decisions(group, None)
     labels, _ = file_columns(scene)
     rows = np.flatnonzero(labels == group).astype(np.int32)
-    is_same = _watch(session, document)
+    is_same = watch(session, document)
 
     def stage() -> "Stage[GroupSplit]":
         from gaga_core.grouping.repair.split_group import split_group_stage
@@ -165,7 +173,8 @@ def _with_bank(session: Session) -> tuple[Document, MemoryBank]:
     return document, document.scene.bank
 
 
-def _watch(session: Session, document: Document) -> Callable[[], bool]:
+def watch(session: Session, document: Document) -> Callable[[], bool]:
+    """Return a check for the end of a job: are the objects what they were? If not, it says so."""
     labels, bank = document.scene.labels, document.scene.bank
 
     def is_same() -> bool:

@@ -13,7 +13,7 @@ from gaga_core.scene.edits import Edit
 from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import files, history, objects, unchanged
+from gaga_studio.actions import children, files, history, objects, unchanged
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
@@ -120,7 +120,8 @@ def _clean_then(
         plain(session)
         return
     document = session.need()
-    title = document.title_for(verb)
+    own = session.selected_groups()
+    title = children.title_along(document, verb, [g for g in groups if g not in own])
     stage = edits.clean_objects_stage(document.settled().scene, groups)
     is_same = _watch(session, document)
 
@@ -135,7 +136,7 @@ def _to_clean(session: Session) -> tuple[int, ...]:
     """Objects to clean before something is done to the selection; parts of objects never are."""
     if session.scene is None or not session.settings.clean_first:
         return ()
-    return edits.whole_objects(session.scene)
+    return edits.whole_objects(children.scene_along(session))
 
 
 def _watch(session: Session, document: Document) -> Callable[[], bool]:

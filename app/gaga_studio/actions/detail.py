@@ -47,8 +47,8 @@ def choose(session: Session, level: int) -> None:
     sure = (
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
-    homes = {group: path for group, path in scene.folders.home.items() if group in there}
-    document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure, homes))
+    order = scene.folders.renumbered({group: group for group in there if group > 0})
+    document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure, order))
 
 
 @notifies

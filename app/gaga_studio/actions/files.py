@@ -13,11 +13,12 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import kept_of_added, read_added_stage, spread
+from gaga_core.scene.edits.append import ids_of_added, read_added_stage, spread
 from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
-from gaga_studio.actions import identities
-from gaga_studio.session import stages
+from gaga_core.scene.objects import selected_groups
+from gaga_studio.actions import children, identities
+from gaga_studio.session import level_of_detail, stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
@@ -52,11 +53,12 @@ def take_groups(document: Document, found: Association) -> int:
     """Set the groups of the scene; return how many objects there are now."""
     scene = document.settled().scene
     labels = spread(scene, found.labels)  # duplicates follow their originals
-    names = kept_of_added(scene, labels, scene.names)
-    homes = kept_of_added(scene, labels, scene.folders.home)
+    kept = ids_of_added(scene, labels)
+    names = {new: scene.names[old] for old, new in kept.items() if old in scene.names}
+    order = scene.folders.renumbered(kept)
     document.do(
         edits.set_grouping(
-            scene, labels, found.bank, names, confidence=found.confidence, homes=homes
+            scene, labels, found.bank, names, confidence=found.confidence, folders=order
         )
     )
     return int((document.read.objects(None, False).ids > 0).sum())
@@ -98,7 +100,9 @@ def export(
     """
     if session.scene is None:
         return
-    scene, chosen = session.need().settled().scene, session.selected_groups()
+    session.need().settled()
+    scene = children.scene_along(session)
+    chosen = selected_groups(scene).tolist()
     stage = stages.export_stage(
         scene, what, path, chosen=chosen, groups=groups, form=form, options=options
     )
@@ -123,7 +127,7 @@ def save_script(session: Session, path: Path) -> bool:
     recorded = document.history.recorded()
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(recorded, indent=1), encoding="utf-8")
-    session.notify(Level.INFO, f"Recorded {len(recorded)} edits in {path}.")
+    session.notify(Level.INFO, f"Recorded {len(recorded)} edits in {path}.", shows=path)
     return True
 
 
@@ -147,5 +151,6 @@ def add_splats(session: Session, path: Path) -> None:
                 f"{path.name} was trained for another kind of drawing (antialiased or not) "
                 "than this scene, so its fine parts may look thinner or thicker here.",
             )
+        level_of_detail.offer(session)
 
     session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)

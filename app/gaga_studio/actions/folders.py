@@ -55,7 +55,7 @@ def of_selection(session: Session) -> tuple[str, ...]:
     """Return the chosen folders, else the one that the selected objects lie in."""
     if session.scene is None:
         return ()
-    homes = {session.scene.folders.home.get(g, "") for g in session.selected_groups()}
+    homes = {session.scene.folders.places.get(g, "") for g in session.selected_groups()}
     return chosen(session) or (tuple(homes - {""}) if len(homes) == 1 else ())
 
 
@@ -87,7 +87,7 @@ def new_folder(session: Session) -> bool:
     scene = document.settled().scene
     folders, groups = chosen(session), session.selected_groups()
     places = [parent_of(path) for path in folders] or [
-        scene.folders.home.get(group, "") for group in groups
+        scene.folders.places.get(group, "") for group in groups
     ]
     path = scene.folders.free(_common(places), _NEW)
     if groups or folders:

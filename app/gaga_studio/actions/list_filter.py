@@ -47,3 +47,17 @@ def kept(session: Session, table: ObjectTable, quality: DoubleArray) -> BoolArra
     found = measures(session, table, quality)
     key = (table, wanted, quality.tobytes())
     return session.need().read.once("kept", key, lambda: wanted.keeps(table, found))
+
+
+def kept_groups(
+    session: Session, table: ObjectTable, quality: DoubleArray
+) -> frozenset[int] | None:
+    """Return the groups of the rows that the filter keeps; None while it is off."""
+    rows = kept(session, table, quality)
+    if rows is None:
+        return None
+
+    def find() -> frozenset[int]:
+        return frozenset(table.ids[rows].tolist())
+
+    return session.need().read.once("kept groups", (table, rows.tobytes()), find)

@@ -32,7 +32,7 @@ def lines(
         listing.folders,
         None if kept is None else kept.tobytes(),
         (listing.behind, listing.folds_background, listing.falls),
-        (view.closed, view.open_parts, index),
+        (view.closed, view.closed_groups, view.open_parts, index),
     )
     return document.read.once("lines", key, lambda: lines_of(listing, view))
 

@@ -13,6 +13,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
+from gaga_studio.actions import children
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
@@ -23,26 +24,33 @@ _FEW = 3  # objects that are shown while the others are isolated from them
 
 @notifies
 def hide(session: Session) -> bool:
-    """Hide the selected splats."""
-    return session.need().edit_selected("Hide", edits.hide)
+    """Hide the selected splats, and what lies under objects that are selected whole."""
+    return children.edit_along(session, "Hide", edits.hide)
 
 
 @notifies
 def isolate(session: Session) -> bool:
     """Hide everything but the selected splats; show all again when that is so already."""
-    return session.need().edit_selected("Isolate", edits.isolate) or show_all(session)
+    return children.edit_along(session, "Isolate", edits.isolate) or show_all(session)
 
 
 @notifies
 def delete(session: Session) -> bool:
-    """Delete the selected splats."""
-    return session.need().edit_selected("Delete", edits.delete)
+    """Delete the selected splats, and what lies under objects that are selected whole."""
+    document = session.need()
+    under = children.along(session).groups
+    said = children.title_along(document, "Deleted", under)
+    if not children.edit_along(session, "Delete", edits.delete):
+        return False
+    if under:
+        session.notify(Level.INFO, f"{said}. Undo brings them back.")
+    return True
 
 
 @notifies
 def lock(session: Session) -> bool:
     """Protect the selected splats from being selected."""
-    return session.need().edit_selected("Lock", edits.lock)
+    return children.edit_along(session, "Lock", edits.lock)
 
 
 @notifies
@@ -153,31 +161,32 @@ def preview_color(session: Session, group: int, rgb: Sequence[float]) -> None:
 
 @notifies
 def set_hidden(session: Session, group: int, hidden: bool) -> bool:
-    """Hide or show one object (the eye in the list)."""
+    """Hide or show one object with all that lies under it (the eye in the list)."""
     document = session.need()
     scene = document.settled().scene
     build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
     title = f"{verb} {document.name_of(group)}"
-    return document.do(build(scene, group_indices(scene, group), title))
+    return document.do(build(scene, children.group_and_under(scene, group), title))
 
 
 @notifies
 def set_locked(session: Session, group: int, locked: bool) -> bool:
-    """Protect one object from being selected, or let it be again (the lock in the list)."""
+    """Protect one object and all under it from being selected, or let them be again (the lock in
+    the list)."""
     document = session.need()
     scene = document.settled().scene
     build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
     title = f"{verb} {document.name_of(group)}"
-    return document.do(build(scene, group_indices(scene, group), title))
+    return document.do(build(scene, children.group_and_under(scene, group), title))
 
 
 @notifies
 def isolate_group(session: Session, group: int) -> bool:
-    """Hide everything but one object; show all again when that is so already."""
+    """Hide everything but one object and what lies under it; show all again when that is so."""
     document = session.need()
     scene = document.settled().scene
     title = f"Isolate {document.name_of(group)}"
-    alone = edits.isolate(scene, group_indices(scene, group), title)
+    alone = edits.isolate(scene, children.group_and_under(scene, group), title)
     return document.do(alone) if alone is not None else show_all(session)
 
 

@@ -23,12 +23,13 @@ from gaga_core.query.index import GroupIndex
 from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, find_any, where_to_put_all
 from gaga_core.query.search import Answer
 from gaga_core.scene.edits.groups import name_groups
-from gaga_studio.actions import navigation, selection
+from gaga_studio.actions import list_filter, navigation, quality, selection
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.search_state import look_up_stage, measure_stage
 from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.system import paths
 
 _LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
@@ -61,7 +62,9 @@ def tick(session: Session) -> None:
             stage = look_up_stage(search.measured.pictures, nouns, search.know)
             session.jobs.start_quiet("Look up words", stage)
     if is_asked:
-        search.answer(document.scene, session.objects(), cameras)
+        table = session.objects()
+        search.keep(list_filter.kept_groups(session, table, quality.column(session, table)))
+        search.answer(document.scene, table, cameras)
 
 
 def _describe(document: Document) -> None:
@@ -166,7 +169,8 @@ def index_state(session: Session) -> str:
     if found is not None and found.problem:
         return found.problem
     if no_index(session):
-        where = "" if embedder_folder() else f" Other nouns need a model in {models_folder()}."
+        shown = paths.shown(models_folder())
+        where = "" if embedder_folder() else f" Other nouns need a model in {shown}."
         return f"No index yet. Names, colors, sizes and places are understood without one.{where}"
     if found is None or found.pictures is None:
         return "There is an index of this scene."

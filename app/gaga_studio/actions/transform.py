@@ -1,4 +1,4 @@
-"""Move, turn, scale, mirror and copy the selection."""
+"""Move, turn, scale, mirror and copy the selection, with what lies under it."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.arrange import mirror_map
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
+from gaga_studio.actions import children
 from gaga_studio.session.motion import shift
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
@@ -17,23 +18,23 @@ _AXES = "XYZ"
 @notifies
 def move(session: Session, matrix: DoubleArray, verb: str = "Move") -> bool:
     """Move the selection by the world map ``matrix`` (3, 4)."""
-    return session.need().edit_selected(
-        verb, lambda scene, splats, title: edits.transform(scene, splats, matrix, title)
+    return children.edit_along(
+        session, verb, lambda scene, splats, title: edits.transform(scene, splats, matrix, title)
     )
 
 
 @notifies
 def preview_move(session: Session, matrix: DoubleArray, verb: str = "Move") -> None:
     """Show the selection moved by ``matrix`` (3, 4), counted from the drag's start."""
-    document = session.need()
-    title = document.title_for(verb)
-    document.preview(lambda scene, splats: edits.transform(scene, splats, matrix, title))
+    document, taken = session.need(), children.along(session)
+    title = children.title_along(document, verb, taken.groups)
+    document.history.preview_with(lambda scene: edits.transform(scene, taken.splats, matrix, title))
 
 
 @notifies
 def reset(session: Session) -> bool:
     """Put the selection back to where the file has it."""
-    return session.need().edit_selected("Reset placement of", edits.reset_placement)
+    return children.edit_along(session, "Reset placement of", edits.reset_placement)
 
 
 @notifies
@@ -46,7 +47,7 @@ def mirror(session: Session, axis: int) -> bool:
         about = np.zeros(3) if centre is None else centre
         return edits.transform(scene, splats, mirror_map(axis, about), title)
 
-    return document.edit_selected(f"Mirror {_AXES[axis]}", build)
+    return children.edit_along(session, f"Mirror {_AXES[axis]}", build)
 
 
 @notifies
@@ -55,6 +56,8 @@ def duplicate(session: Session) -> bool:
     document, direction = session.need(), session.rig.sideways
     lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
     step = shift(float(np.abs(direction) @ (hi - lo)) * direction)
-    return document.edit_selected(
-        "Duplicate", lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title)
+    return children.edit_along(
+        session,
+        "Duplicate",
+        lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title),
     )

@@ -4,7 +4,9 @@ import numpy as np
 
 from gaga_core.scene.scene import State
 from gaga_studio.actions import (
+    add_views,
     bank_timeline,
+    children,
     cleanup,
     click_object,
     detail,
@@ -114,6 +116,20 @@ def not_in_folder(session: Session) -> str:
     return "What is selected lies in no folder."
 
 
+def not_under_an_object(session: Session) -> str:
+    """Needs a selected object that lies under another one."""
+    if children.can_take_out(session):
+        return ""
+    return no_selection(session) or "What is selected lies under no object. Drag it onto one."
+
+
+def nothing_under(session: Session) -> str:
+    """Needs a selected object under which others lie."""
+    if children.has_children(session):
+        return ""
+    return no_selection(session) or "Nothing lies under this object. Drag another one onto it."
+
+
 def no_confidence(session: Session) -> str:
     """Needs the confidence of the splats."""
     scene = session.scene
@@ -151,6 +167,11 @@ def not_exportable_objects(session: Session) -> str:
 def no_masks(session: Session) -> str:
     """Needs masks and the job runner."""
     return not_saveable(session) or _no_masks(session)
+
+
+def no_new_views(session: Session) -> str:
+    """Needs views with masks that took no part in the objects, and the job runner."""
+    return no_masks(session) or add_views.why_not(session)
 
 
 def _no_masks(session: Session) -> str:
@@ -239,6 +260,8 @@ def no_quality(session: Session) -> str:
     reason = no_scene(session)
     if reason or quality.of_group(session, session.focus) is not None:
         return reason
+    if not session.focus:
+        return not_one_object(session)
     return "Nothing is measured of this object. Use Measure the quality of the objects first."
 
 
@@ -334,7 +357,7 @@ def nothing_pointed(session: Session) -> str:
     """Needs a point of the surface that was clicked with the right button."""
     if session.view.pointed is not None:
         return no_scene(session)
-    return no_scene(session) or "No point is chosen. Click one in the picture, right button."
+    return no_scene(session) or "No point is chosen. Right-click one in the picture."
 
 
 def no_corner(session: Session) -> str:

@@ -47,6 +47,7 @@ EDIT_COMMANDS: tuple[Command, ...] = (
         enabled=no_selection_to_clean,
     ),
     *(_mirror(axis) for axis in range(3)),
+    Command("edit.reduce", "Reduce splats…", ask(Request.REDUCE), enabled=no_scene),
     Command("edit.delete_floaters", "Delete floaters", objects.delete_floaters, enabled=no_scene),
     Command("edit.confirm", "Confirm", handlers.confirm, "Enter", enabled=nothing_to_confirm),
     Command("edit.cancel", "Cancel", handlers.cancel, "Escape", enabled=no_cancel),

@@ -5,6 +5,7 @@ from gaga_studio.commands.availability import (
     busy,
     no_edits,
     no_scene,
+    no_views,
     not_exportable_masks,
     not_exportable_objects,
     not_exportable_selection,
@@ -65,6 +66,12 @@ FILE_COMMANDS: tuple[Command, ...] = (
         "Export meshes…",
         ask(Request.EXPORT_MESHES),
         enabled=not_exportable_objects,
+    ),
+    Command(
+        "file.export_cameras",
+        "Export cameras…",
+        ask(Request.EXPORT_CAMERAS),
+        enabled=no_views,
     ),
     Command(
         "file.export_masks",

@@ -65,6 +65,12 @@ def toggle_clean_first(session: Session) -> None:
     session.change_settings(replace(settings, clean_first=not settings.clean_first))
 
 
+def toggle_children_go_along(session: Session) -> None:
+    """Switch whether what lies under an object is moved, deleted, copied and exported with it."""
+    settings = session.settings
+    session.change_settings(replace(settings, children_go_along=not settings.children_go_along))
+
+
 def toggle_flying(session: Session) -> None:
     """Orbit or fly."""
     session.rig.is_flying = not session.rig.is_flying

@@ -3,6 +3,7 @@
 from gaga_core.scene.scene import LabelSource
 from gaga_studio.actions import (
     association_repair,
+    children,
     cleanup,
     click_object,
     detail,
@@ -30,6 +31,7 @@ from gaga_studio.commands.availability import (
     no_groups,
     no_identities,
     no_masks,
+    no_new_views,
     no_quality,
     no_selection,
     no_selection_to_clean,
@@ -44,6 +46,7 @@ from gaga_studio.commands.availability import (
     not_one_object_with_levels,
     not_one_object_with_masks,
     not_several_objects,
+    not_under_an_object,
     nothing_hidden,
     nothing_locked,
 )
@@ -110,6 +113,12 @@ FIND_COMMANDS: tuple[Command, ...] = (
         ask(Request.FIND_OBJECTS),
         enabled=no_masks,
     ),
+    Command(
+        "object.add_views",
+        "Add new photos and masks…",
+        ask(Request.ADD_VIEWS),
+        enabled=no_new_views,
+    ),
     Command("object.lift", "Lift groups to identities", identities.lift, enabled=not_liftable),
     _labels("votes"),
     _labels("identities"),
@@ -157,6 +166,18 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         "Delete the folder, keep its objects",
         folders.delete_chosen,
         enabled=no_folder_of_selection,
+    ),
+    Command(
+        "object.leave_parent",
+        "Take out from under its object",
+        children.take_out,
+        enabled=not_under_an_object,
+    ),
+    Command(
+        "object.children_go_along",
+        "Children go along",
+        handlers.toggle_children_go_along,
+        is_on=lambda s: s.settings.children_go_along,
     ),
     Command(
         "object.make", "Make an object of the clicks", click_object.make_object, enabled=no_clicks

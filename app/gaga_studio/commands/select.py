@@ -1,7 +1,7 @@
 """Select: everything that changes the selection at once."""
 
-from gaga_studio.actions import named_selections, selection
-from gaga_studio.commands.availability import no_encodings, no_scene, no_selection
+from gaga_studio.actions import children, named_selections, selection
+from gaga_studio.commands.availability import no_encodings, no_scene, no_selection, nothing_under
 from gaga_studio.commands.base import Command
 
 SELECT_COMMANDS: tuple[Command, ...] = (
@@ -24,6 +24,12 @@ SELECT_COMMANDS: tuple[Command, ...] = (
         "Grow to what is alike (identity)",
         selection.grow_by_identity,
         enabled=no_encodings,
+    ),
+    Command(
+        "select.children",
+        "Select with children",
+        children.select_with_children,
+        enabled=nothing_under,
     ),
     Command("select.keep", "Keep the selection", named_selections.keep_next, enabled=no_selection),
 )

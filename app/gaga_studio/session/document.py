@@ -55,7 +55,7 @@ class Document:
         self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask, see there
         self.timeline = Timeline()
         self.other_groups: tuple[MemoryBank, IntArray] | None = None  # see `split_view`
-        self.lod: LodTree | None = None  # see `level_of_detail`
+        self.lods: tuple[LodTree, ...] = ()  # see `level_of_detail`
         self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
         self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
         self.search = SearchState()

@@ -51,7 +51,8 @@ class Line:
     depth: int = 0
     row: int = -1  # of the table, of an object and of what a part is a part of
     folder: str = ""
-    is_open: bool = False  # of a folder
+    is_open: bool = False  # of a folder, or of an object that others lie under
+    has_children: bool = False  # that are listed, or would be if it were open
     part: Part | None = None
 
 
@@ -83,6 +84,7 @@ class ObjectListView:
     """What a document's list remembers; nothing of it is saved."""
 
     closed: frozenset[str] = frozenset()  # folders
+    closed_groups: frozenset[int] = frozenset()  # objects, of those that others lie under
     open_parts: frozenset[PartKey] = frozenset()  # objects and parts whose parts are shown
     filter: ListFilter = field(default_factory=ListFilter)
     chosen: tuple[str, ...] = ()  # folders that were clicked, see `actions.folders.chosen`
@@ -95,6 +97,19 @@ class ObjectListView:
     def toggle_parts(self, key: PartKey) -> None:
         """Show or hide the parts of an object or a part."""
         self.open_parts = self.open_parts ^ {key}
+
+    def toggle_group(self, group: int, is_open: bool) -> None:
+        """Open or close an object that others lie under, with its parts."""
+        self.closed_groups = (
+            self.closed_groups | {group} if is_open else (self.closed_groups - {group})
+        )
+        parts = self.open_parts - {(group,)}
+        self.open_parts = parts if is_open else parts | {(group,)}
+
+    def reveal_group(self, folders: Folders, group: int) -> None:
+        """Open all that a group lies in or under."""
+        self.closed_groups = self.closed_groups.difference(folders.above(group))
+        self.reveal(folders.places.get(group, ""))
 
     def reveal(self, folder: str) -> None:
         """Open a folder and all that it lies in; "" is the top."""
@@ -150,19 +165,28 @@ class _LineMaker:
     def __init__(self, listing: Listing, view: ObjectListView) -> None:
         self._listing, self._view = listing, view
         self.lines: list[Line] = []
-        table, home, kept = listing.table, listing.folders.home, listing.kept
+        table, order, kept = listing.table, listing.folders, listing.kept
         ids = table.ids.tolist()
         rows = [row for row in listing.rows if kept is None or kept[row]]
         self._inside: dict[str, list[int]] = {}  # rows by folder
+        self._under: dict[int, list[int]] = {}  # rows by the listed group that they lie under
         self._behind: list[int] = []
         self._rest: list[int] = []
         has_objects = any(ids[row] and ids[row] not in listing.behind for row in rows)
+        listed = {ids[row] for row in rows} if order.parent else set()
+        for row in rows:
+            if above := order.nearest(ids[row], listed):
+                self._under.setdefault(above, []).append(row)
         for row in rows:
             group = ids[row]
-            folder = home.get(group, "")
+            folder = order.places.get(group, "")
             if not group:
                 self._rest.append(row)
-            elif not folder and group in listing.behind and has_objects:
+            elif order.nearest(group, listed):
+                continue
+            elif (
+                not folder and group in listing.behind and group not in self._under and has_objects
+            ):
                 self._behind.append(row)
             else:
                 self._inside.setdefault(folder, []).append(row)
@@ -199,10 +223,19 @@ class _LineMaker:
         return len(self._behind)
 
     def _object(self, row: int, depth: int, folder: str) -> None:
-        self.lines.append(Line("object", depth, row, folder))
-        group = int(self._listing.table.ids[row])
-        if (group,) in self._view.open_parts:
-            self._parts(group, row, depth + 1)
+        """Lines of an object and of all that lies under it: not recursive, chains may be long."""
+        left = [(row, depth)]
+        while left:
+            row, depth = left.pop()
+            group = int(self._listing.table.ids[row])
+            below = self._under.get(group, ())
+            is_open = self._listing.kept is not None or group not in self._view.closed_groups
+            shows, has = is_open and bool(below), bool(below)
+            self.lines.append(Line("object", depth, row, folder, is_open=shows, has_children=has))
+            if (group,) in self._view.open_parts:
+                self._parts(group, row, depth + 1)
+            if shows:
+                left += [(child, depth + 1) for child in reversed(below)]
 
     def _parts(self, whole: Part | int, row: int, depth: int) -> None:
         if self._listing.parts is None:
@@ -216,8 +249,9 @@ class _LineMaker:
 def folder_sums(table: ObjectTable, folders: Folders) -> dict[str, FolderSums]:
     """Sums over the objects of each folder, by its path."""
     number = {path: i for i, path in enumerate(folders.paths)}
-    groups = np.fromiter(folders.home, np.int64, len(folders.home))
-    inside = np.fromiter((number[path] for path in folders.home.values()), np.int64, len(groups))
+    places = folders.places
+    groups = np.fromiter(places, np.int64, len(places))
+    inside = np.fromiter((number[path] for path in places.values()), np.int64, len(groups))
     rows = np.minimum(np.searchsorted(table.ids, groups), max(len(table) - 1, 0))
     is_there = table.ids[rows] == groups if len(table) else np.zeros(len(groups), np.bool_)
     rows, inside = rows[is_there], inside[is_there]

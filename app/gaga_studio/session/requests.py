@@ -14,7 +14,9 @@ class Request(Enum):
     MAKE_MASKS = auto()
     EXPORT_MASKS = auto()
     MODELS = auto()
+    REDUCE = auto()
     FIND_OBJECTS = auto()
+    ADD_VIEWS = auto()
     EXPORT_OBJECTS = auto()
     MAKE_SPLATS = auto()
     SAVE_FILM = auto()
@@ -39,5 +41,6 @@ class Request(Enum):
     EXPORT_PAGE = auto()
     EXPORT_MESHES = auto()
     EXPORT_SELECTED = auto()
+    EXPORT_CAMERAS = auto()
     OPEN_PATH = auto()  # of the camera
     SAVE_PATH = auto()

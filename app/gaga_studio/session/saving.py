@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.io.folder_lock import FolderLock, InUseError, lock_folder
+from gaga_core.io.model_files import files_of_model
 from gaga_core.scene.model_copy import ModelChangedError, has_changed
 from gaga_core.scene.project import Project, SavedElsewhereError, reopen_stage
 from gaga_studio.session import stages
@@ -117,7 +118,7 @@ def look_at_files(session: "Session") -> bool:
 
 def stamps(project: Project) -> Stamps:
     """What tells quickly that a file may have changed."""
-    return tuple(_stamp(path) for path, _ in _files(project))
+    return tuple(_stamp(file) for path, _ in _files(project) for file in files_of_model(path))
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:

@@ -62,7 +62,9 @@ class SearchState:
     def __init__(self) -> None:
         self.text = ""
         self.at = 0  # line of the answer that Enter takes
-        self.hits: tuple[SearchHit, ...] = ()
+        self._found: tuple[SearchHit, ...] = ()  # what answers the text
+        self._kept: frozenset[int] | None = None  # groups that the list's filter keeps
+        self.hits: tuple[SearchHit, ...] = ()  # of the former the latter
         self.sentence = ""  # what was understood
         self.unknown: tuple[str, ...] = ()  # words that were not
         self.problem = ""  # why a noun could not be looked up
@@ -86,7 +88,8 @@ class SearchState:
         self._asked = set()
         self._typed_at = time.monotonic()
         if not text.strip():
-            self.hits, self.sentence, self._answered = (), "", None
+            self.sentence, self._answered = "", None
+            self._take_hits(())
 
     def clear(self) -> None:
         """Empty the search."""
@@ -95,6 +98,23 @@ class SearchState:
     def move(self, step: int) -> None:
         """Go to another line."""
         self.at = min(max(self.at + step, 0), max(len(self.hits) - 1, 0))
+
+    def keep(self, groups: frozenset[int] | None) -> None:
+        """Leave out what is not among ``groups``: the filter of the list; None: it is off."""
+        if groups != self._kept:
+            self._kept = groups
+            self._take_hits(self._found)
+
+    def _take_hits(self, found: tuple[SearchHit, ...]) -> None:
+        kept = self._kept
+        self._found = found
+        self.hits = tuple(hit for hit in found if kept is None or hit.group in kept)
+        self.at = min(self.at, max(len(self.hits) - 1, 0))
+
+    @property
+    def n_left_out(self) -> int:
+        """How many that fit the filter of the list leaves out."""
+        return sum(hit.fits for hit in self._found) - len(self.meant)
 
     @property
     def meant(self) -> tuple[int, ...]:
@@ -182,7 +202,9 @@ class SearchState:
         if not self.text.strip() or self.in_view:
             return
         if found is None:  # names need no measuring
-            self.hits = tuple(SearchHit(group, 1.0, True) for group in _called(table, self.text))
+            self._take_hits(
+                tuple(SearchHit(group, 1.0, True) for group in _called(table, self.text))
+            )
             return
         asked = (self.text, id(self._camera), id(found), scene.revision.names, self._known)
         if asked == self._answered:
@@ -222,8 +244,7 @@ class SearchState:
                 self.sentence = f"{len(called)} {word} called “{self.text.strip()}”."
                 hits = []
             hits = [SearchHit(group, 1.0, True) for group in called] + hits
-        self.hits = tuple(hits)
-        self.at = min(self.at, max(len(hits) - 1, 0))
+        self._take_hits(tuple(hits))
 
 
 def measure_stage(

@@ -52,6 +52,7 @@ class Settings:
     keys: _Keys = "supersplat"  # or "blender": the profile of shortcuts
     background: _HexColor = "#1c1c1f"  # behind the picture, as in HTML
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
+    children_go_along: bool = True  # what lies under an object, when that is moved, deleted, ...
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
     undo_megabytes: float = 1024.0  # what undo may hold
     lod_millions: float = 2.0  # splats in the picture of a scene with level of detail

@@ -19,6 +19,7 @@ from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_gr
 from gaga_core.scene.edits.identities import set_identities, use_labels
 from gaga_core.scene.edits.levels import join_here, split_here
 from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
+from gaga_core.scene.edits.parents import leave_parent, set_parent
 from gaga_core.scene.edits.placement import recolor, reset_placement, transform
 from gaga_core.scene.edits.split import separate, split, split_off
 from gaga_core.scene.edits.state import (
@@ -50,6 +51,7 @@ __all__ = [
     "isolate",
     "join_here",
     "keep_selection",
+    "leave_parent",
     "lock",
     "merge_groups",
     "move_scene",
@@ -69,6 +71,7 @@ __all__ = [
     "set_identities",
     "set_labels",
     "set_origin",
+    "set_parent",
     "set_scale",
     "set_state",
     "show",

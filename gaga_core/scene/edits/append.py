@@ -1,6 +1,6 @@
 """Builder of the edit that adds the splats of another file, and what reads such scenes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import fingerprint
+from gaga_core.io.model_files import is_same_model, model_fingerprint
 from gaga_core.io.splat_files import read_splats_stage
 from gaga_core.io.spz_axes import OURS
 from gaga_core.progress import Stage
@@ -16,8 +16,10 @@ from gaga_core.scene.edits.append_values import AppendSplats, joined
 from gaga_core.scene.edits.duplicate import free_group
 from gaga_core.scene.edits.state import select
 from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import PackedInts
 from gaga_core.scene.scene import Added, Scene, State
+from gaga_core.scene.selection.algebra import world_means
 
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 
@@ -34,8 +36,8 @@ def read_added_stage(
     path = Path(path).absolute()
     if digest and not path.is_file():
         raise GagaError(f"The added splats are gone: {path}. Put the file back.")
-    found = fingerprint(path)
-    if digest and digest != found:
+    found = model_fingerprint(path)
+    if digest and not is_same_model(path, digest):
         raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
     return (yield from read_splats_stage(path, axes)), found
 
@@ -64,21 +66,29 @@ def append(
         columns=tuple(scene.gaussians.extra),
         splats=splats,
         labels=PackedInts.of(labels),
-        added=Added(str(path), digest, scene.n_rows_of_files, len(splats)),
+        added=Added(str(path), digest, scene.n_rows_of_files, len(splats), frame=scene.frame.rows),
     )
     named = SetNames("Rename", tuple((group, None) for group, _ in names), names)
     return together(title, (select(scene, np.zeros(0, np.int32)), edit, named))
 
 
 def append_made(
-    scene: Scene, splats: Gaussians, labels: IntArray, title: str, state: State = State.SELECTED
+    scene: Scene,
+    splats: Gaussians,
+    labels: IntArray,
+    title: str,
+    state: State = State.SELECTED,
+    *,
+    merged_from: Frame | None = None,
 ) -> AppendSplats | None:
     """Add splats (K,), world, that no file has, with their groups ``labels`` (K,).
 
-    They are kept in the project and in scripts themselves.
+    They are kept in the project and in scripts themselves. ``merged_from``: they are made of splats
+    that are deleted, and were moved like that since these came.
     """
     if len(splats) == 0:
         return None
+    origin = "", "", scene.n_rows_of_files, len(splats)
     return AppendSplats(
         title=title,
         n=len(scene),
@@ -87,7 +97,11 @@ def append_made(
         columns=tuple(scene.gaussians.extra),
         splats=splats,
         labels=PackedInts.of(labels.astype(np.int32)),
-        added=Added("", "", scene.n_rows_of_files, len(splats)),
+        added=Added(
+            *origin,
+            frame=(merged_from or scene.frame).rows,
+            is_merged=merged_from is not None,
+        ),
         state=state,
     )
 
@@ -129,24 +143,21 @@ def with_added_stage(
     return whole
 
 
-def kept_of_added(scene: Scene, labels: IntArray, of: Mapping[int, str]) -> dict[int, str]:
-    """What ``of`` says of the groups of added splats, by their new ids, see `spread`.
-
-    Their names, or folders.
-    """
+def ids_of_added(scene: Scene, labels: IntArray) -> dict[int, int]:
+    """New ids (values) of the groups of added splats, by their ids in the scene, see `spread`."""
     if not scene.added:
         return {}
     own = (scene.source >= scene.n_opened) & ~_continuing(scene)
     pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
-    return {new: of[old] for old, new in pairs if new and old in of}
+    return {old: new for old, new in pairs if old and new}
 
 
 def spread(scene: Scene, values: IntArray) -> IntArray:
     """Groups (N,) of all splats from those of the rows of the opened file (M,).
 
-    Copies have the group of their original; splats that an edit made as part of an object have the
-    group of most of that object's splats; other added splats keep theirs, moved to ids above the
-    new ones where they would collide.
+    Copies have the group of their original; splats that an edit made as part of an object, or among
+    those of none, have that of the nearest splat which was there; other added splats keep theirs,
+    moved to ids above the new ones where they would collide.
     """
     known = scene.source < len(values)
     if known.all():
@@ -158,20 +169,48 @@ def spread(scene: Scene, values: IntArray) -> IntArray:
     labels[known] = values[scene.source[known]]
     moved = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
     labels[~known & ~continuing] = moved
-    for group in np.unique(scene.labels[continuing]):
-        there = known & (scene.labels == group)
-        most = int(np.bincount(values[scene.source[there]]).argmax())
-        labels[continuing & (scene.labels == group)] = most
+    merged = _made(scene, merged=True)
+    _follow_neighbours(scene, continuing & merged, known, labels, State(0))
+    _follow_neighbours(scene, continuing & ~merged, known, labels, State.DELETED)
     return labels
 
 
+def _follow_neighbours(
+    scene: Scene, made: BoolArray, among: BoolArray, labels: IntArray, without: State
+) -> None:
+    """Give ``made`` splats (N,) the group in ``labels`` (N,) of the nearest one ``among`` others
+    (N,) that was in the same group before; of one ``without`` these states if there is any."""
+    if not made.any():
+        return
+    # SciPy's import takes long: only where an edit made splats.
+    from scipy.spatial import cKDTree
+
+    means = np.nan_to_num(world_means(scene))
+    for group in np.unique(scene.labels[made]):
+        of = scene.labels == group
+        best = among & of & ~scene.has(without)
+        near = np.flatnonzero(best if best.any() else among & of)
+        found = labels[near]
+        if (found == found[0]).all():
+            labels[made & of] = found[0]
+        else:
+            _, places = cKDTree(means[near]).query(means[made & of])
+            labels[made & of] = found[places]
+
+
 def _continuing(scene: Scene) -> BoolArray:
-    """Splats (N,) that an edit made as part of a group that the opened file has splats of."""
+    """Splats (N,) that an edit made as part of a group that the opened file has splats of, or of
+    none as some of the file."""
+    made = _made(scene)
+    if made.any():
+        made &= np.isin(scene.labels, np.unique(scene.labels[scene.source < scene.n_opened]))
+    return made
+
+
+def _made(scene: Scene, *, merged: bool = False) -> BoolArray:
+    """Splats (N,) that an edit made, or only those that it ``merged``."""
     made = np.zeros(len(scene), np.bool_)
     for item in scene.added:
-        if item.is_made:
+        if item.is_merged if merged else item.is_made:
             made |= (scene.source >= item.first) & (scene.source < item.first + item.n)
-    if made.any():
-        opened = np.unique(scene.labels[scene.source < scene.n_opened])
-        made &= np.isin(scene.labels, opened[opened > 0])
     return made

@@ -106,7 +106,8 @@ def _next_name(name: str, used: Set[str]) -> str:
 
 def free_group(scene: Scene) -> int:
     """The first id above every group that was ever used."""
-    named = max((*scene.names, *scene.folders.home), default=0)
+    order = scene.folders
+    named = max((*scene.names, *order.home, *order.parent, *order.parent.values()), default=0)
     in_bank = scene.bank.n_groups if scene.bank is not None else 0
     other = scene.identities.other  # its groups come back when labels are switched
     waiting = int(other.labels.max(initial=0)) if other is not None else 0

@@ -1,6 +1,7 @@
-"""Builders of edits of folders of the object list (`gaga_core.scene.folders`)."""
+"""Builders of edits of the order among objects (`gaga_core.scene.folders`)."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.folder_values import SetFolders
@@ -17,6 +18,8 @@ from gaga_core.scene.folders import (
 )
 from gaga_core.scene.scene import Scene
 
+_T = TypeVar("_T")
+
 
 def put_in_folder(
     scene: Scene,
@@ -27,24 +30,29 @@ def put_in_folder(
 ) -> SetFolders | None:
     """Put groups and other folders into a folder, which is made if it is not there; "" = the top.
 
-    Groups that lie in one of ``folders`` stay in it and go along. A folder whose name is taken
-    there gets a number. Raises ``GagaError`` for a folder that is not there, one that would go into
-    itself or too deep, and for "no group" (0).
+    Groups that lie in one of ``folders``, or under one of ``groups``, stay there and go along; the
+    others lie under no group after that. A folder whose name is taken there gets a number. Raises
+    ``GagaError`` for a folder that is not there, one that would go into itself or too deep, and for
+    "no group" (0).
     """
     into = tidy_path(folder)
-    now = Folders.of([*scene.folders.paths, into], scene.folders.home)
+    now = _with_paths(scene.folders, into)
     tops = _tops([existing(scene, path) for path in folders])
     if any(is_inside(into, path) for path in tops):
         raise GagaError("A folder cannot go into itself.")
-    homes: dict[int, str | None] = {}
-    for group in groups:
-        if group <= 0:
-            raise GagaError('"unassigned" is no object, so it goes into no folder.')
-        if not any(is_inside(now.home.get(group, ""), path) for path in tops):
-            homes[group] = into or None
+    wanted = list(groups)
+    if min(wanted, default=1) <= 0:
+        raise GagaError('"unassigned" is no object, so it goes into no folder.')
+    goes = [
+        group
+        for group in now.tops_of(wanted)
+        if not any(is_inside(now.places.get(group, ""), path) for path in tops)
+    ]
     for before, after in moved_folders(scene, into, tops):
         now = _renamed(now, before, after)
-    return _edit(scene, now.paths, {**now.home, **homes}, title)
+    parent = {child: above for child, above in now.parent.items() if child not in goes}
+    home = {**now.home, **dict.fromkeys(goes, into)}
+    return set_folders(scene, Folders.of(now.paths, home, parent), title)
 
 
 def moved_folders(scene: Scene, folder: str, folders: Sequence[str]) -> list[tuple[str, str]]:
@@ -53,7 +61,7 @@ def moved_folders(scene: Scene, folder: str, folders: Sequence[str]) -> list[tup
     Those that lie in another one of them go along with it.
     """
     into = tidy_path(folder)
-    now = Folders.of([*scene.folders.paths, into], {})
+    now = _with_paths(scene.folders, into)
     moved: list[tuple[str, str]] = []
     for path in _tops([existing(scene, path) for path in folders]):
         if parent_of(path) != into:
@@ -67,8 +75,7 @@ def new_folder(scene: Scene, folder: str, title: str = "New folder") -> SetFolde
     path = tidy_path(folder)
     if not path:
         raise GagaError("A folder needs a name.")
-    made = Folders.of([*scene.folders.paths, path], scene.folders.home)
-    return _edit(scene, made.paths, made.home, title)
+    return set_folders(scene, _with_paths(scene.folders, path), title)
 
 
 def rename_folder(
@@ -84,8 +91,7 @@ def rename_folder(
         return None
     if after in scene.folders.paths:
         raise GagaError(f"There is a folder {name_of(after)} already. Choose another name.")
-    made = _renamed(scene.folders, path, after)
-    return _edit(scene, made.paths, made.home, title)
+    return set_folders(scene, _renamed(scene.folders, path, after), title)
 
 
 def delete_folder(scene: Scene, *folders: str, title: str = "Delete folder") -> SetFolders | None:
@@ -96,7 +102,7 @@ def delete_folder(scene: Scene, *folders: str, title: str = "Delete folder") -> 
     now = scene.folders
     for path in sorted({existing(scene, folder) for folder in folders}, reverse=True):
         now = _without(now, path)  # what lies in another one comes first
-    return _edit(scene, now.paths, now.home, title)
+    return set_folders(scene, now, title)
 
 
 def _without(folders: Folders, path: str) -> Folders:
@@ -109,19 +115,45 @@ def _without(folders: Folders, path: str) -> Folders:
         rest = Folders.of([*rest.paths, free], {})
         paths = [_moved(p, inner, free) for p in paths]
         home = {g: _moved(p, inner, free) for g, p in home.items()}
-    return Folders.of(paths, home)
+    return Folders.of(paths, home, folders.parent)
 
 
 def inherit_folders(scene: Scene, origins: Mapping[int, int]) -> SetFolders | None:
-    """Put new groups (keys) where the groups are that they come from (values)."""
-    home = scene.folders.home
-    new = {group: home.get(origin) for group, origin in origins.items()}
-    return _edit(scene, scene.folders.paths, {**home, **new}, "Put into a folder")
+    """Put new groups (keys) where the groups are that they come from (values).
+
+    Where a group and what lies under it have new groups, these lie under each other, too.
+    """
+    now = scene.folders
+    made = {origin: group for group, origin in origins.items()}
+    home, parent = dict(now.home), dict(now.parent)
+    for group, origin in origins.items():
+        if origin in now.parent:
+            above = now.parent[origin]
+            parent[group] = made.get(above, above)
+        else:
+            home[group] = now.home.get(origin, "")
+    return set_folders(scene, Folders.of(now.paths, home, parent), "Put into a folder")
 
 
-def set_homes(scene: Scene, homes: Mapping[int, str], title: str) -> SetFolders | None:
-    """Replace in which folder each group is; folders stay."""
-    return _edit(scene, scene.folders.paths, homes, title)
+def set_folders(scene: Scene, folders: Folders, title: str) -> SetFolders | None:
+    """Replace the folders and what is in them; None when nothing would change."""
+    now = scene.folders
+    moved, parents = _changes(now.home, folders.home), _changes(now.parent, folders.parent)
+    if not moved and not parents and folders.paths == now.paths:
+        return None
+    return SetFolders(title, now.paths, folders.paths, moved, parents)
+
+
+def _changes(
+    before: Mapping[int, _T], after: Mapping[int, _T]
+) -> tuple[tuple[int, _T | None, _T | None], ...]:
+    """What differs: group, value before and after; None = not there."""
+    values = ((g, before.get(g), after.get(g)) for g in sorted({*before, *after}))
+    return tuple(entry for entry in values if entry[1] != entry[2])
+
+
+def _with_paths(folders: Folders, *paths: str) -> Folders:
+    return Folders.of([*folders.paths, *paths], folders.home, folders.parent)
 
 
 def existing(scene: Scene, folder: str) -> str:
@@ -145,22 +177,9 @@ def _renamed(folders: Folders, before: str, after: str) -> Folders:
     paths = [_moved(path, before, after) for path in folders.paths]
     if any(path.count(SEPARATOR) >= MOST_DEPTH for path in paths):
         raise GagaError(f"At most {MOST_DEPTH} folders lie in each other. Choose another place.")
-    return Folders.of(paths, {g: _moved(p, before, after) for g, p in folders.home.items()})
+    home = {g: _moved(p, before, after) for g, p in folders.home.items()}
+    return Folders.of(paths, home, folders.parent)
 
 
 def _moved(path: str, before: str, after: str) -> str:
     return after + path[len(before) :] if is_inside(path, before) else path
-
-
-def _edit(
-    scene: Scene, paths: Iterable[str], homes: Mapping[int, str | None], title: str
-) -> SetFolders | None:
-    now = scene.folders
-    after = {group: path or None for group, path in homes.items()}
-    known = sorted({*now.home, *after})
-    moved = tuple((g, now.home.get(g), after.get(g)) for g in known)
-    moved = tuple(entry for entry in moved if entry[1] != entry[2])
-    made = Folders.of(paths, {})
-    if not moved and made.paths == now.paths:
-        return None
-    return SetFolders(title, now.paths, made.paths, moved)

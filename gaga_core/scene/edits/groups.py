@@ -8,7 +8,8 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.scene.edits.folders import set_homes
+from gaga_core.scene.edits.folders import set_folders
+from gaga_core.scene.edits.parents import merge_places
 from gaga_core.scene.edits.values import (
     Edit,
     SetBank,
@@ -19,6 +20,7 @@ from gaga_core.scene.edits.values import (
     SetNames,
     together,
 )
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.scene import Identities, Scene
 
@@ -87,12 +89,12 @@ def set_grouping(
     names: Mapping[int, str] | None = None,
     title: str = "Associate masks",
     confidence: FloatArray | None = None,
-    homes: Mapping[int, str] | None = None,
+    folders: Folders | None = None,
 ) -> Edit | None:
     """The result of an association: labels (N,), its bank, and names (default: none).
 
-    ``confidence`` (M,) in 0..1 is by row of the opened file. ``homes``: folders of groups (default:
-    none); folders stay. Identities of the former groups go.
+    ``confidence`` (M,) in 0..1 is by row of the opened file. ``folders``: where the
+    groups are (default: the folders stay, and are empty). Identities of the former groups go.
     """
     after = dict(names or {})
     touched = sorted({*scene.names, *after})
@@ -110,7 +112,7 @@ def set_grouping(
             _set_confidence(scene, confidence, title),
             _forget_identities(scene, title),
             rename_all if changed else None,
-            set_homes(scene, homes or {}, title),
+            set_folders(scene, folders or Folders(scene.folders.paths), title),
         ),
     )
 
@@ -166,9 +168,8 @@ def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> E
     if scene.bank is not None:
         bank = SetBank(title, scene.bank, _merged_bank(scene.bank, into, others))
     labels = set_labels(scene, merged, into, title)
-    home = {g: path for g, path in scene.folders.home.items() if g not in others}
-    homes = set_homes(scene, home, title)
-    return together(title, (labels, bank, names if changed else None, homes))
+    places = merge_places(scene, into, others, title)
+    return together(title, (labels, bank, names if changed else None, places))
 
 
 def _merged_bank(bank: MemoryBank, into: int, others: Sequence[int]) -> MemoryBank:

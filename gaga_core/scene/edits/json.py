@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.json_file import PathText, explain_json_error
 from gaga_core.io.spz_axes import SilentAxes
 from gaga_core.progress import run_stage
@@ -51,6 +52,7 @@ from gaga_core.scene.scene import RGB, Added, State
 from gaga_core.scene.splat_columns import columns_of, splats_of
 
 _Row = tuple[float, float, float, float]
+FrameRows = tuple[_Row, ...]  # of a matrix (4, 4); none = not moved
 _Bits = Annotated[int, Meta(ge=0, le=255)]  # of a state
 # What the values of an entry can still be, once its types are right.
 _DAMAGED = (
@@ -121,14 +123,16 @@ class ColorEntry(EditEntry, frozen=True, tag="color"):
 
 
 class FoldersEntry(EditEntry, frozen=True, tag="folders"):
-    """All folders, and the groups that go from one to another; null = none."""
+    """All folders, and the groups that go into another one or under another group; null = none."""
 
     before: list[str]
     after: list[str]
     moved: list[tuple[Row, str | None, str | None]]
+    parents: list[tuple[Row, Row | None, Row | None]] = []  # older scripts lack it
 
     def decoded(self, most: int) -> Edit:
-        return SetFolders(self.title, tuple(self.before), tuple(self.after), tuple(self.moved))
+        before, after = tuple(self.before), tuple(self.after)
+        return SetFolders(self.title, before, after, tuple(self.moved), tuple(self.parents))
 
 
 class PlacementEntry(EditEntry, frozen=True, tag="placement"):
@@ -171,11 +175,9 @@ class CopiesEntry(EditEntry, frozen=True, tag="copies"):
         return AppendCopies(self.title, splats, self.labels.ints(most), self.rows.ints(most), state)
 
 
-class AppendEntry(EditEntry, frozen=True, tag="append"):
-    """Splats of another file, which is named by its path and fingerprint."""
+class AddedEntry(EditEntry, frozen=True):
+    """Splats that are added, whatever they are read from."""
 
-    path: PathText
-    fingerprint: str
     first: Row
     n: Row
     n_rows: Row
@@ -183,11 +185,9 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
     columns: list[str]
     labels: IntsEntry
     state: _Bits
-    axes: SilentAxes = "RUB"  # of an .spz that does not say its own; older scripts took RUB
 
-    def decoded(self, most: int) -> Edit:
-        path = Path(self.path)
-        splats, _ = run_stage(read_added_stage(path, self.fingerprint, self.axes))
+    def edit(self, splats: Gaussians, added: Added) -> AppendSplats:
+        """The edit that adds ``splats``; ``ValueError`` when their labels are not as many."""
         labels = self.labels.ints(MOST_ROWS)
         if labels.count != len(splats):
             raise ValueError(f"{labels.count} labels for {len(splats)} splats")
@@ -199,9 +199,24 @@ class AppendEntry(EditEntry, frozen=True, tag="append"):
             columns=tuple(self.columns),
             splats=splats,
             labels=labels,
-            added=Added(str(path), self.fingerprint, self.first, len(splats), self.axes),
+            added=added,
             state=State(self.state),
         )
+
+
+class AppendEntry(AddedEntry, frozen=True, tag="append"):
+    """Splats of another file, which is named by its path and fingerprint."""
+
+    path: PathText
+    fingerprint: str
+    axes: SilentAxes = "RUB"  # of an .spz that does not say its own; older scripts took RUB
+    frame: FrameRows = ()  # how the scene had been moved by then; older scripts lack it
+
+    def decoded(self, most: int) -> Edit:
+        path = Path(self.path)
+        splats, _ = run_stage(read_added_stage(path, self.fingerprint, self.axes))
+        origin = str(path), self.fingerprint, self.first, len(splats)
+        return self.edit(splats, Added(*origin, self.axes, self.frame))
 
 
 class ColumnEntry(Struct, frozen=True):
@@ -213,34 +228,17 @@ class ColumnEntry(Struct, frozen=True):
     data: str  # packed
 
 
-class MadeEntry(EditEntry, frozen=True, tag="made"):
+class MadeEntry(AddedEntry, frozen=True, tag="made"):
     """Splats that an edit made, with all their columns."""
 
-    first: Row
-    n: Row
-    n_rows: Row
-    n_sh: Row
-    columns: list[str]
-    labels: IntsEntry
-    state: _Bits
     splats: list[ColumnEntry]
+    frame: FrameRows = ()  # how the scene had been moved by then; older scripts lack it
+    merged: bool = False  # made of splats that were deleted for it; older scripts lack it
 
     def decoded(self, most: int) -> Edit:
         splats = splats_of({c.name: unpacked(c.data, c.dtype, c.shape) for c in self.splats})
-        labels = self.labels.ints(MOST_ROWS)
-        if labels.count != len(splats):
-            raise ValueError(f"{labels.count} labels for {len(splats)} splats")
-        return AppendSplats(
-            title=self.title,
-            n=self.n,
-            n_rows=self.n_rows,
-            n_sh=self.n_sh,
-            columns=tuple(self.columns),
-            splats=splats,
-            labels=labels,
-            added=Added("", "", self.first, len(splats)),
-            state=State(self.state),
-        )
+        added = Added("", "", self.first, len(splats), frame=self.frame, is_merged=self.merged)
+        return self.edit(splats, added)
 
 
 class FrameState(Struct, frozen=True):
@@ -357,38 +355,21 @@ def _rare_entry(edit: Edit) -> AnyEntry:
     if isinstance(edit, AppendSplats):
         return _append_entry(edit)
     if isinstance(edit, SetFolders):
-        return FoldersEntry(edit.title, list(edit.before), list(edit.after), list(edit.moved))
+        before, after = list(edit.before), list(edit.after)
+        return FoldersEntry(edit.title, before, after, list(edit.moved), list(edit.parents))
     if isinstance(edit, SetFrame):
         return FrameEntry(edit.title, FrameState.of(edit.before), FrameState.of(edit.after))
     raise TypeError(f"edit: {type(edit).__name__} has no recorded form")
 
 
 def _append_entry(edit: AppendSplats) -> AppendEntry | MadeEntry:
-    if edit.added.is_made:
-        return MadeEntry(
-            edit.title,
-            edit.added.first,
-            edit.n,
-            edit.n_rows,
-            edit.n_sh,
-            list(edit.columns),
-            IntsEntry.of(edit.labels),
-            int(edit.state),
-            [_column_entry(*column) for column in columns_of(edit.splats).items()],
-        )
-    return AppendEntry(
-        edit.title,
-        edit.added.path,
-        edit.added.fingerprint,
-        edit.added.first,
-        edit.n,
-        edit.n_rows,
-        edit.n_sh,
-        list(edit.columns),
-        IntsEntry.of(edit.labels),
-        int(edit.state),
-        edit.added.axes,
-    )
+    added, labels = edit.added, IntsEntry.of(edit.labels)
+    sizes = added.first, edit.n, edit.n_rows, edit.n_sh, list(edit.columns)
+    common = edit.title, *sizes, labels, int(edit.state)
+    if added.is_made:
+        columns = [_column_entry(*column) for column in columns_of(edit.splats).items()]
+        return MadeEntry(*common, columns, added.frame, added.is_merged)
+    return AppendEntry(*common, added.path, added.fingerprint, added.axes, added.frame)
 
 
 def _column_entry(name: str, column: AnyArray) -> ColumnEntry:

@@ -72,7 +72,9 @@ def _levels(scene: Scene) -> Levels:
 def _free_ids(scene: Scene, levels: Levels, parts: LongArray) -> IntArray:
     """Ids (P,) of new groups: the parts' own ids of the levels where no group has them, so that
     names stay when the level of detail of all changes later."""
-    taken = {*np.unique(scene.labels).tolist(), *scene.names, *scene.folders.home}
+    order = scene.folders
+    taken = {*np.unique(scene.labels).tolist(), *scene.names, *order.home, *order.parent}
+    taken |= {*order.parent.values()}
     top = max(free_group(scene), int(levels.labels.max()) + 1)
     ids = []
     for part in parts.tolist():

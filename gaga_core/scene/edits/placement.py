@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.placement_values import SetPlacement, take_rows
 from gaga_core.scene.index_set import IndexSet, sorted_indices
 from gaga_core.scene.scene import Placements, Scene
+
+_ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
 
 
 def transform(
@@ -27,8 +29,11 @@ def transform(
 def reset_placement(
     scene: Scene, indices: AnyArray, title: str = "Reset placement"
 ) -> SetPlacement | None:
-    """Put splats back to where the file has them, in the scene as it was moved as a whole."""
-    return _place(scene, indices, title, reset=scene.frame.world[:3])
+    """Put splats back to where they were when their file was opened or added.
+
+    In the scene as it was moved as a whole since then.
+    """
+    return _place(scene, indices, title, resets=True)
 
 
 def recolor(
@@ -58,9 +63,9 @@ def _place(
     matrix: AnyArray | None = None,
     color: AnyArray | None = None,
     opacity: float = 1.0,
-    reset: DoubleArray | None = None,
+    resets: bool = False,
 ) -> SetPlacement | None:
-    """Compose onto the rows of these splats, or give them all the matrix ``reset`` (3, 4).
+    """Compose onto the rows of these splats, or give them that of a file ("resets").
 
     A row that stands for chosen splats only is changed where it is, so that an object that is
     dragged ten times keeps one row; else the chosen splats get a row of their own. Row 0 stays.
@@ -79,8 +84,9 @@ def _place(
     rows = np.concatenate([in_place, appended])
     old = take_rows(scene.placements, np.concatenate([in_place, parted]))
     after = composed(old, matrix, color, opacity)
-    if reset is not None:
-        after = replace(after, matrix=np.tile(reset, (len(rows), 1, 1)))
+    if resets:
+        sources = np.concatenate([in_place, parted])
+        after = replace(after, matrix=_of_files(scene, splats, old, sources))
     if _same(old, after):
         return None
     goes = np.isin(scene.placement[splats], parted)
@@ -94,6 +100,20 @@ def _place(
         rows_from=parted,
         rows_to=appended,
     )
+
+
+def _of_files(scene: Scene, splats: AnyArray, old: Placements, rows: IntArray) -> DoubleArray:
+    """Matrices (R, 3, 4) that ``rows`` of the table, with the values ``old``, had as files came.
+
+    All splats of a row are of one file.
+    """
+    used, places = np.unique(scene.placement[splats], return_index=True)
+    first = dict(zip(used.tolist(), splats[places].tolist(), strict=True))
+    motions = [scene.motion_of(int(scene.source[first[row]]))[:3] for row in rows.tolist()]
+    made: DoubleArray = np.array(motions).reshape(-1, 3, 4)
+    size = np.abs(made).max(axis=(1, 2), keepdims=True)
+    is_there = (np.abs(made - old.matrix) <= _ROUNDING * size).all(axis=(1, 2), keepdims=True)
+    return np.where(is_there, old.matrix, made)
 
 
 def composed(

@@ -1,6 +1,6 @@
 """What every operation of an edit script is, and what it acts on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.folders import existing
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.folders import SEPARATOR
+from gaga_core.scene.folders import SEPARATOR, tidy_path
 from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.fields import Groups, Vector
@@ -57,6 +57,12 @@ class OnSplats(Operation, frozen=True, kw_only=True):
         return splats_of(scene, self.groups)
 
 
+class OnGroups(Operation, frozen=True, kw_only=True):
+    """An operation on its groups, or on those of the selection."""
+
+    groups: Groups | UnsetType = UNSET
+
+
 def given(value: _T | UnsetType, default: _T) -> _T:
     """An optional field, or its default."""
     return default if isinstance(value, UnsetType) else value
@@ -65,7 +71,8 @@ def given(value: _T | UnsetType, default: _T) -> _T:
 def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
     """Group ids, names looked up; those of the selection when none are given.
 
-    "Kitchen/" are all groups that lie in the folder "Kitchen".
+    "Kitchen/" are all groups that lie in the folder "Kitchen"; "teapot/", if there is no such
+    folder, are the object "teapot" and all that lies under it.
     """
     if isinstance(wanted, UnsetType):
         return [int(g) for g in selected_groups(scene)]
@@ -75,8 +82,7 @@ def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
     found: list[int] = []
     for item in wanted:
         if isinstance(item, str) and item.endswith(SEPARATOR) and item not in by_name:
-            inside = scene.folders.groups(existing(scene, item))
-            found += [group for group in inside if group in present]
+            found += [group for group in _inside(scene, item, by_name) if group in present]
             continue
         group = by_name.get(item) if isinstance(item, str) else item
         if group not in present:
@@ -84,6 +90,15 @@ def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
         assert group is not None
         found.append(group)
     return found
+
+
+def _inside(scene: Scene, item: str, by_name: Mapping[str, int]) -> tuple[int, ...]:
+    """The groups that "Kitchen/", a folder, or "teapot/", an object, mean."""
+    name = item.removesuffix(SEPARATOR)
+    group = by_name.get(name, int(name) if name.isdecimal() else 0)
+    if tidy_path(item) in scene.folders.paths or group <= 0 or group not in by_name.values():
+        return scene.folders.groups(existing(scene, item))
+    return group, *scene.folders.under(group)
 
 
 def one_object_of(scene: Scene, wanted: Groups | UnsetType) -> int:

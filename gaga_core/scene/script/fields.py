@@ -37,6 +37,7 @@ _Row = tuple[Number, Number, Number, Number]
 Matrix = Annotated[tuple[_Row, _Row, _Row], Meta(description="3 rows of 4 numbers")]
 Points = Annotated[tuple[Vector, Vector, Vector], Meta(description="3 points of 3 numbers")]
 Ends = Annotated[tuple[Vector, Vector], Meta(description="2 points of 3 numbers")]
+OneGroup = Annotated[int | str, Meta(description="a group id or name")]
 Groups = Annotated[
     tuple[int | str, ...], Meta(min_length=1, description="a list of group ids or names")
 ]

@@ -1,4 +1,4 @@
-"""The operations of edit scripts on folders of the object list."""
+"""The operations of edit scripts on the order among objects: folders and parents."""
 
 from typing import Annotated, TypeAlias
 
@@ -8,8 +8,8 @@ from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.base import Operation, groups_of
-from gaga_core.scene.script.fields import Groups, Name
+from gaga_core.scene.script.base import Operation, groups_of, one_object_of
+from gaga_core.scene.script.fields import Groups, Name, OneGroup
 
 Path = Annotated[str, Meta(max_length=2000, description='a text such as "Kitchen/Cups"')]
 
@@ -65,4 +65,28 @@ class DeleteFolder(Operation, frozen=True):
         return edits.delete_folder(scene, self.folder)
 
 
-FolderOperation: TypeAlias = NewFolder | PutInFolder | MoveFolder | RenameFolder | DeleteFolder
+class SetParent(Operation, frozen=True):
+    """Put objects under another object; what lies under them goes along."""
+
+    parent: OneGroup
+    groups: Groups | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        groups = groups_of(scene, self.groups)
+        if not groups:
+            raise GagaError('no object is selected. Give "groups", or select first.')
+        return edits.set_parent(scene, groups, one_object_of(scene, (self.parent,)))
+
+
+class LeaveParent(Operation, frozen=True):
+    """Take objects out from under the object that they lie under, to where that is."""
+
+    groups: Groups | UnsetType = UNSET
+
+    def edit(self, scene: Scene) -> Edit | None:
+        return edits.leave_parent(scene, groups_of(scene, self.groups))
+
+
+FolderOperation: TypeAlias = (
+    NewFolder | PutInFolder | MoveFolder | RenameFolder | DeleteFolder | SetParent | LeaveParent
+)

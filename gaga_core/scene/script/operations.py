@@ -9,15 +9,14 @@ from msgspec import UNSET, UnsetType, field
 
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
-from gaga_core.progress import run_stage
 from gaga_core.scene import edits
-from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.pose import motion_between, pose_of, with_degrees
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import (
+    OnGroups,
     OnSplats,
     Operation,
     Views,
@@ -256,12 +255,6 @@ class Duplicate(OnSplats, frozen=True):
         return edits.duplicate(scene, self.splats(scene), by, self.new_group)
 
 
-class OnGroups(Operation, frozen=True, kw_only=True):
-    """An operation on its groups, or on those of the selection."""
-
-    groups: Groups | UnsetType = UNSET
-
-
 class Rename(OnGroups, frozen=True):
     """Name one object."""
 
@@ -299,37 +292,6 @@ class Labels(Operation, frozen=True):
 
     def edit(self, scene: Scene) -> Edit | None:
         return edits.use_labels(scene, self.source)
-
-
-class Clean(OnGroups, frozen=True):
-    """Clean up, as in the window."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        groups = groups_of(scene, self.groups)
-        if not groups:
-            raise GagaError('no object is selected. Give "groups".')
-        return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
-
-
-class Fill(OnSplats, frozen=True):
-    """Delete and fill what was hidden; without groups and selection: fill where was deleted."""
-
-    lighten: Flag = True  # take its shadow off what it stood on
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return self.edit_seen(scene, tuple)
-
-    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
-        # SciPy's and numba's import takes long: only where something is filled.
-        from gaga_core.raster import choose
-        from gaga_core.scene.fill.config import FillConfig
-        from gaga_core.scene.fill.edits import filled_edit
-        from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
-
-        splats = fillable(scene) if self.groups is UNSET else self.splats(scene)
-        config = FillConfig(lighten=self.lighten)
-        found = run_stage(fill_stage(scene, splats, views(), choose(), config))
-        return filled_edit(scene, found, fill_title(scene, splats))
 
 
 # --- history ------------------------------------------------------------------------------------
@@ -392,8 +354,6 @@ ObjectOperation: TypeAlias = (
     | SplitHere
     | JoinHere
     | Labels
-    | Clean
-    | Fill
     | Undo
     | Redo
 )

@@ -30,6 +30,7 @@ from gaga_core.scene.edits.placement_values import AppendCopies
 from gaga_core.scene.edits.values import Edits
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import Operation, Views
+from gaga_core.scene.script.computed import ComputedOperation
 from gaga_core.scene.script.folders import FolderOperation
 from gaga_core.scene.script.operations import Duplicate, ObjectOperation
 from gaga_core.scene.script.regions import RegionOperation
@@ -43,6 +44,7 @@ OPERATION_TYPES: Mapping[str, type[Operation]] = {
     str(kind.__struct_config__.tag): kind
     for kind in (
         *get_args(ObjectOperation),
+        *get_args(ComputedOperation),
         *get_args(FolderOperation),
         *get_args(RegionOperation),
     )

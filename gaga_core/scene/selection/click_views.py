@@ -11,6 +11,7 @@ from gaga_core.scene.orientation import estimate_up, upright_basis
 from gaga_core.scene.selection.bounds import robust_box
 
 _MOST = 24  # views
+_EVERY = 3  # of them
 _SIDE = 480  # pixels, longer side of a view
 _RINGS = ((-15.0, 5), (20.0, 8), (50.0, 6))  # elevation in degrees, views around
 _FIELD = np.radians(50.0)  # field of view
@@ -28,6 +29,11 @@ def click_views(cameras: Sequence[Camera], means: FloatArray) -> tuple[Camera, .
     n = min(_MOST, len(cameras))
     chosen = np.linspace(0, len(cameras) - 1, n).round().astype(int)
     return tuple(_small(cameras[i]) for i in np.unique(chosen))
+
+
+def loss_views(cameras: Sequence[Camera], means: FloatArray) -> tuple[Camera, ...]:
+    """Some of these views: enough to judge what fewer splats (`decimate`) lose."""
+    return click_views(cameras, means)[::_EVERY]
 
 
 def _small(camera: Camera) -> Camera:

@@ -13,6 +13,7 @@ from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene.edits.groups import name_groups
 from gaga_studio.actions import history, objects, selection, transform
 from gaga_studio.actions import search as search_actions
+from gaga_studio.session.object_list import ListFilter
 from gaga_studio.session.session import Session
 
 _SIZE = (640, 480)
@@ -89,6 +90,28 @@ def test_words_find_objects_without_any_model(associated: Session) -> None:
     assert _ask(associated, "teapot") == (int(table.ids[2]),)
     assert _ask(associated, "eapo") == (int(table.ids[2]),), "a part of a name, too"
     assert _ask(associated, "") == ()
+
+
+def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated: Session) -> None:
+    table, document = associated.objects(), associated.need()
+    ids = [int(group) for group in table.ids if group > 0]
+    document.do(name_groups(document.scene, dict.fromkeys(ids[:3], "mug")))
+    assert set(_ask(associated, "mug")) == set(ids[:3])
+    counts = {int(g): float(n) for g, n in zip(table.ids, table.counts, strict=True)}
+    chosen = counts[ids[1]]
+    fit = {group for group in ids[:3] if counts[group] == chosen}
+    document.listing.filter = ListFilter({"splats": (chosen, chosen)})
+    assert set(_ask(associated, "mug")) == fit
+    assert document.search.n_left_out == 3 - len(fit) > 0
+    assert search_actions.take_all(associated)
+    assert set(associated.selected_groups()) == fit, "Enter takes what is shown"
+    document.listing.filter = ListFilter({"splats": (0.0, 0.0)})
+    assert _ask(associated, "mug") == ()
+    assert document.search.n_left_out == 3
+    document.listing.filter = ListFilter()
+    search_actions.tick(associated)
+    assert set(document.search.meant) == set(ids[:3]), "all again, without typing"
+    assert document.search.n_left_out == 0
 
 
 def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:

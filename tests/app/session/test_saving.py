@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from gaga_core.errors import GagaError
+from gaga_core.io.files import fingerprint
+from gaga_core.io.model_files import model_fingerprint
 from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
@@ -19,6 +22,8 @@ from gaga_studio.session import saving
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
+from tests.gltf_files import write_gltf
+from tests.scenes import random_gaussians
 
 
 def _root(session: Session) -> Path:
@@ -170,3 +175,33 @@ def test_the_project_is_free_when_the_other_program_is_killed(
         session.answer("Try again")
     assert not session.unsaved
     assert session.title == folder.name
+
+
+def test_the_buffer_of_a_gltf_is_a_part_of_the_model(tmp_path: Path) -> None:
+    """Noticed when it changes or goes, refused in a saved project, and reloaded."""
+    path = write_gltf(tmp_path / "a.gltf", random_gaussians(40))
+    session = Session()
+    session.open(path)
+    finish(session)
+    session.save(tmp_path / "kept.gaga")
+    finish(session)
+    assert not saving.look_at_files(session)
+    path.touch()
+    assert not saving.look_at_files(session)
+    buffer = path.with_suffix(".bin")
+    content = buffer.read_bytes()
+    buffer.write_bytes(content[:5] + bytes([content[5] ^ 1]) + content[6:])
+    assert saving.look_at_files(session)
+    session.answer("Cancel")
+    with pytest.raises(GagaError, match="changed since"):
+        run_stage(open_path_stage(tmp_path / "kept.gaga"))
+    buffer.unlink()
+    assert saving.look_at_files(session)
+    session.answer("Cancel")
+    buffer.write_bytes(content)
+    assert not saving.look_at_files(session)
+    session.close()
+    document = tmp_path / "kept.gaga" / "project.json"
+    older = document.read_text(encoding="utf-8").replace(model_fingerprint(path), fingerprint(path))
+    document.write_text(older, encoding="utf-8")
+    assert len(run_stage(open_path_stage(tmp_path / "kept.gaga")).scene) == 40

@@ -12,6 +12,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export import export_objects_stage
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_colors, group_indices
 from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Scene
@@ -28,6 +29,8 @@ def scene() -> Scene:
     history.do(edits.set_color(scene, 3, (1.0, 0.5, 0.0)))
     history.do(edits.put_in_folder(scene, (2, 3), "Kitchen"))
     history.do(edits.put_in_folder(scene, (4,), "Kitchen/Cups"))
+    history.do(edits.set_parent(scene, (5,), 3))
+    history.do(edits.set_parent(scene, (1,), 5))
     return scene
 
 
@@ -55,17 +58,28 @@ def test_an_export_is_opened_as_it_was(
 def test_some_objects_have_only_their_folders(scene: Scene, tmp_path: Path) -> None:
     run_stage(export_objects_stage(scene, tmp_path, (1, 4)))
     assert opened(tmp_path).scene.folders.paths == ("Kitchen", "Kitchen/Cups")
-    assert opened(tmp_path).scene.folders.home == {4: "Kitchen/Cups"}
+    assert opened(tmp_path).scene.folders.home == {1: "Kitchen", 4: "Kitchen/Cups"}
+
+
+def test_an_object_without_what_it_lies_under_lies_under_the_next_one(
+    scene: Scene, tmp_path: Path
+) -> None:
+    run_stage(export_objects_stage(scene, tmp_path / "a", (1, 3)))
+    assert opened(tmp_path / "a").scene.folders == Folders(("Kitchen",), {3: "Kitchen"}, {1: 3})
+    run_stage(export_objects_stage(scene, tmp_path / "b", (1, 2)))
+    assert opened(tmp_path / "b").scene.folders == Folders(
+        ("Kitchen",), {1: "Kitchen", 2: "Kitchen"}
+    )
 
 
 def test_a_manifest_of_an_older_version_has_no_folders(scene: Scene, tmp_path: Path) -> None:
     manifest = run_stage(export_objects_stage(scene, tmp_path))
     content = json.loads(manifest.read_text())
     for entry in content["groups"]:
-        del entry["folder"], entry["oriented_box"]
+        del entry["folder"], entry["parent"], entry["oriented_box"]
     manifest.write_text(json.dumps(content))
     again = opened(manifest).scene
-    assert again.folders.paths == ()
+    assert again.folders == Folders()
     usual = group_colors(np.array([2], np.int32))[0]
     assert 2 not in again.colors
     np.testing.assert_allclose(content["groups"][1]["color"], usual, atol=1e-3)
@@ -78,6 +92,7 @@ def test_a_manifest_of_an_older_version_has_no_folders(scene: Scene, tmp_path: P
         ({"groups": 3}, "damaged"),
         ({"id": 0}, "damaged"),
         ({"id": 1 << 40}, "damaged"),
+        ({"parent": 1}, "lies under itself"),
         ({"file": "none.ply"}, "is gone"),
         ({"form": "mesh"}, "no splats"),
         ({"form": "html"}, "no splats"),

@@ -72,6 +72,15 @@ def test_a_damaged_project_file_is_a_sentence_and_stays(tmp_path: Path, text: st
     assert (where / "project.json").read_text() == text
 
 
+def test_a_project_in_which_an_object_lies_under_itself_is_a_sentence(tmp_path: Path) -> None:
+    where = save_project(opened(model_in(tmp_path)))
+    content = json.loads((where / "project.json").read_text())
+    for parents in ({"1": 2, "2": 1}, {"0": 1}, {"1": 0}):
+        (where / "project.json").write_text(json.dumps(content | {"parents": parents}))
+        with pytest.raises(GagaError, match="damaged"):
+            opened(where)
+
+
 def test_damaged_columns_are_a_sentence(tmp_path: Path) -> None:
     where = save_project(edited(opened(model_in(tmp_path))))
     file = next(where.glob("scene-*.npz"))

@@ -29,7 +29,7 @@ def draw(session: Session, state: DetailState) -> None:
         "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
     )
     ended = imgui.is_item_deactivated()
-    widgets.tooltip("Left: things together. Right: small parts. Ctrl+Z takes a change back.")
+    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
     if moved and level != state.dragged:
         state.dragged = level
         detail.preview(session, level)

@@ -28,8 +28,7 @@ def button(session: Session) -> None:
     """The button next to the search box, and what it opens."""
     is_on = session.need().listing.filter.is_on
     hint = "List only objects of some size, confidence or quality"
-    why = "The answer to a question is not filtered." if session.need().search.text.strip() else ""
-    if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on, why_not=why):
+    if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
         imgui.open_popup(_POPUP)
     if imgui.begin_popup(_POPUP):
         _ranges(session)
@@ -38,14 +37,18 @@ def button(session: Session) -> None:
 
 
 def foot(session: Session, table: ObjectTable) -> bool:
-    """How many objects the filter lists, and its end; False while it is off."""
+    """How many objects the filter lists, of what is looked for, and its end; False while off."""
     listing = session.need().listing
     kept = list_filter.kept(session, table, quality.column(session, table))
     if kept is None:
         return False
     n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
+    text, search = f"{n_kept:,} of {n:,} objects", session.need().search
+    if search.text.strip():
+        n_kept = len(search.meant)
+        text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
     with theme.text_color(theme.ACCENT if n_kept else theme.WARN):
-        imgui.text_unformatted(f"{n_kept:,} of {n:,} objects")
+        imgui.text_unformatted(text)
     imgui.same_line()
     if widgets.small_icon("Clear filter", icons.CLOSE, hint="List all objects again"):
         listing.filter = ListFilter()

@@ -8,7 +8,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
-from gaga_studio.actions import association_repair, history, objects, quality, selection
+from gaga_studio import commands
+from gaga_studio.actions import association_repair, children, history, objects, quality, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line
 from gaga_studio.session.part_index import PartIndex
@@ -19,6 +20,7 @@ from gaga_studio.ui.kit.object_menu import MASK_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.panels import folder_menu, row_switches
 from gaga_studio.ui.panels.row_parts import (
+    Across,
     RowColumns,
     RowState,
     arrow,
@@ -115,7 +117,7 @@ class _Row:
             self.state.hovered = self.group
         if clicked and self.state.renaming != self.group:
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
-                self.state.rename(self.group, self.name)
+                self._double_clicked()
             else:
                 self._select()
         self._dragging()
@@ -124,16 +126,32 @@ class _Row:
             widgets.escape_closes()
             imgui.end_popup()
 
+    def _double_clicked(self) -> None:
+        if not self.line.has_children:
+            self.state.rename(self.group, self.name)
+            return
+        selection.select_groups(self.session, (self.group,))
+        children.select_with_children(self.session)
+
     def _begin(self) -> None:
-        """What opens the parts of the object; then the row begins."""
+        """What opens what is under the object, or its parts; then the row begins."""
         row, parts, columns = last_row(), self.rows.parts, self.rows.columns
-        if columns.arrow and parts is not None and self.group and parts.parts(self.group):
+        if self.line.has_children:
+            self._fold(row)
+        elif columns.arrow and parts is not None and self.group and parts.parts(self.group):
             listing, key = self.document.listing, (self.group,)
             if arrow(row.low, self.line.depth, columns, key in listing.open_parts):
                 listing.toggle_parts(key)
             widgets.tooltip("Its parts, by the levels of detail of its masks")
         left = indent(self.line.depth) + columns.arrow
         imgui.set_cursor_screen_pos(ImVec2(row.low.x + left, row.low.y))
+
+    def _fold(self, row: Across) -> None:
+        """What opens and closes what lies under the object."""
+        listing, is_open = self.document.listing, self.line.is_open
+        if arrow(row.low, self.line.depth, self.rows.columns, is_open):
+            listing.toggle_group(self.group, is_open)
+        widgets.tooltip("Objects under it. Double-click the row to select them with it")
 
     def _select(self) -> None:
         io = imgui.get_io()
@@ -147,21 +165,21 @@ class _Row:
         self.state.anchor = self.group
 
     def _dragging(self) -> None:
-        """Rows and masks are dragged onto a row: they become a part of its object."""
+        """Rows go under the object that they are dropped on, with Ctrl they become a part of it;
+        masks become masks of it."""
         if self.group and imgui.begin_drag_drop_source():
             imgui.set_drag_drop_payload_py_id(OBJECT_DRAG, self.group)
             n = len(self.session.selected_groups()) if self.is_selected else 1
             what = self.name if n <= 1 else f"{n} objects"
-            onto = " or a folder" if self.document.scene.folders.paths else ""
-            widgets.dim(f"{what}: drop it on its object{onto}")
+            onto = " or folder" if self.document.scene.folders.paths else ""
+            widgets.dim(f"{what}: drop it on the object{onto} to put it under")
+            widgets.dim("Ctrl: make it a part of that object")
             imgui.end_drag_drop_source()
         if not imgui.begin_drag_drop_target():
             return
         dropped = imgui.accept_drag_drop_payload_py_id(OBJECT_DRAG)
         if dropped is not None and dropped.data_id != self.group:
-            if dropped.data_id not in self.session.selected_groups():
-                selection.select_groups(self.session, (dropped.data_id,), "set")
-            objects.assign(self.session, self.group)
+            self._take(dropped.data_id)
         if imgui.accept_drag_drop_payload_py_id(MASK_DRAG) is not None:
             mask, self.rows.masks.dragged = self.rows.masks.dragged, None
             if mask is not None:
@@ -169,6 +187,17 @@ class _Row:
                     self.session, mask, self.group or association_repair.NONE
                 )
         imgui.end_drag_drop_target()
+
+    def _take(self, group: int) -> None:
+        """An object was dropped here: with it, all that is selected when it is, too."""
+        if not self.group or imgui.get_io().key_ctrl:
+            if group not in self.session.selected_groups():
+                selection.select_groups(self.session, (group,), "set")
+            objects.assign(self.session, self.group)
+            return
+        selected = self.session.selected_groups()
+        groups = selected if group in selected else (group,)
+        children.put_under(self.session, self.group, [g for g in groups if g != self.group])
 
     def _menu(self) -> None:
         state = self.state
@@ -185,6 +214,7 @@ class _Row:
             imgui.separator()
         if self.group:
             folder_menu.put_into(self.session)
+            self._put_under()
         if imgui.begin_menu(f"{icons.JOINED}  Assign to###Assign to"):
             to = object_menu.objects(state.menu, self.rows.table, without=(self.group,))
             if to is not None:
@@ -196,6 +226,19 @@ class _Row:
             objects.set_color(self.session, self.group, None)
         imgui.separator()
         command_buttons.object_menu(self.session)
+
+    def _put_under(self) -> None:
+        """Objects as items of a submenu: the selected ones go under the one that is chosen."""
+        if imgui.begin_menu(f"{icons.UNFOLDED}  Put under###Put under"):
+            selected = self.session.selected_groups()
+            without = (*selected, *self.document.scene.folders.under(*selected))
+            above = object_menu.objects(self.state.menu, self.rows.table, without=without)
+            if above is not None:
+                children.put_under(self.session, above, selected)
+            imgui.end_menu()
+        for command_id in ("object.leave_parent", "select.children"):
+            if not commands.command(command_id).enabled(self.session):
+                command_buttons.command_item(self.session, command_id)
 
     # --- what is shown
 
@@ -296,8 +339,11 @@ class _Row:
     # --- switches
 
     def _switches(self) -> None:
-        shown = self.rows.table.n_hidden < self.rows.table.counts
-        is_alone = bool(shown[self.row] and np.count_nonzero(shown) == 1)
+        table = self.rows.table
+        shown = table.n_hidden < table.counts
+        own = {self.group, *self.document.scene.folders.under(self.group)}
+        is_alone = bool(shown[self.row] and np.count_nonzero(shown) <= len(own))
+        is_alone = is_alone and own.issuperset(table.ids[shown].tolist())
         now = Switches("object", self.is_hidden, self.is_locked, is_alone)
         clicked = row_switches.draw(now, self.height, self.rows.columns.is_roomy)
         if clicked == "hide":

@@ -68,7 +68,8 @@ def register(table: RequestTable, state: Callable[[], ObjectListState]) -> None:
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
     """The whole panel; ``masks`` knows the mask that is dragged onto a row."""
     if session.document is None:
-        widgets.empty_state(icons.BOXES, "No scene is open", "Its objects will be listed here.")
+        title = "No scene is open" if session.photos is None else "No splats yet"
+        widgets.empty_state(icons.BOXES, title, "Objects will be listed here.")
         return
     table = session.objects()
     if not (table.ids > 0).any():
@@ -108,7 +109,8 @@ def _list(
     lines = object_lines.lines(session, table, measured, *state.sort)
     height = object_row.height(imgui.get_content_region_avail().y)
     parts = object_lines.part_index(session)
-    has_arrows = parts is not None or bool(document.scene.folders.paths)
+    order = document.scene.folders
+    has_arrows = parts is not None or bool(order.paths or order.parent)
     is_measured = bool((measured >= 0).any())
     columns = list_columns.columns_for(is_measured, height, lines.depth, has_arrows)
     size = ImVec2(0, -_foot_height(session))
@@ -179,19 +181,17 @@ def _follow_selection(
             imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
         ):
             state.scroll_to = selected[0]
-            document.listing.reveal(document.scene.folders.home.get(selected[0], ""))
+            document.listing.reveal_group(document.scene.folders, selected[0])
     if state.scroll_to is None:
         return
     at = _line_at(lines, state.scroll_to)
     if at is not None:
-        line = height + theme.scaled(2)
-        top = at * line
-        if (
-            not imgui.get_scroll_y()
-            <= top
-            <= imgui.get_scroll_y() + imgui.get_window_height() * 0.8
-        ):
-            imgui.set_scroll_y(max(top - imgui.get_window_height() * 0.4, 0.0))
+        # A row has the padding of its cells above and below; the header stays at the top.
+        padding = 2 * imgui.get_style().cell_padding.y
+        line, header = height + padding, imgui.get_text_line_height() + padding
+        top, room = at * line, imgui.get_window_height() - header
+        if not imgui.get_scroll_y() <= top <= imgui.get_scroll_y() + room - line:
+            imgui.set_scroll_y(max(top - (room - line) / 2, 0.0))
     state.scroll_to = None
 
 
@@ -231,19 +231,21 @@ def _foot_height(session: Session) -> float:
 
 
 def _is_dragging(session: Session) -> bool:
-    """Whether rows are dragged that can go out of a folder."""
+    """Whether rows are dragged that can go out of a folder, or out from under an object."""
     dragged = imgui.get_drag_drop_payload_py_id()
-    has_folders = bool(session.need().scene.folders.paths)
-    return has_folders and dragged is not None and dragged.type in (OBJECT_DRAG, FOLDER_DRAG)
+    order = session.need().scene.folders
+    can_leave = bool(order.paths or order.parent)
+    return can_leave and dragged is not None and dragged.type in (OBJECT_DRAG, FOLDER_DRAG)
 
 
 def _foot(session: Session, table: ObjectTable) -> None:
-    """How many objects there are; while rows are dragged, the place that is in no folder."""
+    """How many objects there are; while rows are dragged, the place that is in nothing."""
     if _is_dragging(session):
-        widgets.button("Drop here: in no folder", Face(icon=icons.FOLDER_OUT, width=-1))
+        label = "Drop here: in no folder, under nothing"
+        widgets.button("Drop here: in no folder", Face(label, icons.FOLDER_OUT, width=-1))
         folder_row.drop_target(session, "")
         return
-    if not session.need().search.text.strip() and list_filter.foot(session, table):
+    if list_filter.foot(session, table):
         return
     n_objects = int(np.count_nonzero(table.ids > 0))
     n_selected = len(session.selected_groups())

@@ -152,6 +152,10 @@ def _understood(session: Session, search: SearchState) -> None:
             imgui.text_wrapped(search.problem)
     elif search.is_looking_up:
         widgets.dim("Looking the words up in the index…")
+    if search.n_left_out and not search.hits:
+        with theme.text_color(theme.WARN):
+            imgui.text_wrapped("The filter of the list leaves out all that fit.")
+        return
     n = len(search.meant)
     wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
     if n > 1 and wanted < imgui.get_content_region_avail().x:  # a low panel has few lines
@@ -175,7 +179,8 @@ def _ways_out(session: Session) -> None:
 
 
 def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState) -> None:
-    size = ImVec2(0, -imgui.get_text_line_height_with_spacing() - theme.scaled(2))
+    foot = em(1.25) if session.need().listing.filter.is_on else imgui.get_text_line_height()
+    size = ImVec2(0, -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
     if imgui.begin_child("Answer", size):
         _lines(session, state, table, search)
     imgui.end_child()

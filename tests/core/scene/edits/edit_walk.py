@@ -109,6 +109,14 @@ def random_splats(rng: np.random.Generator, scene: Scene) -> AnyArray:
     return chosen
 
 
+def _under(rng: np.random.Generator, scene: Scene) -> Edit | None:
+    groups, parent = rng.integers(1, 9, 2).tolist(), int(rng.integers(1, 9))
+    if rng.random() < 0.3:
+        return edits.leave_parent(scene, groups)
+    below = scene.folders.under(*groups)
+    return None if parent in (*groups, *below) else edits.set_parent(scene, groups, parent)
+
+
 def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]:
     """Every builder of `gaga_core.scene.edits`, with random arguments."""
     s = random_splats
@@ -150,6 +158,7 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
         return edits.rename_folder(scene, path, name_of(free))
 
     return {
+        "under": _under,
         "put_in_folder": put_in_folder,
         "on_folder": on_folder,
         "set_identities": lift,

@@ -16,7 +16,7 @@ from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import append_made, kept_of_added, read_added_stage, spread
+from gaga_core.scene.edits.append import append_made, ids_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
@@ -170,7 +170,7 @@ def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: P
     labels = spread(scene, many)
     assert (labels[:200] == many).all()
     assert labels[200:].min() > 199
-    assert kept_of_added(scene, labels, scene.names) == {int(labels[-1]): "chair"}
+    assert ids_of_added(scene, labels) == {int(scene.labels[-1]): int(labels[-1])}
 
 
 def test_splats_made_as_part_of_an_object_stay_part_of_it_when_groups_change() -> None:
@@ -178,15 +178,16 @@ def test_splats_made_as_part_of_an_object_stay_part_of_it_when_groups_change() -
     history = History(scene)
     history.do(edits.rename(scene, 2, "table"))
     history.do(edits.rename(scene, 9, "rug"))
-    made = np.array([2, 2, 2, 9, 0], np.int32)  # 9: no splat of the file is in it
-    history.do(append_made(scene, random_gaussians(5, seed=1), made, "Fill"))
+    made = np.array([2, 2, 2, 9, 0, 0], np.int32)  # 9: no splat of the file is in it
+    splats = scene.gaussians.take(np.array([10, 13, 18, 0, 20, 27]))
+    history.do(append_made(scene, splats, made, "Fill"))
     found = np.repeat(np.array([3, 12, 0, 12, 4], np.int32), 8)
     found[10:20] = [0, 0, 0, 12, 12, 12, 12, 12, 12, 0]
     labels = spread(scene, found)
-    assert labels[40:43].tolist() == [12, 12, 12], "as most of the table"
+    assert labels[40:43].tolist() == [0, 12, 12], "as the nearest of the table"
     assert labels[43] > found.max()
-    assert labels[44] == 0
-    assert kept_of_added(scene, labels, scene.names) == {int(labels[43]): "rug"}
+    assert labels[44:].tolist() == [0, 12], "as the nearest that were in no object"
+    assert ids_of_added(scene, labels) == {int(scene.labels[43]): int(labels[43])}
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import builders, snapshot, walk_scene
 
+_ON_ORDER = ("put_in_folder", "on_folder", "under", "merge_groups", "duplicate", "separate")
+
 
 def _do(scene: Scene, edit: Edit | None) -> None:
     assert edit is not None
@@ -105,7 +107,9 @@ def test_other_groups_have_other_folders_unless_they_are_the_same() -> None:
     labels = scene.labels[::-1].copy()
     before = scene.folders
     history = History(scene)
-    history.do(edits.set_grouping(scene, labels, None, homes={2: "Room"}))
+    history.do(
+        edits.set_grouping(scene, labels, None, folders=Folders.of(before.paths, {2: "Room"}))
+    )
     assert scene.folders == Folders(before.paths, {2: "Room"})
     history.undo()
     assert scene.folders == before
@@ -145,10 +149,10 @@ def test_a_script_names_folders_and_acts_on_all_that_is_in_them() -> None:
 def test_a_walk_over_folders_keeps_a_tree_in_which_all_groups_are(seed: int) -> None:
     rng, scene = np.random.default_rng(seed), walk_scene(60)
     history = History(scene)
-    build = {name: builders()[name] for name in ("put_in_folder", "on_folder", "merge_groups")}
+    build = {name: builders()[name] for name in _ON_ORDER}
     start = snapshot(scene).folders
     for _ in range(80):
-        name = list(build)[rng.integers(3)]
+        name = _ON_ORDER[rng.integers(len(_ON_ORDER))]
         before = scene.folders
         if history.do(build[name](rng, scene)):  # builds `Folders`, which checks itself
             after = scene.folders

@@ -62,7 +62,7 @@ class _Walk:
 def test_a_random_walk_of_do_undo_redo_and_preview_meets_its_snapshots(seed: int) -> None:
     walk = _Walk(seed)
     moves = [walk.do] * 4 + [walk.history.undo] * 2 + [walk.history.redo] + [walk.preview] * 2
-    for _ in range(320):
+    for _ in range(400):
         [*moves, walk.jump][walk.rng.integers(len(moves) + 1)]()
         walk.check()
     for at in (0, len(walk.past) - 1, 0):

@@ -27,7 +27,7 @@ def test_a_recorded_walk_replays_to_the_same_scene(seed: int, budget: int) -> No
     scene = walk_scene(400)
     history = History(scene, budget)
     build = list(builders().values())
-    for _ in range(80):
+    for _ in range(100):
         if rng.random() < 0.2:
             history.undo()
         elif rng.random() < 0.1:
