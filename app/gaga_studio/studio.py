@@ -3,6 +3,7 @@
 import logging
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import moderngl
@@ -30,6 +31,7 @@ from gaga_studio.system.window import Hooks, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
 from gaga_studio.ui.chrome.status_text import status_text
 from gaga_studio.ui.dialogs import (
+    add_views,
     export,
     film_and_picture,
     find_objects,
@@ -37,6 +39,7 @@ from gaga_studio.ui.dialogs import (
     make_masks,
     models,
     preferences,
+    reduce,
     sheets,
     shortcuts,
 )
@@ -116,7 +119,7 @@ class Studio:
             before_frame=self._before_frame,
             keys=guarded("Keys", lambda: shortcuts.pressed(session, self._escape)),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
-            tool_bar=guarded("Tool bar", lambda: toolbar.draw(session)),
+            tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,
             dropped=self._dropped,
@@ -211,8 +214,8 @@ class Studio:
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
-        growing = session.live is not None  # its card stands at the same place
-        is_covered = ui.scene.picture.evidence.decision is not None or growing
+        is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
+        steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # A place of its own for each: a failure is told once while the same place goes on failing.
         call("Commands", lambda: self._requests.take(session))
         call("File dialog", ui.files.draw)
@@ -224,11 +227,10 @@ class Studio:
         call("Menus", lambda: command_buttons.picture_menus(session))
         call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
         call("Find objects", lambda: find_objects.draw(session))
+        call("Add views", lambda: add_views.draw(session))
         call("Models", lambda: models.draw(session))
-        call(
-            "First steps",
-            lambda: first_steps.draw(session, ui.area, self._steps, is_covered=is_covered),
-        )
+        call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
+        call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
 
     def _status(self) -> None:
@@ -293,7 +295,7 @@ class Studio:
             view,
             self._overlays(),
             frame_s=frame_s,
-            is_draft=not self._pacing.is_settled,
+            is_draft=not self._pacing.is_settled or session.live is not None,
         )
         if self.viewport.lod_error is not None:
             level_of_detail.failed(session, self.viewport.lod_error)

@@ -1,5 +1,6 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
+from gaga_core.arrays import DoubleArray
 from gaga_studio.actions import align_ground, measure, navigation, selection
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -48,6 +49,11 @@ class ToolController:
     def overlay(self) -> RectShape | PathShape | None:
         """What the tool draws over the picture now."""
         return self._tools[self._active].overlay()
+
+    def clone_source(self, session: Session) -> DoubleArray | None:
+        """Point (3,), world, that the clone brush copies from, while it is the tool."""
+        tool = self.tool(session)
+        return tool.source(session) if isinstance(tool, CloneTool) else None
 
     @property
     def is_dragging(self) -> bool:

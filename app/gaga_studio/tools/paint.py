@@ -191,6 +191,16 @@ class CloneTool(_Brush):
         self._points: list[DoubleArray] = []
         self._reach = 0.0  # radius of the brush at the surface, scene units
 
+    def source(self, session: Session) -> DoubleArray | None:
+        """Point (3,), world, that is copied from now: it goes along with a stroke."""
+        if self._source is None or self._source[0] is not session.document:
+            return None
+        source = self._source[1]
+        if self._document is None or self._target is None or not self._points:
+            return source.point
+        back = map_between(self._target, source)
+        return np.asarray(back[:, :3] @ self._points[-1] + back[:, 3], np.float64)
+
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Copy to one place, or set the source (Ctrl, Alt)."""
         if not _asks(place):

@@ -2,6 +2,7 @@
 
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs import (
+    add_views,
     export,
     film_and_picture,
     find_objects,
@@ -9,6 +10,7 @@ from gaga_studio.ui.dialogs import (
     models,
     open_and_save,
     preferences,
+    reduce,
     sheets,
 )
 from gaga_studio.ui.kit.requests import RequestTable
@@ -28,7 +30,9 @@ def request_table(ui: UiState) -> RequestTable:
     film_and_picture.register(table)
     make_masks.register(table)
     find_objects.register(table)
+    add_views.register(table)
     models.register(table)
+    reduce.register(table, ui.reduce)
     open_and_save.register(table, ui.files)
     objects.register(table, lambda: ui.scene.objects)
     bank_timeline.register(table)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from gaga_studio.actions.reduce import ReducePlan
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs.export import ExportSheet
 from gaga_studio.ui.dialogs.file_dialog import FilePicker
@@ -44,6 +45,7 @@ class UiState:
     palette: PaletteState = field(default_factory=PaletteState)
     preferences: DraggedPreferences = field(default_factory=DraggedPreferences)
     export: ExportSheet = field(default_factory=ExportSheet)
+    reduce: ReducePlan = field(default_factory=ReducePlan)
     film: FilmChoices = field(default_factory=FilmChoices)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)

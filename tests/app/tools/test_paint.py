@@ -78,16 +78,27 @@ def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: S
     n = len(scene)
     hand.drag(_FROM, _TO)
     assert len(scene) == n, "there is no source yet"
+    assert hand.controller.clone_source(associated) is None
     hand.click(320, 245, KeyState(ctrl=True))
     assert "source is set" in associated.hint
+    source = hand.controller.clone_source(associated)
+    assert source is not None
+    camera = associated.rig.camera(W, H)
+    assert np.allclose(camera.project(source[None])[0], (320, 245), atol=1)
     before = snapshot(scene)
     hand.play(u=250, v=300)
     hand.play(left=True)
     hand.play(u=270, v=300)
+    moved = hand.controller.clone_source(associated)
+    assert moved is not None
+    assert np.linalg.norm(moved - source) > 1e-3, "it goes along with the stroke"
     assert associated.hint == "", "the tool says what a drag does"
     assert len(scene) > n
     hand.controller.cancel(associated)
     assert snapshot(scene) == before
+    at_rest = hand.controller.clone_source(associated)
+    assert at_rest is not None
+    assert np.array_equal(at_rest, source)
     hand.play(left=False)
     hand.drag(np.array([250.0, 300]), np.array([270.0, 300]))
     assert len(scene) > n
@@ -96,6 +107,9 @@ def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: S
     pixels, _ = associated.rig.camera(W, H).project(copies)
     assert np.abs(np.median(pixels, axis=0) - [260, 300]).max() < 40
     assert not scene.has(State.SELECTED).any()
+    associated.tool = ToolName.PICK
+    hand.play()
+    assert hand.controller.clone_source(associated) is None
 
 
 def test_a_map_between_surfaces_lines_up_points_and_normals() -> None:

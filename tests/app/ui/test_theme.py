@@ -37,3 +37,17 @@ def test_words_stand_out(is_light: bool) -> None:
             front = values(getattr(theme, text))[is_light]
             behind = values(getattr(theme, ground))[is_light]
             assert contrast(front, behind) >= least, f"{text} on {ground}"
+
+
+@pytest.mark.parametrize("is_light", [False, True], ids=["dark", "light"])
+def test_values_are_read_over_the_knobs_of_sliders(is_light: bool) -> None:
+    """At rest, hovered and dragged: the value of a slider is drawn over its knob."""
+    text = values(theme.TEXT)[is_light]
+    for field, knob in (
+        ("frame_bg", "slider_grab"),
+        ("frame_bg_hovered", "slider_grab"),
+        ("frame_bg_active", "slider_grab_active"),
+    ):
+        ground, over = (values(theme._COLORS[name])[is_light] for name in (field, knob))
+        seen = [a * over[3] + b * (1 - over[3]) for a, b in zip(over[:3], ground[:3], strict=True)]
+        assert contrast(text, seen) >= 4.5, f"value over {knob} on {field}"

@@ -30,7 +30,9 @@ def test_objects_go_into_folders_by_hand(display: str, grouped_scene: Path, tmp_
         _make(d)
         _drag(d)
         _switch(d)
+        _under(d)
         _filter(d)
+        _add_views(d)
         _parts(d)
 
     drive(walk, path=folder, size=(1110, 760))
@@ -112,6 +114,44 @@ def _switch(d: Driver) -> None:
     assert inside <= set(np.unique(scene.labels[scene.visible]))
 
 
+def _under(d: Driver) -> None:
+    """An object goes under the one that it is dropped on; its arrow, its eye; out again."""
+    scene = d.session.need().scene
+    d.on_main(lambda: selection.select_groups(d.session, (5,)))
+    d.frames(3)
+    d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", f"//{_ROW.format(3, '##row')}")
+    d.frames(3)
+    assert scene.folders.parent == {4: 3}, "only what was dragged: it was not selected"
+    assert (scene.labels == 4).any(), "nothing was merged"
+    d.click(_ROW.format(3, "Fold"))
+    d.frames(3)
+    assert not d.exists(_ROW.format(4, "##row"))
+    d.click(_ROW.format(3, "Fold"))
+    d.frames(3)
+    d.click(_ROW.format(3, "###Shown"))
+    d.frames(3)
+    assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == {3, 4}
+    d.click(_ROW.format(3, "###Shown"))
+    d.click(_ROW.format(3, "##row"))
+    d.frames(3)
+    assert d.session.selected_groups() == (3,)
+    d.engine.item_double_click(f"//{_ROW.format(3, '##row')}")
+    d.frames(3)
+    assert d.session.selected_groups() == (3, 4)
+    d.on_main(lambda: selection.select_groups(d.session, (3,)))
+    d.frames(3)
+    d.engine.item_drag_and_drop(f"//{_ROW.format(3, '##row')}", f"//{_ROW.format(4, '##row')}")
+    d.frames(3)
+    assert "under itself" in d.session.notices[-1].text
+    d.on_main(lambda: selection.select_groups(d.session, (4,)))
+    d.frames(3)
+    d.engine.item_click(f"//{_ROW.format(4, '##row')}", 1)
+    d.frames(3)
+    d.click("$FOCUSED/###Take out from under its object")
+    d.frames(3)
+    assert scene.folders.parent == {}
+
+
 def _filter(d: Driver) -> None:
     """It says how many it lists, and goes with one click."""
     listing, table = d.session.need().listing, d.session.objects()
@@ -125,9 +165,39 @@ def _filter(d: Driver) -> None:
     (kept,) = table.ids[(table.counts == most) & (table.ids > 0)][:1]
     others = [int(g) for g in table.ids if g not in (0, kept)]
     assert not any(d.exists(_ROW.format(g, "##row")) for g in others)
+    d.type_into("Objects/##Find", "round")
+    d.frames(6)
+    search = d.session.need().search
+    assert set(search.meant) <= {kept}, "answers are filtered, too"
+    assert search.n_left_out > 0
+    d.click("Objects/###Clear search")
+    d.frames(3)
     d.click("Objects/###Clear filter")
     d.frames(3)
     assert not listing.filter.is_on
+
+
+def _add_views(d: Driver) -> None:
+    """The sheet says which photos took no part, and lets their masks join."""
+    document = d.session.need()
+    scene, bank = document.scene, document.scene.bank
+    assert bank is not None
+    last = bank.log[-1].view
+    older = replace(bank, log=tuple(x for x in bank.log if x.view != last))
+    names, order = scene.names, scene.folders
+    d.on_main(
+        lambda: document.do(
+            edits.set_grouping(scene, scene.labels, older, names, "Older", folders=order)
+        )
+    )
+    d.settle()
+    d.menu("Find/###Add new photos and masks…")
+    d.frames(3)
+    d.click("Add new photos and masks/###Add views")
+    d.settle()
+    assert scene.bank is not None
+    assert {x.view for x in scene.bank.log} == {x.view for x in bank.log}
+    assert (scene.names, scene.folders) == (names, order)
 
 
 def _parts(d: Driver) -> None:
@@ -139,10 +209,10 @@ def _parts(d: Driver) -> None:
     fine[rows[: len(rows) // 3]] = 100
     assert scene.bank is not None
     bank = replace(scene.bank, levels=Levels(np.stack([scene.labels, fine]), 0))
-    names, homes = scene.names, scene.folders.home
+    names, order = scene.names, scene.folders
     d.on_main(
         lambda: document.do(
-            edits.set_grouping(scene, scene.labels, bank, names, "Levels", homes=homes)
+            edits.set_grouping(scene, scene.labels, bank, names, "Levels", folders=order)
         )
     )
     d.settle()

@@ -8,9 +8,11 @@ import pytest
 from PIL import Image
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import objects, selection
 from gaga_studio.session.settings import load_settings
+from tests.app.folders import write_scene
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window
@@ -43,6 +45,30 @@ def test_the_list_can_be_read(display: str, grouped_scene: Path, tmp_path: Path)
         assert blue[0] < blue[1] < blue[2]  # half-lit
 
     drive(walk, path=folder, size=(1280, 720))
+
+
+def test_the_row_of_what_is_selected_is_seen_whole(display: str, tmp_path: Path) -> None:
+    """At the end of a list of which few rows fit, too."""
+    n = 24
+
+    def walk(d: Driver) -> None:
+        document = d.session.need()
+        every = np.arange(len(document.scene))
+        d.on_main(
+            lambda: document.do(
+                edits.set_labels(document.scene, every, (every % n + 1).astype(np.int32), "x")
+            )
+        )
+        d.settle()
+        for group in (n - 1, 2, n // 2):
+            d.on_main(lambda group=group: selection.select_groups(d.session, (group,)))  # type: ignore[misc]
+            d.frames(4)
+            info = d.engine.item_info(f"//Objects/**/object {group}/##row")
+            row, seen = info.rect_full, info.rect_clipped
+            assert row.max.y - row.min.y == seen.max.y - seen.min.y > 10, group
+
+    write_scene(tmp_path / "balls", masks=False)
+    drive(walk, path=tmp_path / "balls", size=(800, 500))
 
 
 def _pixels(d: Driver, ref: str, folder: Path) -> UInt8Array:

@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 
 from gaga_studio import commands
 from gaga_studio.actions import camera_path, selection
+from gaga_studio.session.view_state import ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
 
@@ -22,7 +23,8 @@ _SIZES = {  # of the window, by the scale of the text
     1.5: ((1440, 900), (1900, 1060)),
 }
 _SMALLEST = (800, 500)
-_SHEETS = ("edit.preferences", "file.export_objects", "camera.film")
+_WITH_OPTIONS = (ToolName.LASSO, ToolName.OBJECT, ToolName.COLOR)
+_SHEETS = ("edit.preferences", "file.export_objects", "file.export_cameras", "camera.film")
 
 
 def test_no_text_is_cut_at_any_size(
@@ -56,6 +58,10 @@ def test_no_text_is_cut_at_any_size(
                 d.engine.window_focus(f"//{panel}")
             watch.frame(d)
         wrong.extend(f"{size} {scale}: {text}" for text in findings(d, _PANELS))
+        for tool in _WITH_OPTIONS if size == _SMALLEST else ():
+            d.session.tool = tool
+            watch.frame(d)
+            d.session.tool = ToolName.PICK
         for command in _SHEETS if (size, scale) == (_SMALLEST, 1.0) else ():
             d.on_main(partial(commands.run, command, d.session))
             watch.frame(d)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.actions import history, objects, selection
+from gaga_studio.actions import history, objects, quality, selection
 from gaga_studio.commands import run
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -37,7 +37,9 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         objects.show_all(session)
 
         n_masks = len(session.decisions(4)), len(session.decisions(5))
+        d.engine.key_down(KEY.mod_ctrl)  # without it 4 would go under 5
         d.engine.item_drag_and_drop(f"//{row.format(4, '##row')}", f"//{row.format(5, '##row')}")
+        d.engine.key_up(KEY.mod_ctrl)
         d.frames()
         assert not (document.scene.labels == 4).any()
         assert len(session.decisions(5)) == sum(n_masks)
@@ -70,6 +72,12 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
         d.click("Inspector/###Quality")
+        d.frames(3)
+        measured = quality.of_group(session, 3)
+        assert measured is not None
+        info = d.engine.item_info(f"//Inspector/###Worst {measured.views[0].view}")
+        whole, seen = info.rect_full, info.rect_clipped
+        assert whole.max.y - whole.min.y == seen.max.y - seen.min.y > 10, "it came into sight"
         d.click("Inspector/###Confidence")
         d.frames(3)
         assert d.exists("Inspector/##Uncertain below")

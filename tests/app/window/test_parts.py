@@ -114,6 +114,10 @@ def _sheets_that_theme_the_window_do_not_dim_it(d: Driver) -> None:
         commands.run(command, d.session)
         d.frames(4)
         assert (dimming() > 0) is is_dimmed, command
+        if not is_dimmed:
+            boxes = ("Always clean first", "Children go along")
+            lefts = {d.engine.item_info(f"//**/{name}").rect_full.min.x for name in boxes}
+            assert len(lefts) == 1, "boxes stand below each other"
         d.keys(KEY.escape)
 
 

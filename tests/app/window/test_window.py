@@ -1,5 +1,6 @@
 """Everything but the main job: beginnings, bad files, cancelling, sizes, keys, questions."""
 
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -70,6 +71,24 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         assert not d.exists("Notice 0/###Close")
 
     drive(test, path=balls)
+
+
+def test_advice_on_the_picture_goes_once_it_is_followed(
+    display: str, balls: Path, tmp_path: Path
+) -> None:
+    lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
+
+    def test(d: Driver) -> None:
+        offer = d.session.stage_offer()
+        assert offer is not None
+        assert not offer.command, "nothing to run: it advises the tool Object"
+        assert d.exists("Viewport/**/###Not now")
+        d.session.tool = ToolName.OBJECT
+        d.settle()
+        assert not d.exists("Viewport/**/###Not now")
+        assert d.studio.ui.area.offer_top == float("inf"), "nothing keeps clear of it"
+
+    drive(test, path=lone)
 
 
 def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:

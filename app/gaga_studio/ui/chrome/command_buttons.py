@@ -46,6 +46,7 @@ ICONS = {
     "edit.redo": icons.REDO,
     "edit.duplicate": icons.DUPLICATE,
     "edit.delete": icons.DELETE,
+    "edit.reduce": icons.MERGE,
     "object.associate": icons.RUN,
     "object.find_settings": icons.SLIDERS,
     "object.lift": icons.MEMORY,
@@ -60,6 +61,7 @@ ICONS = {
     "object.rename": icons.RENAME,
     "object.folder": icons.FOLDER_NEW,
     "object.folder_out": icons.FOLDER_OUT,
+    "object.leave_parent": icons.FOLDER_OUT,
     "object.folder_delete": icons.FOLDER_PLAIN,
     "view.folder_colors": icons.FOLDER_PLAIN,
     "object.merge": icons.MERGE,
@@ -228,6 +230,7 @@ def picture_menus(session: Session) -> None:
             (
                 *OBJECT_MENU,
                 "object.folder",
+                "select.children",
                 "",
                 "tool.pivot_here",
                 "tool.origin_here",

@@ -36,7 +36,7 @@ class ToastState:
 
 
 def draw(session: Session, state: ToastState, area: PictureArea) -> None:
-    """The newest notices, at the upper edge of the picture, next to the view cube.
+    """The newest notices, at the upper edge of the picture or below a card there, next to the cube.
 
     In the middle of a small picture they would lie over what is being worked on.
     """
@@ -49,7 +49,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     state.closed &= {id(notice) for notice in session.notices}
     state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
-    at = ImVec2(right, max(area.top, area.chip_bottom) + em(0.7))
+    at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         at.y = _card(session, state, notice, slot, (at, width)) + em(0.4)

@@ -9,6 +9,7 @@ from gaga_studio.actions import models
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit.requests import RequestTable
@@ -17,15 +18,16 @@ from gaga_studio.ui.kit.widgets import Face
 
 SHEET = "Models"
 _PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
+_TABLE = 26.0  # em, while something is asked below it
 _COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
     ("Model", -0.45),
     ("Good for", -0.55),
     ("Size", 5.0),
-    ("Licence", 6.5),
+    ("License", 6.5),
     ("Time a photo", 6.5),
     ("", 6.0),
 )
-_FOOT = 5.0  # em: two lines and a row of buttons
+_FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 
 
 def register(table: RequestTable) -> None:
@@ -47,13 +49,15 @@ def draw(session: Session) -> None:
     imgui.push_text_wrap_pos(0.0)
     widgets.dim(
         "Nothing is downloaded without your consent. Sizes are approximate until you ask for one. "
-        f"Models lie in {models_folder()}.",
+        f"Models lie in {paths.shown(models_folder())}.",
         wrap=True,
     )
     imgui.pop_text_wrap_pos()
-    footer = em(_FOOT)
+    state = session.models
+    is_asking = state.offered is not None or state.removing is not None
+    footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
     below = footer + imgui.get_style().item_spacing.y
-    if imgui.begin_child("Known", ImVec2(0, body_height(em(24) + below) - below)):
+    if imgui.begin_child("Known", ImVec2(0, body_height(em(_TABLE + _FOOT)) - below)):
         _table(session)
     imgui.end_child()
     if imgui.begin_child("Answer", ImVec2(0, footer)):
@@ -131,7 +135,7 @@ def _foot(session: Session) -> None:
         if widgets.button("Keep it"):
             models.decline(session)
     else:
-        widgets.dim("Get… shows the licence and the exact size, and asks.")
+        widgets.dim("Get… shows the license and the exact size, and asks.")
 
 
 def _progress(session: Session, job: Job) -> None:
@@ -150,11 +154,11 @@ def _terms(session: Session, listing: Listing) -> None:
     imgui.push_text_wrap_pos(0.0)
     imgui.text_wrapped(terms(listing.model, listing))
     imgui.pop_text_wrap_pos()
-    if widgets.button("Accept", Face("Accept the licence and download", primary=True)):
+    if widgets.button("Accept", Face("Accept the license and download", primary=True)):
         models.accept(session)
     imgui.same_line()
     if widgets.button("Not now"):
         models.decline(session)
     imgui.same_line()
-    if widgets.button("Read the licence"):
+    if widgets.button("Read the license"):
         models.open_page(listing.model)

@@ -84,6 +84,13 @@ def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
     if changed:
         settings = replace(settings, clean_first=clean)
+    widgets.under_fields(em(_NAMES))
+    changed, along = widgets.checkbox("Children go along", settings.children_go_along)
+    widgets.tooltip(
+        "What is under an object is moved, copied, hidden, deleted and exported with it"
+    )
+    if changed:
+        settings = replace(settings, children_go_along=along)
     settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
     widgets.tooltip("So much work is at risk at most, should the program end by force")
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)

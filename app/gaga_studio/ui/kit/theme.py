@@ -59,6 +59,7 @@ CHOSEN = _both("FFFFFF", "123A70")  # text of what is switched on
 POPUP = _both("26282E", "FBFBFC", 0.99)
 FIELD = _both("2C2F36", "FFFFFF")  # ground of what is typed or dragged
 SLIDER_GRAB = _both("5B9DF5", "2F74D0", 0.38)  # values are read through it
+SLIDER_GRAB_HELD = _both("2F62AD", "8FB8F0")  # and over it while it is dragged
 DIMMED = _both("0C0D0F", "40444C", 0.6)  # laid over the window behind a sheet
 
 _COLORS = {
@@ -97,7 +98,7 @@ _COLORS = {
     "check_mark": ACCENT,
     "checkbox_selected_bg": ACCENT_SOFT,
     "slider_grab": SLIDER_GRAB,
-    "slider_grab_active": ACCENT,
+    "slider_grab_active": SLIDER_GRAB_HELD,
     "separator": LINE,
     "separator_hovered": _both("5B9DF5", "2F74D0", 0.6),
     "separator_active": ACCENT,

@@ -25,6 +25,7 @@ class Face:
 
 
 _PLAIN = Face()
+_LOW = 0.5  # share of the panel's height below which a section that opens comes to the top
 
 
 def tooltip(text: str, shortcut: str = "") -> None:
@@ -186,6 +187,9 @@ def section(label: str) -> bool:
     imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
     with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
         opened = imgui.collapsing_header(label)
+    low = imgui.get_item_rect_min().y - imgui.get_window_pos().y
+    if imgui.is_item_toggled_open() and low > _LOW * imgui.get_window_height():
+        imgui.set_scroll_here_y(0.0)  # what was asked for is seen
     imgui.pop_style_var(2)
     imgui.pop_style_color(3)
     return opened

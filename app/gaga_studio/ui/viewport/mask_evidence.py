@@ -2,19 +2,28 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import mask_menu
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
+
+_MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
+_LEAST, _NARROW = 21.5, 25.0  # em: least width of a card; below this a button has no text
+_MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
+_ABOVE = 0.4  # share of the height: an object below it has the card above
 
 
 @dataclass
@@ -25,10 +34,16 @@ class EvidenceState:
     live_view: str = ""  # last view of a running association whose picture was there
     live_bank: MemoryBank | None = None
     menu: MaskMenuState = field(default_factory=MaskMenuState)
+    placed_for: Decision | None = None  # mask for which the card was given its place
+    is_above: bool = False  # the card lies over the upper half of the picture
 
 
-def draw(session: Session, state: EvidenceState, corner: ImVec2, size: ImVec2) -> None:
-    """A card over the lower left of the picture: the chosen mask, or the view of the moment."""
+def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
+    """A card over the left of the picture: the chosen mask, or the view of the moment.
+
+    It keeps off the object that the mask joined where the picture has room for that.
+    """
+    area.card_bottom = 0.0
     document = session.document
     if document is not None and state.decision is not None and session.live is None:
         was = state.decision  # the mask may have been moved, or that undone
@@ -36,9 +51,16 @@ def draw(session: Session, state: EvidenceState, corner: ImVec2, size: ImVec2) -
     decision = state.decision
     if document is None or (decision is None and session.live is None):
         return
-    width = min(em(36 if decision is not None else 17), size.x - em(1.6))
-    at = ImVec2(corner.x + em(0.8), corner.y + size.y - em(0.8))
-    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
+    width = min(em(17), max(_MOST_GROWING * area.width, em(9)), area.width - em(1.6))
+    if decision is not None:
+        width = _width(photo_textures.aspect(session, decision.view), area)
+        if state.placed_for is not decision:
+            state.placed_for = decision
+            state.is_above = _is_low(session, document, decision.group, area)
+    is_above = decision is not None and state.is_above and width < area.width - _beside_cube(area)
+    top = max(area.head_bottom, area.chip_bottom + em(0.4))
+    at = ImVec2(area.left + em(0.8), top if is_above else area.bottom - em(0.8))
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_above else 1))
     imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
     imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
     flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
@@ -50,7 +72,30 @@ def draw(session: Session, state: EvidenceState, corner: ImVec2, size: ImVec2) -
         elif session.live is not None:
             _growing(session, state, session.live)
     imgui.end_child()
+    if is_above:
+        area.card_bottom = imgui.get_item_rect_max().y
     imgui.pop_style_color(2)
+
+
+def _width(aspect: float, area: PictureArea) -> float:
+    """Of the card of a mask: its pictures leave more than half of the height free."""
+    high = _MOST_HIGH * area.height - em(_HEAD)
+    return min(max(2 * high * aspect + em(2), em(_LEAST)), em(36), area.width - em(1.6))
+
+
+def _beside_cube(area: PictureArea) -> float:
+    """Room that a card at the top leaves to its right, for the view cube."""
+    return area.cube_height + em(1.6) if area.cube_height else em(1.6)
+
+
+def _is_low(session: Session, document: Document, group: int, area: PictureArea) -> bool:
+    """Whether the middle of an object is nearer to the lower edge than to the upper one."""
+    splats = group_indices(document.scene, group) if group else np.zeros(0, np.int32)
+    if len(splats) == 0:
+        return False
+    middle = np.median(world_means(document.scene, splats), axis=0).astype(np.float64)
+    pixels, depth = session.rig.camera(*area.size).project(middle[None])
+    return bool(depth[0] > 0 and _ABOVE * area.height < pixels[0, 1] < area.height)
 
 
 def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None:
@@ -66,7 +111,8 @@ def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None
 
 def _head(session: Session, document: Document, state: EvidenceState, decision: Decision) -> None:
     room = imgui.get_content_region_avail().x
-    button = em(14.4)
+    is_narrow = room < em(_NARROW)
+    button = em(9.6 if is_narrow else 14.4)
     imgui.align_text_to_frame_padding()
     text = f"{decision.view}, mask {decision.mask}"
     with theme.face(strong=True):
@@ -75,8 +121,12 @@ def _head(session: Session, document: Document, state: EvidenceState, decision: 
     imgui.same_line(room - button - em(0.6))
     mask_menu.button(session, document, state.menu, decision)
     imgui.same_line()
-    face = Face(icon=icons.CAMERA)
-    if widgets.button("Go to view", face, hint="Fly to where the photo was taken"):
+    name, hint = "Go to view", "Go to view: fly to where the photo was taken"
+    if is_narrow:
+        goes = widgets.icon_button(name, icons.CAMERA, hint=hint)
+    else:
+        goes = widgets.button(name, Face(icon=icons.CAMERA), hint=hint)
+    if goes:
         command_buttons.fly_to(session, decision.view)
     imgui.same_line()
     if widgets.icon_button("Close photo", icons.CLOSE, hint="Close (Esc)"):

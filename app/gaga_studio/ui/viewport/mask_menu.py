@@ -60,8 +60,10 @@ def button(session: Session, document: Document, state: MaskMenuState, decision:
     hint = "Put this mask where it belongs; the association is redone from its view on"
     if widgets.button("Move mask", face, why_not=why_not_moved(session), hint=hint):
         imgui.open_popup(name)
-    low = imgui.get_item_rect_min()
-    imgui.set_next_window_pos(ImVec2(low.x, low.y), imgui.Cond_.always, ImVec2(0, 1))
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    is_high = low.y < imgui.get_main_viewport().get_center().y  # the menu has more room below
+    at = ImVec2(low.x, high.y if is_high else low.y)
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_high else 1))
     if imgui.begin_popup(name):
         _objects(session, document, state, decision)
         imgui.separator()

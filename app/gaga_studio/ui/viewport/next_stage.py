@@ -6,6 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio import commands
 from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
@@ -21,11 +22,16 @@ class OfferState:
 
 
 def draw(session: Session, state: OfferState, area: PictureArea) -> None:
-    """A card at the foot of the picture; nothing when nothing is missing or it was closed."""
+    """A card at the foot of the picture; nothing when nothing is missing or it was closed.
+
+    What lacks a button to run is said until objects are made by hand.
+    """
     offer = session.stage_offer()
     area.offer_top = float("inf")
     if offer is None or session.document is None or state.is_closed:
         return
+    if not offer.command and session.tool is ToolName.OBJECT:
+        return  # it only advises what is being done
     width = min(em(34), area.width - em(2))
     if width < em(12):
         return

@@ -104,6 +104,10 @@ def _sides(
     for side, (low, high) in zip(view.sides, spans, strict=True):
         imgui.push_clip_rect(ImVec2(low, whole.y), ImVec2(high, bottom), True)
         if side in split_view.AT_A_PHOTO and photo is not None:
+            # A photo may cover less than the picture: the other side is not seen next to it.
+            drawing = imgui.get_window_draw_list()
+            ground = theme.u32(theme.BACK)
+            drawing.add_rect_filled(ImVec2(low, whole.y), ImVec2(high, bottom), ground)
             sentence = _photo_side(session, compared, photo, place, side) or sentence
         elif low == whole.x and drawn:  # the right side is the picture itself
             corner, end = ImVec2(whole.x, whole.y), ImVec2(whole.x + whole.width, bottom)
@@ -163,7 +167,7 @@ def _image(texture: tuple[int, int, int] | None, place: PhotoPlacement) -> bool:
 def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2) -> bool:
     view = session.view
     at = place.x + view.swipe * place.width
-    top, end = max(place.y, corner.y), min(place.y + place.height, corner.y + size.y)
+    top, end = corner.y, corner.y + size.y
     grip = em(0.9)
     imgui.set_cursor_screen_pos(ImVec2(at - grip, top))
     imgui.invisible_button("Swipe line", ImVec2(2 * grip, max(end - top, 1.0)))

@@ -2,6 +2,8 @@
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
+from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
 from gaga_core.scene.edits import How
 from gaga_studio.tools.base import PathShape, RectShape
 from gaga_studio.ui.kit import theme
@@ -38,6 +40,25 @@ def path(shape: PathShape, corner: ImVec2, density: ImVec2) -> None:
     drawing.add_polyline(points, theme.u32(color, _LINE), 1.5, flags)
     for point in points if shape.has_corners else ():
         drawing.add_circle_filled(point, em(0.18), theme.u32(color, 1.0))
+
+
+def source_mark(point: DoubleArray | None, camera: Camera, corner: ImVec2) -> None:
+    """A small cross with a ring at a point (3,), world, that a brush copies from."""
+    if point is None:
+        return
+    pixels, depth = camera.project(point[None])
+    if depth[0] <= 0:
+        return
+    u, v = (float(x) for x in pixels[0])
+    at = _at(u, v, corner, imgui.get_io().display_framebuffer_scale)
+    drawing, arm, gap, radius = imgui.get_window_draw_list(), em(0.95), em(0.2), em(0.55)
+    # Two lines, so that it is seen on dark and on bright.
+    for color, wide in ((theme.u32(theme.BACK, _LINE), 4.0), (theme.u32(theme.TEXT, 1.0), 1.5)):
+        line = theme.scaled(wide)
+        drawing.add_circle(at, radius, color, 0, line)
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            near = ImVec2(at.x + x * gap, at.y + y * gap)
+            drawing.add_line(near, ImVec2(at.x + x * arm, at.y + y * arm), color, line)
 
 
 def _at(u: float, v: float, corner: ImVec2, density: ImVec2) -> ImVec2:

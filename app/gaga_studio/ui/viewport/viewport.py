@@ -12,6 +12,7 @@ from gaga_studio.session.view_state import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
+from gaga_studio.ui.chrome import tool_options
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
@@ -106,6 +107,7 @@ class ViewportPanel:
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
         self._shapes(corner, density)
+        tool_overlay.source_mark(self.controller.clone_source(session), camera, corner)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         ground_overlay.draw(session, camera, corner, follows=follows)
         box_overlay.draw(session, camera, corner)
@@ -209,17 +211,19 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
 def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
     corner, size = ImVec2(area.left, area.top), ImVec2(area.width, area.height)
+    top = corner.y + em(0.7)
     if cleanup.shown(session) is not None:
-        _badge("Preview of Clean up", corner)
+        top = _badge("Preview of Clean up", corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
-        _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
+        top = _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR:
-        _badge(mode_badge(session), corner)
+        top = _badge(mode_badge(session), corner)
+    area.head_bottom = tool_options.draw_card(session, area, top)
     measure_overlay.draw_card(session, state.measure, corner, size)
     area.chip_bottom = _way_out_of_isolation(session, corner, size)
     next_stage.draw(session, state.offer, area)
     training.draw_live(session, corner, size)
-    mask_evidence.draw(session, state.evidence, corner, size)
+    mask_evidence.draw(session, state.evidence, area)
 
 
 def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> float:
@@ -255,8 +259,11 @@ def mode_badge(session: Session) -> str:
     return _BADGES[mode]
 
 
-def _badge(text: str, corner: ImVec2, more: str = "", room: float = 0.0) -> None:
-    """Says that the colors are not the scene's own, or what to click; ``more`` in ``room``."""
+def _badge(text: str, corner: ImVec2, more: str = "", room: float = 0.0) -> float:
+    """Says that the colors are not the scene's own, or what to click; ``more`` in ``room``.
+
+    Returns the y of what is free below.
+    """
     pad = ImVec2(em(0.6), em(0.3))
     extent = imgui.calc_text_size(text)
     wide = max(extent.x, room - 2 * pad.x)
@@ -271,3 +278,4 @@ def _badge(text: str, corner: ImVec2, more: str = "", room: float = 0.0) -> None
         at = ImVec2(low.x + pad.x, low.y + pad.y + extent.y)
         font, size = imgui.get_font(), imgui.get_font_size()
         drawing.add_text(font, size, at, theme.u32(theme.DIM), more, wide)
+    return high.y + em(0.5)

@@ -15,6 +15,7 @@ _CHOICES = (
     ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
 )
 _MOST_RECENT = 5
+_CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pixels at 96 dpi
 
 
 def draw(session: Session, steps_height: float) -> None:
@@ -26,8 +27,8 @@ def draw(session: Session, steps_height: float) -> None:
         _opening(session, room)
         return
     recent = session.settings.recent[:_MOST_RECENT] if room.y > em(24) else ()
-    is_wide = room.x > em(40)
     card = ImVec2(min(em(14.5), (room.x - em(4)) / 3), em(8.6))
+    is_wide = room.x > em(40) and _widest_detail() <= card.x - theme.scaled(_CARD_EDGE)
     if not is_wide:
         card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
     height = card.y + em(3.6) if is_wide else 3 * card.y + em(4.2)
@@ -48,6 +49,11 @@ def draw(session: Session, steps_height: float) -> None:
     widgets.wrapped("or drop a folder or a file into the window", theme.DIM)
     if recent:
         _recent(session, recent, corner.x + left, room.x - 2 * left)
+
+
+def _widest_detail() -> float:
+    """Width of the longest line under a title, pixels."""
+    return max(imgui.calc_text_size(detail).x for *_, detail in _CHOICES)
 
 
 def _card(title: str, icon: str, detail: str, size: ImVec2, is_wide: bool) -> bool:
@@ -91,7 +97,7 @@ def _text_centred(
 ) -> None:
     color: ImVec4 = theme.TEXT if strong else theme.DIM
     with theme.face(strong=strong):
-        shown = widgets.elided(text, width - theme.scaled(12))
+        shown = widgets.elided(text, width - theme.scaled(_CARD_EDGE))
         extent = imgui.calc_text_size(shown)
         at = ImVec2(corner.x + (width - extent.x) / 2, corner.y + top)
         drawing.add_text(at, theme.u32(color), shown)
