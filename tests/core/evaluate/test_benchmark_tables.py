@@ -1,0 +1,121 @@
+"""The tables of a benchmark: ours next to published figures, and how each was made."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
+from gaga_core.evaluate.benchmark_tables import BenchmarkReport, InstanceScores
+from gaga_core.evaluate.protocol import departures
+from gaga_core.evaluate.published import INSTANCE
+from gaga_core.grouping.bank_file import read_groups
+from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.datasets.catalog import DATASETS, open_dataset
+from gaga_core.io.masks import read_labels
+from gaga_core.io.scene_folder import read_model, select_views
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+
+
+def test_tables_tell_ours_and_the_published_figures(report: BenchmarkReport) -> None:
+    first, void_free, sparse, apart = (table.table() for table in report.tables())
+    for row, bare, scene in zip(first[1:3], void_free[1:3], report.scenes, strict=True):
+        scores = scene.runs[0].scores
+        assert isinstance(scores, InstanceScores)
+        for cells, score in ((row, scores.with_void), (bare, scores.without_void)):
+            figures = (score.iou, score.precision, score.recall)
+            assert cells[1:4] == [f"{100 * value:.2f}" for value in figures]
+    values = [[float(cell) for cell in row[1:4]] for row in first[1:3]]
+    assert first[3][0] == "mean of 2 scenes"
+    assert [float(cell) for cell in first[3][1:4]] == pytest.approx(np.mean(values, 0), abs=0.006)
+    assert len(first) == 4  # two of eight scenes: the published means stand apart
+    assert {row[0]: row[1:] for row in apart[1:]}["Gaga, SAM"] == ["46.21", "39.53", "50.62"]
+    assert len(apart) == 1 + len(INSTANCE["replica"])
+    assert len(void_free) == 4
+    assert [row[0] for row in sparse] == ["train views", "100%", "50%"]
+    whole, half = (float(row[2]) for row in sparse[1:])
+    assert whole == float(first[3][1])
+    assert sparse[2][3] == f"{100 * (whole - half) / whole:.1f} %"
+    run = report.scenes[0].run(0.5)
+    assert run is not None
+    assert run.n_views == 2
+    saved = json.loads((Path(report.out) / "office_0.json").read_text())
+    assert [entry["share"] for entry in saved["runs"]] == [1.0, 0.5]
+    assert report.to_json()["means"] == {
+        "1.0": pytest.approx(whole / 100, abs=1e-4),
+        "0.5": pytest.approx(half / 100, abs=1e-4),
+    }
+
+
+def test_each_table_names_how_identities_were_made(replica: Path, tmp_path: Path) -> None:
+    """Preset paper trains them as published; the groups alone are scored with "none"."""
+    assert BenchmarkConfig(preset="paper").lifted_by == "paper"
+    assert BenchmarkConfig(preset="robust").lifted_by == "vote"
+    with pytest.raises(GagaError, match="no lift"):
+        BenchmarkConfig(lift="magic")  # type: ignore[arg-type]
+    config = BenchmarkConfig(preset="paper", lift="none")
+    data = open_dataset("replica", replica, ("office_0",))
+    bare = run_stage(run_benchmark(data, tmp_path, config))
+    assert bare.tables()[0].table()[0][0] == "Replica, paper, groups"
+    root = Path(bare.out) / "office_0" / "views_all"
+    gaussians = run_stage(read_model(data.scenes[0].folder))
+    own = replace(data.scenes[0].folder, root=root)
+    labels = read_groups(own, len(gaussians))[0]
+    for camera in select_views(own, "test"):
+        written = read_labels(root / "groups" / Path(camera.name).with_suffix(".png").name)
+        assert np.array_equal(written, splat_groups(choose(), gaussians, camera, labels))
+
+
+def test_published_figures_stand_next_to_ours_only_when_measured_alike(
+    report: BenchmarkReport,
+) -> None:
+    """All scenes, the publisher's split and truth, masks of its segmenters: else apart."""
+    office = report.scenes[0]
+    names = DATASETS["replica"].scenes
+    whole = replace(report, scenes=tuple(replace(office, scene=name) for name in names))
+    assert whole.departures() == []
+    title = "published (comparison on Replica): Gaga, SAM"
+    first = [row[0] for row in whole.tables()[0].table()]
+    assert title in first
+    assert "published, SAM" in whole.tables()[-1].table()[0]
+    usual = office.conditions
+    changes = {
+        "split.json": replace(usual, split="split.json"),
+        "instance-filt (raw)": replace(usual, truth="instance-filt (raw)"),
+        "regions": replace(usual, masks="regions"),
+        "samples": replace(usual, masks="samples (made elsewhere)"),
+        "raw_sam_mask": replace(usual, masks="raw_sam_mask (regions (no model))"),
+        "SAM 2.1": replace(usual, masks="sam (SAM 2.1 Hiera tiny)"),
+        "SAM-HQ": replace(usual, masks="sam (SAM-HQ ViT-H)"),
+        "ViT-B": replace(usual, masks="sam (SAM ViT-B)"),
+        "sam_vit_l": replace(usual, masks="own (sam (sam_vit_l_0b3195.pth))"),
+        "32 points": replace(usual, masks="sam (SAM ViT-H, 32 points a side, predicted IoU 0.88)"),
+    }
+    of_paper = "mine (SAM ViT-H, 64 points a side, predicted IoU 0.7)"
+    for masks in (of_paper, "raw_sam_mask (made elsewhere)", "raw_entityseg_mask (made elsewhere)"):
+        assert departures("replica", "office_0", replace(usual, masks=masks)) == ()
+    for value, conditions in changes.items():
+        other = replace(office, conditions=conditions)
+        one = replace(whole, scenes=(other, *whole.scenes[1:]))
+        assert title not in [row[0] for row in one.tables()[0].table()]
+        assert "published, SAM" not in one.tables()[2].table()[0]
+        assert any(value in note for note in one.tables()[-1].notes)
+        assert "Gaga, SAM" in [row[0] for row in one.tables()[-1].table()]
+    fewer = replace(whole, scenes=whole.scenes[1:])
+    assert title not in [row[0] for row in fewer.tables()[0].table()]
+
+
+def test_every_table_says_how_it_was_made(report: BenchmarkReport) -> None:
+    for table in report.tables()[:3]:
+        said = "\n".join(table.notes)
+        assert "Split: names train_* and test_* (office_0)." in said
+        assert "Truth: semantic_instance." in said
+        assert "Masks: raw_sam_mask (made elsewhere)." in said
+        assert "Counted" in said
+        assert "Scenes: 2 of the 8 of the data set, without office_1" in said
+        assert "Splats: as found" in said
+    assert "splats of all training views are used" in "\n".join(report.tables()[2].notes)
