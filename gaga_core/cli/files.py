@@ -1,7 +1,7 @@
 """Commands over single files: edit, export, info, doctor, demo."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -56,9 +56,11 @@ class EditCommand:
         project = out.follow(open_path_stage(self.input))
         scene = project.scene
         titles = run_script(scene, script, views=lambda: project.training_views)
+        behind: frozenset[int] = frozenset()
         if form_of(self.output) is SplatFormat.HTML:
-            describe_project(project)  # the names in its list
-        options = ExportOptions(up=_up(project), page=content_of(project))
+            behind = describe_project(project).background  # and names objects
+        page = replace(content_of(project), background=behind)
+        options = ExportOptions(up=_up(project), page=page)
         _say(export_losses(scene, form_of(self.output), groups=self.groups))
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
         written = out.follow(stage).n_splats
@@ -75,11 +77,12 @@ class ExportCommand:
     """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
     saved project."""
     out: Path
-    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene, a .json for
-    cameras, a folder otherwise."""
+    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
+    .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
+    otherwise."""
     what: Literal["scene", "objects", "masks", "cameras"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
-    masks: a 16-bit map of group ids for every view. cameras: a cameras.json of the photos, in the
+    masks: a 16-bit map of group ids for every view. cameras: those of the photos, in the
     world of the scene that the same switches export."""
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
@@ -99,6 +102,8 @@ class ExportCommand:
     """Of a mesh along the longest side of its object: how fine it is."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
+    with_children: bool = False
+    """With --only: also all that lies under these objects in the object list (objects)."""
     folder: str = ""
     """Only objects of this folder of the object list, "Kitchen", and of those in it (objects)."""
     groups: bool = False
@@ -168,6 +173,8 @@ class ExportCommand:
         if self.what != "objects" and (self.folder or self.only):
             switch = "--folder" if self.folder else "--only"
             raise GagaError(f"{switch} chooses objects: add --what objects.")
+        if self.with_children and not self.only:
+            raise GagaError("--with-children goes with --only: say which objects.")
 
     def _whole(
         self, project: Project, form: "SplatFormat", options: "ExportOptions"
@@ -178,7 +185,8 @@ class ExportCommand:
 
         scene, groups = project.scene, self.groups
         if form is SplatFormat.HTML:
-            describe_project(project)  # the names in its list
+            behind = describe_project(project).background  # and names objects
+            options = replace(options, page=replace(options.page, background=behind))
         _say(export_losses(scene, form, groups=groups, options=options))
         stage = export_scene_stage(scene, self.out, groups=groups, form=form, options=options)
         made = out.follow(stage)
@@ -235,11 +243,14 @@ class ExportCommand:
         from gaga_core.scene.edits.folders import existing
 
         describe_project(project)
-        if not self.folder:
-            return self.only or None
         scene = project.scene
+        only = self.only
+        if self.with_children:
+            only = (*only, *scene.folders.under(*only))
+        if not self.folder:
+            return only or None
         inside = scene.folders.groups(existing(scene, self.folder))
-        return [group for group in inside if not self.only or group in self.only]
+        return [group for group in inside if not only or group in only]
 
     def _options(self, project: Project) -> "ExportOptions":
         """The switches as options."""

@@ -1,9 +1,11 @@
 """``gaga``: everything that the window does, without a window.
 
 Results go to standard output (``--json`` for machines), messages and progress to standard error.
-Exit status 0 only on success; Ctrl-C leaves nothing half-written.
+Exit status 0 only on success; Ctrl-C leaves nothing half-written. A reader that closes the pipe, as
+``head`` does, ends the command without a word, with the status 141 of a command that SIGPIPE ends.
 """
 
+import errno
 import logging
 import os
 import sys
@@ -64,8 +66,31 @@ class Main:
     command: Annotated[AnyCommand, arg(name="")]
 
 
+_UNREAD = 128 + 13  # exit status of what SIGPIPE ends
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk, or what is left of it for a user
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``gaga``; returns the exit status."""
+    try:
+        try:
+            return _run(arguments)
+        finally:
+            sys.stdout.flush()  # a closed pipe shows here at the latest
+    except BrokenPipeError:
+        if not out.is_unread():  # another pipe: a fault of the program
+            raise
+        out.discard_the_rest()
+        return _UNREAD
+    except OSError as error:
+        if error.filename is not None or error.errno not in _FULL:
+            raise
+        out.fail("The disk is full: not all results were written. Free some space.")
+        out.discard_the_rest()
+        return 1
+
+
+def _run(arguments: list[str] | None) -> int:
     logging.basicConfig(format="gaga: %(message)s", level=logging.WARNING, stream=sys.stderr)
     given = sys.argv[1:] if arguments is None else arguments
     if given in (["--version"], ["-V"]):

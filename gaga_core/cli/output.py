@@ -1,6 +1,8 @@
 """What the command prints: messages and progress on standard error, results on standard output."""
 
 import json
+import os
+import select
 import signal
 import sys
 import threading
@@ -17,7 +19,17 @@ from gaga_core.progress import Progress as Step
 from gaga_core.progress import Stage, run_stage
 
 T = TypeVar("T")
-_messages = Console(stderr=True, highlight=False)
+
+
+class _Console(Console):
+    """One that leaves a closed pipe to `main.main`, as plain writing does."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise the error, instead of ending with status 1."""
+        raise BrokenPipeError
+
+
+_messages = _Console(stderr=True, highlight=False)
 
 
 def say(text: str) -> None:
@@ -33,6 +45,23 @@ def fail(text: str) -> None:
 def line(text: str) -> None:
     """One line of the result, for a person or a script."""
     sys.stdout.write(text + "\n")
+
+
+def is_unread() -> bool:
+    """Whether the reader of standard output or standard error has closed its end of the pipe."""
+    if not hasattr(select, "poll"):  # Windows reports a closed pipe as another error
+        return False
+    closed = select.poll()
+    for stream in (sys.stdout, sys.stderr):
+        closed.register(stream.fileno(), 0)
+    return any(event & select.POLLERR for _, event in closed.poll(0))
+
+
+def discard_the_rest() -> None:
+    """Send what is still to be printed nowhere, so that the end of the process does not fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
 
 
 def follow(stage: Stage[T]) -> T:
@@ -106,10 +135,18 @@ def result(values: Mapping[str, object], *, as_json: bool) -> None:
 
 
 def object_names(objects: object) -> str:
-    """The names in a list of objects (`pipeline.describe.list_objects`), background last."""
+    """The names in a list of objects (`pipeline.describe.list_objects`), background last.
+
+    One that lies under another says so: "lid (under teapot)".
+    """
     assert isinstance(objects, list)
+    names = {entry["group"]: str(entry["name"]) for entry in objects}
     ordered = sorted(objects, key=lambda entry: bool(entry["background"]))
-    return "; ".join(str(entry["name"]) for entry in ordered) or "none"
+    shown = [
+        str(entry["name"]) + (f" (under {names[above]})" if (above := entry["parent"]) else "")
+        for entry in ordered
+    ]
+    return "; ".join(shown) or "none"
 
 
 def folder_names(folders: object, objects: object) -> str:
@@ -145,7 +182,7 @@ def scores(report: Scores, *, as_json: bool) -> None:
     shown = Table(*headings)
     for row in rows:
         shown.add_row(*row)
-    Console(highlight=False).print(shown)
+    _Console(highlight=False).print(shown)
 
 
 def _readable(value: object) -> str:

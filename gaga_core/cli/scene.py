@@ -53,12 +53,16 @@ class AssociateCommand:
         report = out.follow(after_warm_up(stage))
         for note in report.notes:
             out.say(note)
-        if (folder.work / "project.json").is_file():
-            out.say(
-                "The saved project of this scene keeps its own groups until you associate there."
-            )
+        say_what_a_project_keeps(folder.root, adds=self.add)
         out.result(report.to_json(), as_json=self.json)
         return 0
+
+
+def say_what_a_project_keeps(scene: Path, *, adds: bool) -> None:
+    """Say that a saved project has groups of its own; ``adds``: new views joined those there."""
+    if (scene / "gaga" / "project.json").is_file():
+        cure = "choose Find, Add new photos and masks" if adds else "associate"
+        out.say(f"The saved project of this scene keeps its own groups until you {cure} there.")
 
 
 @dataclass(frozen=True)

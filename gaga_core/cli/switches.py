@@ -15,7 +15,8 @@ class GroupSwitches:
     """Settings of the association; those that are not given are the preset's."""
 
     detail: float | None = None
-    """Of groups made from regions: 0 things together .. 1 small parts; default: whole objects."""
+    """Of groups made from regions: 0 things together .. 0.5 whole objects (default) .. 1 small
+    pieces."""
     threshold: float | None = None
     """Least overlap of a mask with a group to join it, in (0, 1]; default: 0.1, as published."""
     inlier_factor: float | None = None

@@ -57,17 +57,23 @@ def describe_project(project: Project) -> Description:
 
 
 def list_objects(project: Project) -> list[dict[str, object]]:
-    """Plain values of each group: id, name, is it a person's, splats, folder, is it background."""
+    """Plain values of each group.
+
+    Id, name, is it a person's, splats, folder, the listed group that it lies under (0 = none), and
+    whether it is background.
+    """
     if not (project.scene.labels > 0).any():
         return []
     found, table = describe_project(project), object_table(project.scene)
+    order, listed = project.scene.folders, frozenset(table.ids.tolist())
     return [
         {
             "group": int(group),
             "name": name,
             "named": int(group) in project.scene.names,
             "splats": int(count),
-            "folder": project.scene.folders.home.get(int(group), ""),
+            "folder": order.places.get(int(group), ""),
+            "parent": order.nearest(int(group), listed),
             "background": int(group) in found.background,
         }
         for group, name, count in zip(table.ids, table.names, table.counts, strict=True)

@@ -39,7 +39,7 @@ from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.export import exported_indices
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import RGB, Scene
+from gaga_core.scene.scene import Scene
 
 Form = Literal["coco", "dataset"]
 _STAGE = "Export masks"
@@ -77,9 +77,9 @@ def export_mask_dataset(
     "coco": instances.json, COCO's instance format with compressed run lengths. "dataset": images/
     (the photos), labels/<stem>.png (uint16 group ids, 0 = none, at the photo's size),
     previews/<stem>.jpg, panoptic/<stem>.png with panoptic.json, instances.json and groups.json
-    ({version, labels, groups: [{id, name, color, pixels, views}]}). Files of photos in a subfolder
-    lie in one of its name (`view_key`). Views whose photo is gone have
-    no place in a data set. Everything appears together at the end. Raises ``GagaError`` when there
+    ({version, labels, groups: [{id, name, color, folder, parent, pixels, views}]}). Files of photos
+    in a subfolder lie in one of its name (`view_key`). Views whose photo is gone have no place in a
+    data set. Everything appears together at the end. Raises ``GagaError`` when there
     are no views, no photos or nothing visible.
     """
     folder = project.placed_folder
@@ -180,13 +180,13 @@ def _write_tables(
     if form == "coco":
         return
     write_json(staging / "panoptic.json", panoptic_document(pictures, names))
-    write_json(staging / "groups.json", _groups_document(pictures, names, scene.colors))
+    write_json(staging / "groups.json", _groups_document(pictures, names, scene))
 
 
 def _groups_document(
-    pictures: Sequence[LabelledPicture], names: Mapping[int, str], own: Mapping[int, RGB]
+    pictures: Sequence[LabelledPicture], names: Mapping[int, str], scene: Scene
 ) -> CocoJson:
-    colors = group_colors(np.array(list(names), np.int32), own)
+    colors = group_colors(np.array(list(names), np.int32), scene.colors)
     groups: list[CocoJson] = []
     for (group, name), color in zip(names.items(), colors, strict=True):
         areas = [s.area for picture in pictures for s in picture.segments if s.group == group]
@@ -195,6 +195,8 @@ def _groups_document(
                 "id": group,
                 "name": name,
                 "color": [round(float(c), 4) for c in color],
+                "folder": scene.folders.places.get(group, ""),
+                "parent": scene.folders.nearest(group, names),
                 "pixels": sum(areas),
                 "views": len(areas),
             }

@@ -5,9 +5,11 @@ A worker may die at any moment. So every start of a task is a line in a file of 
 stage. Both need nothing but the folder that all workers see.
 """
 
+import logging
 import os
 import socket
 import time
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -20,6 +22,8 @@ from gaga_core.pipeline.photo_source import source_of
 from gaga_core.pipeline.reconstruct import find_photos
 from gaga_core.pipeline.run import RunConfig, run_folder
 from gaga_core.progress import Progress, run_stage
+
+_log = logging.getLogger(__name__)
 
 TRIES = 3  # of a scene whose worker dies
 _SIGN_OF_LIFE_S = 1.0  # between two looks at the file of starts
@@ -157,8 +161,19 @@ def run_one(task: SceneTask, config: RunConfig, threads: int) -> SceneOutcome:
         failed = "It needs more memory than there is. Use fewer workers, or a smaller --max-side."
     except OSError as error:
         failed = explain_os_error(error, Path(os.fsdecode(error.filename or task.folder)))
+    except Exception as error:  # noqa: BLE001  or the engine takes it for a death of the worker
+        _log.exception("%s stopped at an error of the program", task.name)
+        failed = f"It stopped at an error of the program: {_what_and_where(error)}. Please report."
     seconds = round(time.perf_counter() - start, 1)
     return SceneOutcome(task.name, stages, failed, seconds, attempt)
+
+
+def _what_and_where(error: Exception) -> str:
+    """The kind and first line of an exception, and the line of code that raised it."""
+    lines = str(error).strip().splitlines() or [""]
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    text = f": {lines[0][:160]}" if lines[0] else ""
+    return f"{type(error).__name__}{text} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def died(task: SceneTask, why: str) -> SceneOutcome:

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
+from gaga_core.color import lab_from_rgb
 
 LEVELS = 32  # steps of a channel in the table of all colors
 _SOFTNESS = 5.0  # Lab units between prototypes within which a color has both names
@@ -92,17 +93,6 @@ def color_of_word(word: str) -> str | None:
     return word if word in _PROTOTYPES else ALIASES.get(word)
 
 
-def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
-    """CIE Lab (..., 3), D65, of sRGB colors (..., 3) in 0..1 (clipped)."""
-    unit = np.clip(np.asarray(rgb, np.float64), 0, 1)
-    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
-    xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
-    root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
-    x, y, z = np.moveaxis(root, -1, 0)
-    result: DoubleArray = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-    return result
-
-
 def name_weights(rgb: AnyArray) -> FloatArray:
     """Share of each of `NAMES` (..., 14) in a color (..., 3) in 0..1; they add up to 1."""
     lab = _weighted(lab_from_rgb(rgb))
@@ -159,13 +149,3 @@ def _rgb_of(codes: tuple[str, ...]) -> DoubleArray:
 def _weighted(lab: DoubleArray) -> DoubleArray:
     result: DoubleArray = lab * np.array([_LIGHTNESS_WEIGHT, 1, 1])
     return result
-
-
-_XYZ_FROM_RGB = np.array(
-    [
-        [0.4124564, 0.3575761, 0.1804375],
-        [0.2126729, 0.7151522, 0.0721750],
-        [0.0193339, 0.1191920, 0.9503041],
-    ]
-)
-_WHITE = np.array([0.95047, 1.0, 1.08883])

@@ -7,7 +7,8 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.query.colors import HUES, NAMES, lab_from_rgb
+from gaga_core.color import lab_from_rgb
+from gaga_core.query.colors import HUES, NAMES
 from gaga_core.query.group_facts import GroupFacts
 from gaga_core.raster.base import NEAR
 

@@ -17,6 +17,7 @@ import pytest
 from gaga_core.cli.main import main
 from gaga_core.cli.output import follow
 from gaga_core.cli.run import RunCommand
+from gaga_core.cli.scene import say_what_a_project_keeps
 from gaga_core.io.masks import read_labels
 from gaga_core.io.ply import read_ply
 from gaga_core.progress import Progress, Stage, run_stage
@@ -52,6 +53,18 @@ def test_every_command_explains_itself(capsys: Capture) -> None:
             main([name, "--help"])
         assert caught.value.code == 0
         assert "--json" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("adds", "cure"), [(True, "Add new photos"), (False, "you associate")])
+def test_it_is_said_how_a_saved_project_gets_new_groups(
+    tmp_path: Path, capsys: Capture, adds: bool, cure: str
+) -> None:
+    say_what_a_project_keeps(tmp_path, adds=adds)
+    (tmp_path / "gaga").mkdir()
+    (tmp_path / "gaga" / "project.json").write_text("{}")
+    assert capsys.readouterr().err == ""
+    say_what_a_project_keeps(tmp_path, adds=adds)
+    assert cure in capsys.readouterr().err
 
 
 def test_groups_of_the_test_views_match_the_masks(
@@ -169,6 +182,7 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
     history = History(project.scene)
     history.do(edits.put_in_folder(project.scene, (1, 3), "Kitchen/Cups"))
     history.do(edits.put_in_folder(project.scene, (2,), "Kitchen"))
+    history.do(edits.set_parent(project.scene, (3,), 1))
     saved = str(save_project(project, tmp_path / "saved.gaga"))
     values = answer(capsys, "info", saved)
     assert values["folders"] == {"Kitchen": [1, 2, 3], "Kitchen/Cups": [1, 3]}
@@ -177,7 +191,9 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
     assert {g for g, path in folders.items() if path} == {1, 2, 3}
     assert main(["info", saved]) == 0
     assert re.search(r"folders +Kitchen: .+, .+, .+; Kitchen/Cups: ", capsys.readouterr().out)
-    for switches, wanted in (((), {1, 2, 3}), (("--only", "3", "5"), {3})):
+    assert {entry["group"] for entry in listed if entry["parent"] == 1} == {3}
+    below = ("--only", "1", "5", "--with-children")
+    for switches, wanted in (((), {1, 2, 3}), (("--only", "3", "5"), {3}), (below, {1, 3})):
         out = str(tmp_path / f"out{len(wanted)}")
         answer(
             capsys,
@@ -195,6 +211,8 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
         assert {e["id"]: e["folder"] for e in manifest["groups"]} == {g: folders[g] for g in wanted}
     wrong = ("--what", "objects", "--out", str(tmp_path / "no"), "--folder", "Attic")
     assert "no folder" in refusal(capsys, "export", saved, *wrong)
+    alone = ("--what", "objects", "--out", str(tmp_path / "no"), "--with-children")
+    assert "--only" in refusal(capsys, "export", saved, *alone)
     for chosen in (("--folder", "Kitchen"), ("--only", "3")):
         whole = refusal(capsys, "export", saved, "--out", str(tmp_path / "whole.ply"), *chosen)
         assert "--what objects" in whole

@@ -1,11 +1,19 @@
-"""Which groups are background, and that their words say so."""
+"""What is said of groups: which are background, and what they lie under."""
+
+from pathlib import Path
 
 import numpy as np
 
+from gaga_core.cli.output import object_names
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.pipeline.describe import describe
+from gaga_core.pipeline.describe import describe, list_objects
 from gaga_core.query.group_facts import group_facts
+from gaga_core.scene import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.project import Project
 from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene
 
 VIEWS = (FRONT, BACK)
@@ -24,3 +32,23 @@ def test_what_the_association_found_to_surround_the_scene_is_called_background()
     assert found.words[_BLOCK] == "blue background"
     things = set(np.unique(scene.labels).tolist()) - found.background
     assert all("background" not in found.words[group] for group in things)
+
+
+def test_the_parent_of_a_listed_object_is_listed() -> None:
+    """The one between them was deleted: `gaga info --json` named an id that it did not list."""
+    scene = boxes_scene(TABLE)
+    top, between, lid = sorted(set(scene.labels.tolist()) - {0, _BLOCK})[:3]
+
+    def do(edit: Edit | None) -> None:
+        assert edit is not None
+        History(scene).do(edit)
+
+    do(edits.set_parent(scene, (between,), top))
+    do(edits.set_parent(scene, (lid,), between))
+    do(edits.rename(scene, top, "teapot"))
+    do(edits.rename(scene, lid, "lid"))
+    do(edits.delete(scene, group_indices(scene, between)))
+    listed = list_objects(Project(scene, Path("a.ply")))
+    parents = {entry["group"]: entry["parent"] for entry in listed}
+    assert parents == {**dict.fromkeys(parents, 0), lid: top}
+    assert "lid (under teapot)" in object_names(listed)

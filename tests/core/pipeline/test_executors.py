@@ -5,6 +5,7 @@ import json
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
+from typing import cast
 
 import psutil
 import pytest
@@ -128,6 +129,19 @@ def test_a_scene_that_ends_its_worker_each_time_is_tried_three_times(
     assert outcome.failed
     assert outcome.attempts == TRIES
     assert missing_stages(open_scene_folder(scenes / "a")) != ()
+
+
+def test_an_error_of_the_program_is_told_as_such_and_at_once(
+    scenes: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Not tried again and not taken for lack of memory; the log has the traceback."""
+    task = SceneTask("a", scenes / "a", starts=tmp_path / "starts")
+    outcome = run_one(task, RunConfig(masks=cast("Path", 3.5)), 1)
+    assert "error of the program: TypeError" in outcome.failed
+    assert ".py, line " in outcome.failed
+    assert "memory" not in outcome.failed
+    assert outcome.attempts == 1
+    assert "Traceback" in caplog.text
 
 
 def test_a_worker_stops_when_its_run_was_ended(scenes: Path, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.mask_dataset import export_mask_dataset
 from gaga_core.pipeline.render import export_masks
 from gaga_core.progress import run_stage
+from gaga_core.scene.folders import Folders
 from gaga_core.scene.project import Project, open_path_stage
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
@@ -51,6 +52,8 @@ def project(root: Path) -> Project:
 
 def test_a_data_set_agrees_with_itself(project: Project, tmp_path: Path) -> None:
     out = tmp_path / "set"
+    seen = sorted(set(project.scene.labels.tolist()) - {0})
+    project.scene.folders = Folders.of((), {seen[0]: "a/b"}, {seen[2]: 99, 99: seen[0]})
     made = run_stage(export_mask_dataset(project, out))
     assert made.views == ("000.png", "001.png", "002.png")
     assert made.without_photo == ("003.png",)
@@ -78,6 +81,8 @@ def test_a_data_set_agrees_with_itself(project: Project, tmp_path: Path) -> None
     assert made.n_masks == len(documents["instances"]["annotations"])
     groups = documents["groups"]["groups"]
     assert made.n_groups == len(groups) >= 3
+    order = {group["id"]: (group["folder"], group["parent"]) for group in groups}
+    assert order == dict.fromkeys(seen, ("", 0)) | {seen[0]: ("a/b", 0), seen[2]: ("a/b", seen[0])}
     for group in groups:
         areas = [int((labels == group["id"]).sum()) for labels in maps.values()]
         assert group["pixels"] == sum(areas)
