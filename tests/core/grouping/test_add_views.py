@@ -1,22 +1,13 @@
 """New views join an associated scene: as if they had come last, without the former ones."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 import pytest
 
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.grouping.add_views import FormerGroups, add_views_stage
-from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.masks import MaskSet
-from gaga_core.progress import run_stage
-from gaga_core.raster import choose
-from tests.core.grouping.true_masks import permuted, true_map
-from tests.core.grouping.joined_views import FIRST, add, associate, config_of, true_masks
+from tests.core.grouping.joined_views import FIRST, add, associate, true_masks
 from tests.scenes import Synthetic, objects_scene
+
 
 @pytest.fixture(scope="module")
 def scene() -> Synthetic:
