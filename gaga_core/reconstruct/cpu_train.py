@@ -54,6 +54,8 @@ class CpuEngine:
         """Do the next iteration of ``state``, in place."""
         setting, config, i = self._setting, self._setting.config, state.iteration + 1
         moment = i / config.iterations
+        if is_due_for_reset(i, config):
+            reset_opacities(state.splats, config.density.reset_opacity)
         degree = config.degree_at(moment)
         if degree > state.splats.values.sh_degree:
             state.splats = state.splats.with_degree(degree)
@@ -132,8 +134,6 @@ def _control(state: TrainState, setting: Setting, i: int) -> None:
         walk(state.splats, density, decay, setting.extent, setting.random(_WALK, i))
     if is_due_for_control(i, config):
         _change_density(state, setting, i)
-    if is_due_for_reset(i, config):
-        reset_opacities(state.splats, density.reset_opacity)
 
 
 def _change_density(state: TrainState, setting: Setting, i: int) -> None:

@@ -100,6 +100,14 @@ class CudaEngine:
         torch.manual_seed(config.seed * 1_000_003 + i)  # alike in all workers
         turns = turns_of(i - 1, setting)
         turn = turns[setting.team.rank]
+        # gsplat 1.5.3 never comes to its own reset: `step % n == 0 & step > 0` is always false.
+        if is_due_for_reset(i, config):
+            self._ops.reset_opa(
+                params=self._params,
+                optimizers=self._optimizers,
+                state=self._strategy_state,
+                value=config.density.reset_opacity,
+            )
         view = setting.view(turn.view, i / config.iterations)
         exposure = torch.tensor(
             state.exposures.values[turn.view], dtype=torch.float32, device=self._device
@@ -200,14 +208,6 @@ class CudaEngine:
             self._params, self._optimizers, self._strategy_state, i, info
         )
         self._strategy.grow_grad2d = density.threshold
-        # gsplat 1.5.3 never comes to its own reset: `step % n == 0 & step > 0` is always false.
-        if is_due_for_reset(i, config):
-            self._ops.reset_opa(
-                params=self._params,
-                optimizers=self._optimizers,
-                state=self._strategy_state,
-                value=density.reset_opacity,
-            )
 
     def _optimizer(
         self, param: torch.nn.Parameter, first: FloatArray, second: FloatArray, n_steps: int

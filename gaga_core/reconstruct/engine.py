@@ -115,9 +115,11 @@ def is_due_for_control(iteration: int, config: TrainConfig) -> bool:
 
 
 def is_due_for_reset(iteration: int, config: TrainConfig) -> bool:
-    """Whether opacities are cut after this iteration."""
+    """Whether opacities are cut before this iteration: what was measured after the last saw none
+    of it."""
     density = config.density
     if density.strategy != "gradient" or density.reset_every <= 0:
         return False
     every = max(1, config.at(density.reset_every))
-    return iteration % every == 0 and iteration < config.at(density.stop)
+    done = iteration - 1
+    return done > 0 and done % every == 0 and done < config.at(density.stop)

@@ -121,8 +121,8 @@ def test_opacities_are_reset(cuda: base.Rasterizer, scene: tuple[Gaussians, Trai
         update = progress.payload
         if isinstance(update, TrainUpdate) and update.gaussians is not None:
             highest[update.iteration] = update.gaussians.opacities.max()
-    assert highest[1] > 0.5
-    assert highest[2] == pytest.approx(config.density.reset_opacity, rel=1e-3)
+    assert min(highest[1], highest[2]) > 0.5
+    assert highest[3] < 1.1 * config.density.reset_opacity  # and one step
 
 
 def test_its_loss_is_ours() -> None:
