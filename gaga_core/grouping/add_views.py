@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
@@ -33,6 +34,7 @@ from gaga_core.grouping.memory_bank import (
 )
 from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
 from gaga_core.grouping.robust.label_masks import voting_labels
+from gaga_core.grouping.robust.point_tables import Leaders
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import Votes, splat_groups, vote_labels
@@ -127,7 +129,7 @@ def _by_shown_groups(
     consensus = config.consensus or ConsensusConfig()
     seen = yield from part(_seen_labels(gated, former, rasterizer), 0, 4, STAGE)
     depths = DepthMaps(gated.views)
-    tables: dict[str, LongArray] = {}
+    tables: dict[str, csr_matrix] = {}
     left: dict[str, IntArray] = {}
     for i, camera in enumerate(gated.views):
         yield Progress(STAGE, len(gated.views) + i, 4 * len(gated.views), camera.name)
@@ -139,25 +141,28 @@ def _by_shown_groups(
         is_known = _known(table, _pixels(masks.labels, guessed, len(masks), former.bank.n_groups))
         table[:, 0], table[0] = 0, 0
         table[~is_known] = 0
-        tables[camera.name] = table
+        tables[camera.name] = csr_matrix(table)
         rest = np.where(is_known[masks.labels], 0, masks.ids[masks.labels]).astype(np.int32)
         if rest.any():
             left[camera.name] = rest
     fresh = yield from part(_new_groups(gated, left, depths, consensus), 2, 4, STAGE)
     n_fresh = max((table.shape[1] - 1 for table in fresh.values()), default=0)
+    n_former = former.bank.n_groups
     for camera in gated.views:
-        own = gated.masks_of(camera)
-        wide = np.zeros((len(own) + 1, former.bank.n_groups + 1 + n_fresh), np.int64)
-        wide[:, : former.bank.n_groups + 1] = tables[camera.name]
+        own, known = gated.masks_of(camera), tables[camera.name].tocoo()
+        rows, columns, counts = known.row, known.col, known.data
         if camera.name in fresh:
-            rows = np.searchsorted(own.ids, _ids(left[camera.name]))
-            wide[rows, former.bank.n_groups + 1 :] = fresh[camera.name][1:, 1:]
-        tables[camera.name] = wide
+            row_of = np.append(0, np.searchsorted(own.ids, _ids(left[camera.name])))
+            new = fresh[camera.name].tocoo()
+            rows = np.append(rows, row_of[new.row])
+            columns, counts = np.append(columns, n_former + new.col), np.append(counts, new.data)
+        shape = (len(own) + 1, n_former + 1 + n_fresh)
+        tables[camera.name] = csr_matrix((counts.astype(np.float64), (rows, columns)), shape=shape)
     bank = _decided(gated, former.bank, tables, n_fresh)
 
     def label_map(camera: Camera) -> IntArray:
         table, masks = tables[camera.name], gated.masks_of(camera)
-        merged = merged_masks(table, consensus)
+        merged = merged_masks(Leaders.of(table), consensus)
         shown = splat_groups(rasterizer, gated.gaussians, camera, seen) if len(merged) else None
         return voting_labels(masks, table, merged, shown)
 
@@ -226,7 +231,7 @@ def _new_groups(
     left: Mapping[str, IntArray],
     depths: DepthMaps,
     consensus: ConsensusConfig,
-) -> Stage[dict[str, LongArray]]:
+) -> Stage[dict[str, csr_matrix]]:
     """By view the table of the masks that are left and of the groups that they form."""
     views = [camera for camera in gated.views if camera.name in left]
     if not views:
@@ -238,19 +243,18 @@ def _new_groups(
 
 
 def _decided(
-    gated: GatedViews, bank: MemoryBank, tables: Mapping[str, LongArray], n_fresh: int
+    gated: GatedViews, bank: MemoryBank, tables: Mapping[str, csr_matrix], n_fresh: int
 ) -> MemoryBank:
     """The bank with a decision for each mask of the new views."""
     log = list(bank.log)
     opened: set[int] = set()
     for camera in gated.views:
         masks, mask_of = gated.gaussians_of(camera)
-        table = tables[camera.name]
-        first, second = two_best(table)
-        total = np.maximum(table.sum(axis=1), 1)
+        found = Leaders.of(tables[camera.name])
+        total = np.maximum(found.total, 1)
         n_gaussians = np.bincount(mask_of, minlength=len(masks) + 1)
         for m in range(1, len(masks) + 1):
-            group = int(first[m])
+            group = int(found.first[m])
             is_new = group > bank.n_groups and group not in opened
             opened.add(group)
             log.append(
@@ -259,9 +263,9 @@ def _decided(
                     mask=int(masks.ids[m]),
                     group=group,
                     is_new=is_new,
-                    overlap=int(table[m, group]) / int(total[m]),
-                    runner_up=int(second[m]),
-                    runner_up_overlap=int(table[m, second[m]]) / int(total[m]),
+                    overlap=float(found.n_first[m] / total[m]),
+                    runner_up=int(found.second[m]),
+                    runner_up_overlap=float(found.n_second[m] / total[m]),
                     n_gaussians=int(n_gaussians[m]),
                 )
             )

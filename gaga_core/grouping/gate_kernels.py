@@ -45,14 +45,51 @@ def masks_of_centres(
 
 
 @exact_kernel
-def count_overlaps(
+def greatest_overlaps(
     mask_of: IntArray,  # (N,) 0 = none
     group: IntArray,  # (N,) -1 = free
-    counts: IntArray,  # (M + 1, G + 1) zeros; row 0 takes those of no mask, column 0 the free ones
+    sizes: IntArray,  # (M + 1,) out: #G(m); those of no mask at 0
+    tally: IntArray,  # (G + 1,) zeros, and again afterwards
+    best: IntArray,  # (M + 1, 2) out: groups of the greatest and the second greatest overlap
+    counts: IntArray,  # (M + 1, 2) out: #(G(m) and G_g) of these
 ) -> None:
-    """counts[m, g] = #(G(m) and G_g) for every mask and group in one pass without branches."""
+    """The two groups that own most of each G(m), the lower one on a tie, 0 = none.
+
+    Gaussians are sorted by mask and counted mask by mask: linear in N + M + G, without a table of
+    all masks and groups.
+    """
+    n_masks = len(sizes)
+    sizes[:] = 0
     for i in range(len(mask_of)):
-        counts[mask_of[i], max(group[i], np.int32(0))] += 1
+        sizes[mask_of[i]] += 1
+    end = np.empty(n_masks, np.int64)
+    end[0] = 0
+    for m in range(1, n_masks):
+        end[m] = end[m - 1] + (sizes[m - 1] if m > 1 else 0)
+    owner = np.empty(len(mask_of) - sizes[0], np.int32)
+    for i in range(len(mask_of)):
+        m = mask_of[i]
+        if m > 0:
+            owner[end[m]] = group[i]
+            end[m] += 1
+    best[:] = 0
+    counts[:] = 0
+    for m in range(1, n_masks):
+        first = end[m] - sizes[m]
+        for k in range(first, end[m]):
+            if owner[k] > 0:
+                tally[owner[k]] += 1
+        for k in range(first, end[m]):
+            g = owner[k]
+            if g <= 0 or tally[g] == 0:
+                continue
+            n = tally[g]
+            tally[g] = 0
+            if n > counts[m, 0] or (n == counts[m, 0] and g < best[m, 0]):
+                best[m, 1], counts[m, 1] = best[m, 0], counts[m, 0]
+                best[m, 0], counts[m, 0] = g, n
+            elif n > counts[m, 1] or (n == counts[m, 1] and g < best[m, 1]):
+                best[m, 1], counts[m, 1] = g, n
 
 
 @exact_kernel

@@ -8,7 +8,7 @@ from typing import Literal, overload
 import numpy as np
 
 from gaga_core.arrays import IntArray, LongArray, check_shape
-from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+from gaga_core.grouping.gate_kernels import greatest_overlaps, take_free
 from gaga_core.grouping.levels import Levels
 
 Preset = Literal["paper", "robust"]  # see `associate.AssociateConfig.of`
@@ -114,6 +114,25 @@ def at_level(bank: MemoryBank, level: int) -> MemoryBank:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Overlaps:
+    """Of each mask of a view the two groups that own most of its Gaussians."""
+
+    sizes: IntArray  # (M + 1,) #G(m)
+    groups: IntArray  # (M + 1, 2) 0 = none; of equal counts the lower group comes first
+    counts: IntArray  # (M + 1, 2) #(G(m) and G_g) of these
+
+    @staticmethod
+    def of(mask_of: IntArray, group: IntArray, n_masks: int) -> "Overlaps":
+        """``mask_of`` (N,) has the mask 1..M of each Gaussian, 0 = none; ``group`` (N,) its group,
+        -1 or 0 = free."""
+        sizes = np.zeros(n_masks + 1, np.int32)
+        groups, counts = np.zeros((n_masks + 1, 2), np.int32), np.zeros((n_masks + 1, 2), np.int32)
+        tally = np.zeros(int(group.max(initial=0)) + 1, np.int32)
+        greatest_overlaps(mask_of, group, sizes, tally, groups, counts)
+        return Overlaps(sizes, groups, counts)
+
+
 def add_view(
     bank: MemoryBank,
     view: str,
@@ -134,20 +153,16 @@ def add_view(
     that was opened in this view. ``bank`` itself is not changed.
     """
     check_shape("mask_of", mask_of, (len(bank.group),), np.int32)
-    counts = np.zeros((len(mask_ids), bank.n_groups + 1), np.int32)
-    count_overlaps(mask_of, bank.group, counts)
-    sizes = counts.sum(axis=1, dtype=np.int64)  # #G(m)
-    best, runner_up = two_best(counts)
+    found = Overlaps.of(mask_of, bank.group, len(mask_ids) - 1)
     group_of_mask = np.zeros(len(mask_ids), np.int32)
     n_groups, log = bank.n_groups, []
     for m in range(1, len(mask_ids)):
-        size = int(sizes[m])
-        overlap = int(counts[m, best[m]]) / size if best[m] else 0.0
-        second = int(counts[m, runner_up[m]]) / size if runner_up[m] else 0.0
-        joins = best[m] > 0 and overlap >= threshold
+        size, (best, runner_up) = int(found.sizes[m]), found.groups[m].tolist()
+        overlap, second = (int(count) / max(size, 1) for count in found.counts[m])
+        joins = best > 0 and overlap >= threshold
         if size > 0:
             n_groups += not joins
-            group_of_mask[m] = best[m] if joins else n_groups
+            group_of_mask[m] = best if joins else n_groups
         log.append(
             Decision(
                 view=view,
@@ -155,7 +170,7 @@ def add_view(
                 group=int(group_of_mask[m]),
                 is_new=size > 0 and not joins,
                 overlap=overlap,
-                runner_up=int(runner_up[m]),
+                runner_up=runner_up,
                 runner_up_overlap=second,
                 n_gaussians=size,
             )

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 
 _ON_BOX, _ON_FLOOR = 400, 80  # splats of a box, and of the ground around it
-_SPLIT, _MERGE, _MISS = 0.15, 0.06, 0.1  # chance of each box in each view
+SPLIT, MERGE, MISS = 0.15, 0.06, 0.1  # chance of each box in each view
 _AROUND = 1.5  # scene units around the hall from which it is seen, too
 _LEAST = 40  # pixels of a mask
 _FAR = 10.0  # scene units beyond which boxes have no masks
@@ -131,10 +132,10 @@ def draw_masks(scene: Hall, camera: Camera, rng: np.random.Generator) -> IntArra
     fault = rng.uniform(size=n)
     ids = rng.permutation(2 * n + 1).astype(np.int64) + 1
     of_box, of_half = ids[:n].copy(), ids[n : 2 * n]
-    melts = np.flatnonzero(fault < _MERGE)
+    melts = np.flatnonzero(fault < MERGE)
     of_box[melts] = of_box[np.maximum(melts - 1, 0)]
-    missed = (fault >= _MERGE) & (fault < _MERGE + _MISS)
-    is_split = (fault >= _MERGE + _MISS) & (fault < _MERGE + _MISS + _SPLIT)
+    missed = (fault >= MERGE) & (fault < MERGE + MISS)
+    is_split = (fault >= MERGE + MISS) & (fault < MERGE + MISS + SPLIT)
     middle = (scene.low + scene.high) / 2
     distance = np.linalg.norm(middle - camera.position, axis=1)
     of_box[missed | (distance > _FAR)] = 0
@@ -212,13 +213,30 @@ def associate_hall(
     """Make the hall, draw its masks into ``folder`` and associate them."""
     scene = hall(n_boxes)
     views = cameras(scene, n_views, size)
+
+    def draw(i: int) -> IntArray:
+        return draw_masks(scene, views[i], np.random.default_rng((2, i)))
+
+    return associate_views(scene.gaussians, scene.labels, views, draw, preset, folder)
+
+
+def associate_views(
+    gaussians: Gaussians,
+    truth: IntArray,  # (N,) object 1.. of each splat, 0 = void
+    views: Sequence[Camera],
+    draw: Callable[[int], IntArray],  # the label map (H, W) of the i-th view
+    preset: str,
+    folder: Path,  # where label maps are kept
+) -> Cost:
+    """Associate the masks of all views; the objects are the labels of the truth."""
     n_masks = 0
     for i, camera in enumerate(views):
-        labels = draw_masks(scene, camera, np.random.default_rng((2, i)))
+        labels = draw(i)
         values, dense = np.unique(labels, return_inverse=True)
-        n_masks += len(values) - 1
-        np.save(folder / f"{camera.name}.npy", dense.reshape(labels.shape).astype(np.uint16))
-    masks = MaskSet({c.name: partial(_load, folder / f"{c.name}.npy") for c in views}, "hall")
+        n_masks += int((values > 0).sum())
+        ids = dense.reshape(labels.shape) + (values[0] > 0)
+        np.save(folder / f"{camera.name}.npy", ids.astype(np.uint16))
+    masks = MaskSet({c.name: partial(_load, folder / f"{c.name}.npy") for c in views}, "bench")
     parts: dict[str, float] = defaultdict(float)
     last, kind = time.process_time(), "start"
 
@@ -229,14 +247,15 @@ def associate_hall(
         last, kind = now, _kind(step.message)
 
     config, start = AssociateConfig.of(preset), time.process_time()
-    found = run_stage(associate_stage(scene.gaussians, views, masks, choose("cpu"), config), watch)
+    found = run_stage(associate_stage(gaussians, views, masks, choose("cpu"), config), watch)
     parts[kind] += time.process_time() - last
     cpu_s = time.process_time() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    precision, recall = score(found.labels, scene.labels, n_boxes)
+    n_objects = int(truth.max())
+    precision, recall = score(found.labels, truth, n_objects)
     return Cost(
-        objects=n_boxes,
-        views=n_views,
+        objects=n_objects,
+        views=len(views),
         masks=n_masks,
         cpu_s=cpu_s,
         peak_mib=peak / (1 << 20 if sys.platform == "darwin" else 1 << 10),

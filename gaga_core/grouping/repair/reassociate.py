@@ -16,9 +16,9 @@ from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.gate_kernels import count_overlaps, take_free
+from gaga_core.grouping.gate_kernels import take_free
 from gaga_core.grouping.gated_views import vote_with_bank
-from gaga_core.grouping.memory_bank import Decision, MemoryBank, groups_of_masks, two_best
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, Overlaps, groups_of_masks
 from gaga_core.grouping.repair.reassociate_points import VotingMaps, follow_points
 from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
 from gaga_core.grouping.robust.label_masks import fill_unseen
@@ -182,15 +182,19 @@ def _decided(
 ) -> list[Decision]:
     """`memory_bank.add_view`, but masks of ``known[1]`` go where it says."""
     (masks, mask_of), (former, forced) = shown, known
-    width = max(int(group.max(initial=0)), ids.free) + 1
-    counts = np.zeros((len(masks.ids), width), np.int32)
-    count_overlaps(mask_of, group, counts)
-    sizes = counts.sum(axis=1, dtype=np.int64)
-    best, second = two_best(counts)
+    overlaps = Overlaps.of(mask_of, group, len(masks))
+    sizes, (best, second) = overlaps.sizes, overlaps.groups.T
+
+    def share(m: int, g: int) -> float:
+        """Of #G(m), 0 for no group."""
+        at = np.flatnonzero(overlaps.groups[m] == g)
+        n = overlaps.counts[m, at[0]] if len(at) else ((mask_of == m) & (group == g)).sum()
+        return int(n) / max(int(sizes[m]), 1) if g else 0.0
+
     log, opened = [], set(ids.opened)
     for m in range(1, len(masks.ids)):
-        key, size = (view, int(masks.ids[m])), max(int(sizes[m]), 1)
-        joins = best[m] > 0 and counts[m, best[m]] / size >= evidence.config.threshold
+        key = (view, int(masks.ids[m]))
+        joins = best[m] > 0 and share(m, int(best[m])) >= evidence.config.threshold
         if key in forced:
             to = forced[key]
         elif sizes[m] == 0:
@@ -207,9 +211,9 @@ def _decided(
                 mask=key[1],
                 group=to,
                 is_new=is_new,
-                overlap=int(counts[m, counted]) / size if counted and counted < width else 0.0,
+                overlap=share(m, counted),
                 runner_up=rival,
-                runner_up_overlap=int(counts[m, rival]) / size if rival else 0.0,
+                runner_up_overlap=share(m, rival),
                 n_gaussians=int(sizes[m]),
                 by_hand=key in forced,
             )

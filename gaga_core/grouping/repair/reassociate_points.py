@@ -10,14 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
-from gaga_core.arrays import IntArray, LongArray
+from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.memory_bank import Decision, MemoryBank, two_best
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
 from gaga_core.grouping.robust.label_masks import voting_labels
-from gaga_core.grouping.robust.point_tables import point_tables
+from gaga_core.grouping.robust.point_tables import Leaders, point_tables
 from gaga_core.raster.base import Rasterizer
 
 _SURE = 1 << 30  # points: the row's own group leads whatever else it shows
@@ -27,10 +28,11 @@ Forced = Mapping[tuple[str, int], int]  # (view, mask) -> group
 
 def follow_points(
     evidence: Evidence, bank: MemoryBank, forced: Forced, first: str
-) -> tuple[MemoryBank, list[LongArray]]:
+) -> tuple[MemoryBank, list[csr_matrix]]:
     """The bank with masks moved as ``forced``, redone from view ``first`` on; it owns no splat yet.
 
-    Also for each view the table (M + 1, G + 1): how many points of each group show in each mask.
+    Also for each view the sparse table (M + 1, G + 1): how many points of each group show in each
+    mask.
     """
     if evidence.points is None:
         raise ValueError("evidence: has no points, run gather_stage first")
@@ -52,10 +54,16 @@ def follow_points(
     ]
     point = walk.points(of_mask, told)
     found = point_tables(shown, point, [len(ids) for ids in masks])
-    tables = [np.pad(t, ((0, 0), (0, max(width - t.shape[1], 0)))) for t in found]
+    tables = [_widened(table, width) for table in found]
     log = _logged(evidence, bank, masks, (of_mask, tables), forced)
     unowned = np.full_like(bank.group, -1)
     return replace(bank, group=unowned, n_groups=width - 1, log=log), tables
+
+
+def _widened(table: csr_matrix, width: int) -> csr_matrix:
+    """``table`` with at least so many columns."""
+    shape = (table.shape[0], max(width, table.shape[1]))
+    return csr_matrix((table.data, table.indices, table.indptr), shape=shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +133,7 @@ class VotingMaps:
 
     evidence: Evidence
     bank: MemoryBank
-    tables: Sequence[LongArray]  # of the views: points of each group in each mask
+    tables: Sequence[csr_matrix]  # of the views: points of each group in each mask
     forced: Forced
     labels: IntArray  # (N,) by which masks that hold several groups are divided
     rasterizer: Rasterizer
@@ -134,8 +142,9 @@ class VotingMaps:
         """Groups (H, W), 0 = does not vote. A mask moved by hand votes as a whole."""
         evidence = self.evidence
         v = evidence.views.index(camera)
-        masks, table = evidence.masks_of(camera), self.tables[v].copy()
-        merged = merged_masks(table, evidence.config.consensus or ConsensusConfig())
+        masks, table = evidence.masks_of(camera), self.tables[v].toarray()
+        leaders = Leaders.of(self.tables[v])
+        merged = merged_masks(leaders, evidence.config.consensus or ConsensusConfig())
         by_hand = [m for m, i in enumerate(masks.ids) if (camera.name, int(i)) in self.forced]
         merged = np.setdiff1d(merged, np.array(by_hand, np.int64))
         groups = _groups(evidence, self.bank, [masks.ids], camera.name)[0]
@@ -145,7 +154,7 @@ class VotingMaps:
         if len(merged):
             shown = self.rasterizer.label_splat(evidence.gaussians, camera, self.labels).labels
             shown = np.where(shown < table.shape[1], shown, np.int32(0))
-        return voting_labels(masks, table, merged, shown)
+        return voting_labels(masks, csr_matrix(table), merged, shown)
 
 
 def _groups(
@@ -171,12 +180,12 @@ def _logged(
     evidence: Evidence,
     bank: MemoryBank,
     masks: Sequence[IntArray],
-    found: tuple[Sequence[IntArray], Sequence[LongArray]],
+    found: tuple[Sequence[IntArray], Sequence[csr_matrix]],
     forced: Forced,
 ) -> tuple[Decision, ...]:
     """The log with the masks that moved; overlap = share of the points that the mask shows."""
     of_mask, tables = found
-    best = [two_best(table) for table in tables]
+    best = [Leaders.of(table) for table in tables]
     known: set[int] = set()
     log = []
     for old in bank.log:
@@ -184,9 +193,10 @@ def _logged(
         group, by_hand = int(of_mask[v][m]), (old.view, old.mask) in forced
         decision = replace(old, is_new=group > 0 and group not in known, by_hand=by_hand)
         if group != old.group:
-            counts = tables[v][m]
+            counts = tables[v][m].toarray()[0]
             total = max(int(counts.sum()), 1)
-            rival = int(best[v][1][m] if best[v][0][m] == group else best[v][0][m])
+            leads = best[v]
+            rival = int(leads.second[m] if leads.first[m] == group else leads.first[m])
             decision = replace(
                 decision,
                 group=group,

@@ -27,7 +27,12 @@ from gaga_core.grouping.robust.linkage import (
     linkage_stage,
     renumbered,
 )
-from gaga_core.grouping.robust.point_tables import PointTables, Sightings, point_tables
+from gaga_core.grouping.robust.point_tables import (
+    Leaders,
+    PointTables,
+    Sightings,
+    point_tables,
+)
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
     LoadMasks,
@@ -87,7 +92,7 @@ class ConsensusConfig:
 def consensus_stage(
     views: Sequence[Camera], load_masks: LoadMasks, depths: DepthMaps, config: ConsensusConfig
 ) -> Stage[PointTables]:
-    """For each view the table (M + 1, G + 1) of points: how many of group g show in mask m.
+    """For each view the sparse table (M + 1, G + 1) of points: how many of group g show in mask m.
 
     Row 0 and column 0 are empty. All tables have the same groups 1..G, in the order of their
     first points.
@@ -141,12 +146,10 @@ def without_wholes(
     return evidence
 
 
-def merged_masks(table: LongArray, config: ConsensusConfig) -> LongArray:
+def merged_masks(leaders: Leaders, config: ConsensusConfig) -> LongArray:
     """Dense ids of the masks of a view that hold more than one group."""
-    if table.shape[1] < 2:
-        return np.zeros(0, np.int64)
-    second = np.partition(table, -2, axis=1)[:, -2]
-    share = config.merged_share * np.maximum(table.sum(axis=1), 1)
+    second = leaders.n_second
+    share = config.merged_share * np.maximum(leaders.total, 1)
     return np.flatnonzero((second >= share) & (second >= 2))
 
 

@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks
-from gaga_core.grouping.memory_bank import MemoryBank, two_best
+from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.robust.point_tables import Leaders
 from gaga_core.grouping.views import load_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
@@ -27,7 +29,7 @@ _TABLE_BYTES = 1 << 28  # of counts of all groups; above, a few groups of each G
 
 def decide_masks(
     bank: MemoryBank,  # its log has one decision for each mask of these views
-    tables: Mapping[str, LongArray],  # by view: (M + 1, G + 1) points of each group in each mask
+    tables: Mapping[str, csr_matrix],  # by view: (M + 1, G + 1) points of each group in each mask
     ids: Mapping[str, IntArray],  # by view: (M + 1,) the id of each mask in the label map
 ) -> MemoryBank:
     """The bank with each mask decided by its points: overlap = share of the points it shows.
@@ -55,19 +57,19 @@ def decide_masks(
     return replace(bank, group=np.full_like(bank.group, -1), n_groups=n_groups, log=tuple(log))
 
 
-def _decisions(table: LongArray, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
+def _decisions(table: csr_matrix, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
     """By the id of a mask: the group of most of its points and the next one, each with its share
     of the points."""
-    first, second = two_best(table)
-    row, total = np.arange(len(table)), np.maximum(table.sum(axis=1), 1)
-    columns = (first, table[row, first] / total, second, table[row, second] / total)
-    found = zip(*(column.tolist() for column in columns), strict=True)
-    return dict(zip(ids.tolist(), found, strict=True))
+    found = Leaders.of(table)
+    total = np.maximum(found.total, 1)
+    columns = (found.first, found.n_first / total, found.second, found.n_second / total)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return dict(zip(ids.tolist(), rows, strict=True))
 
 
 def voting_labels(
     masks: ViewMasks,
-    table: LongArray,  # (M + 1, G + 1) points
+    table: csr_matrix,  # (M + 1, G + 1) points
     merged: LongArray,  # dense ids of masks that hold several groups
     shown: IntArray | None = None,  # (H, W) groups rendered from the first labels
 ) -> IntArray:
@@ -75,7 +77,7 @@ def voting_labels(
 
     Pixels of a merged mask vote for the group shown there if the mask has points of it.
     """
-    group = table.argmax(axis=1).astype(np.int32)
+    group = Leaders.of(table).first
     group[merged] = 0
     labels: IntArray = group[masks.labels]
     if shown is None or len(merged) == 0:
@@ -85,16 +87,16 @@ def voting_labels(
 
 def divided_labels(
     masks: ViewMasks,
-    table: LongArray,  # (M + 1, G + 1) points
+    table: csr_matrix,  # (M + 1, G + 1) points
     merged: LongArray,  # dense ids of masks that hold several groups
     shown: IntArray,  # (H, W) groups rendered from the first labels
 ) -> IntArray:
     """The groups (H, W) that the pixels of merged masks vote for, 0 = does not vote, as all other
     pixels."""
-    is_merged = np.isin(np.arange(len(table)), merged)[masks.labels]
+    is_merged = np.isin(np.arange(len(masks) + 1), merged)[masks.labels]
     rows, groups = masks.labels[is_merged], shown[is_merged]
     labels = np.zeros_like(masks.labels)
-    labels[is_merged] = np.where(table[rows, groups] > 0, groups, 0)
+    labels[is_merged] = np.where(np.asarray(table[rows, groups]).ravel() > 0, groups, 0)
     return labels
 
 

@@ -11,11 +11,37 @@ from gaga_core.arrays import DoubleArray, IntArray, LongArray
 
 
 @dataclass(frozen=True, eq=False)
-class PointTables(Sequence[LongArray]):
-    """For each view a table (M + 1, C + 1) of points; row 0 and column 0 are empty.
+class Leaders:
+    """Of the masks of a view the group of most points and the next one, 0 = none."""
 
-    The views' rows lie below each other in one sparse matrix. A table is made dense when it is
-    asked for, and is the caller's own.
+    first: IntArray  # (M + 1,)
+    n_first: DoubleArray  # (M + 1,) points of it
+    second: IntArray  # (M + 1,)
+    n_second: DoubleArray  # (M + 1,)
+    total: DoubleArray  # (M + 1,) points of all groups
+
+    @staticmethod
+    def of(table: csr_matrix) -> "Leaders":
+        """``table`` (M + 1, G + 1) as in `PointTables`. Of equal counts the lower group."""
+        n, starts = table.shape[0], table.indptr
+        lengths = np.diff(starts)
+        row = np.repeat(np.arange(n), lengths)
+        order = np.lexsort((table.indices, -table.data, row))
+        groups, counts = np.zeros((2, n), np.int32), np.zeros((2, n))
+        for place in (0, 1):
+            has = lengths > place
+            at = order[starts[:-1][has] + place]
+            groups[place, has], counts[place, has] = table.indices[at], table.data[at]
+        total = np.bincount(row, table.data, n).astype(np.float64)
+        return Leaders(groups[0], counts[0], groups[1], counts[1], total)
+
+
+@dataclass(frozen=True, eq=False)
+class PointTables(Sequence[csr_matrix]):
+    """For each view a sparse table (M + 1, C + 1) of points; row 0 and column 0 are empty.
+
+    The views' rows lie below each other in one matrix: a dense table of many masks and groups
+    would cost their product in each view.
     """
 
     counts: csr_matrix  # (R, C + 1) float64, columns of a row ascending
@@ -25,18 +51,16 @@ class PointTables(Sequence[LongArray]):
         return len(self.first_row) - 1
 
     @overload
-    def __getitem__(self, v: int) -> LongArray: ...
+    def __getitem__(self, v: int) -> csr_matrix: ...
     @overload
-    def __getitem__(self, v: slice) -> list[LongArray]: ...
-    def __getitem__(self, v: int | slice) -> LongArray | list[LongArray]:
+    def __getitem__(self, v: slice) -> list[csr_matrix]: ...
+    def __getitem__(self, v: int | slice) -> csr_matrix | list[csr_matrix]:
         if isinstance(v, slice):
             return [self[i] for i in range(*v.indices(len(self)))]
         if not -len(self) <= v < len(self):
             raise IndexError(v)
         v %= len(self)
-        rows = self.counts[self.first_row[v] : self.first_row[v + 1]]
-        table: LongArray = rows.toarray().astype(np.int64)
-        return table
+        return self.counts[self.first_row[v] : self.first_row[v + 1]]
 
     @property
     def width(self) -> int:
@@ -66,13 +90,13 @@ class PointTables(Sequence[LongArray]):
 
 
 @dataclass(frozen=True, eq=False)
-class TablesByName(Mapping[str, LongArray]):
+class TablesByName(Mapping[str, csr_matrix]):
     """`PointTables` by the names of the views."""
 
     tables: PointTables
     places: Mapping[str, int]
 
-    def __getitem__(self, name: str) -> LongArray:
+    def __getitem__(self, name: str) -> csr_matrix:
         return self.tables[self.places[name]]
 
     def __iter__(self) -> Iterator[str]:

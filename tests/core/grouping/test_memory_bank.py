@@ -11,7 +11,9 @@ from gaga_core.grouping.memory_bank import (
     Decision,
     DecisionLog,
     MemoryBank,
+    Overlaps,
     add_view,
+    two_best,
     views_per_group,
 )
 from tests.core.grouping import bank_reference
@@ -65,6 +67,22 @@ def _mask_of(*sets: range | list[int], n: int = 100) -> IntArray:
     for m, members in enumerate(sets):
         mask_of[list(members)] = m + 1
     return mask_of
+
+
+def test_greatest_overlaps_are_those_of_a_table_of_all_pairs() -> None:
+    """Few Gaussians a mask, so that many counts are equal: then the lower group comes first."""
+    rng = np.random.default_rng(0)
+    mask_of = rng.integers(0, 300, 2000).astype(np.int32)
+    group = (rng.integers(0, 12, 2000) * 7 - 1).astype(np.int32)  # -1 = free, ids with gaps
+    mask_of[mask_of == 40] = 0
+    table = np.zeros((301, group.max() + 1), np.int64)
+    np.add.at(table, (mask_of, np.maximum(group, 0)), 1)
+    first, second = two_best(table[1:])
+    found, row = Overlaps.of(mask_of, group, 300), np.arange(300)
+    assert np.array_equal(found.groups[1:], np.stack([first, second], axis=1))
+    expected = np.stack([table[1:][row, first], table[1:][row, second]], axis=1)
+    assert np.array_equal(found.counts[1:], np.where(found.groups[1:] > 0, expected, 0))
+    assert np.array_equal(found.sizes[1:], table[1:].sum(axis=1))
 
 
 def test_first_view_opens_a_group_per_mask() -> None:

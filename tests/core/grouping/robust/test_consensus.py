@@ -5,16 +5,18 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.memory_bank import two_best
 from gaga_core.grouping.robust import consensus
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
 from gaga_core.grouping.robust.contacts import Priors
 from gaga_core.grouping.robust.linkage import LinkageRules, linkage_stage
-from gaga_core.grouping.robust.point_tables import point_tables
+from gaga_core.grouping.robust.point_tables import Leaders, point_tables
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
@@ -214,8 +216,24 @@ def test_one_stray_point_does_not_join_things_apart(
 
 
 def test_merged_masks_hold_two_groups() -> None:
-    table = np.array([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
-    assert merged_masks(table, ConsensusConfig()).tolist() == [2, 3]
+    table = csr_matrix([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
+    assert merged_masks(Leaders.of(table), ConsensusConfig()).tolist() == [2, 3]
+
+
+def test_leaders_are_those_of_the_dense_table() -> None:
+    """The two greatest counts of each row, as if no zero were left out."""
+    rng = np.random.default_rng(0)
+    dense = rng.integers(0, 4, (200, 30)) * (rng.random((200, 30)) < 0.2)
+    dense[:, 0], dense[:5] = 0, 0
+    dense[5, 2:] = 0
+    dense[5, 1] = 3  # one group alone
+    found, row = Leaders.of(csr_matrix(dense)), np.arange(200)
+    first, second = two_best(dense)
+    assert np.array_equal(found.first, first)
+    assert np.array_equal(found.second, second)
+    assert np.array_equal(found.n_first, dense[row, first])
+    assert np.array_equal(found.n_second, dense[row, second])
+    assert np.array_equal(found.total, dense.sum(axis=1))
 
 
 def test_settings_are_checked() -> None:

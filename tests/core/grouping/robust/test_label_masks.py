@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
@@ -126,7 +127,7 @@ def test_the_gates_vote_goes_before_the_neighbours() -> None:
 
 def test_masks_take_the_group_of_most_of_their_points() -> None:
     log = tuple(Decision("a", mask, 9, True, 0.5, 0, 0.0, 40) for mask in (3, 8, 9))
-    table = np.array([[0, 0, 0], [0, 1, 3], [0, 0, 0], [0, 0, 5]])
+    table = csr_matrix([[0, 0, 0], [0, 1, 3], [0, 0, 0], [0, 0, 5]])
     bank = MemoryBank(np.ones(6, np.int32), 9, log, preset="robust")
     decided = decide_masks(bank, {"a": table}, {"a": np.array([0, 3, 8, 9], np.int32)})
     assert decided.n_groups == 2
@@ -144,7 +145,7 @@ def test_masks_take_the_group_of_most_of_their_points() -> None:
 
 def test_a_merged_mask_is_silent_until_its_pixels_are_told_apart() -> None:
     masks = ViewMasks.of(np.array([[1, 1, 1, 2]], np.int32))
-    table = np.array([[0, 0, 0, 0], [0, 4, 3, 0], [0, 0, 0, 5]])
+    table = csr_matrix([[0, 0, 0, 0], [0, 4, 3, 0], [0, 0, 0, 5]])
     merged = np.array([1])
     assert voting_labels(masks, table, merged).tolist() == [[0, 0, 0, 3]]
     shown = np.array([[1, 2, 3, 1]], np.int32)  # group 3 has no point in mask 1
