@@ -3,17 +3,17 @@
 Views and splats grow with the boxes, so cost near linear means time in proportion to them. Every
 run is a process of its own (`hall`). Small halls show the growth; ``GAGA_BENCH_LONG=1`` adds 1,000
 boxes in 300 views, 4,000 in 1,000 views, and 125 in 5,000 views: some 1,000 CPU-seconds.
+``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
 """
 
-import json
 import os
-import subprocess
-import sys
-from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
+from tests.bench.before import checkout, run_worker
 from tests.bench.figures import Figure
+from tests.bench.growth import Line
 from tests.bench.hall import Cost
 
 _SIZES = ((125, 40), (250, 75), (500, 150))
@@ -36,6 +36,9 @@ def figures() -> list[Figure]:
     views, seconds = [cost.views for cost in costs], [cost.cpu_s for cost in costs]
     power = np.polyfit(np.log(views), np.log(seconds), 1)[0]
     found.append(Figure("hall: time grows with boxes and views to the power", float(power), ""))
+    former = checkout()
+    if former is not None:
+        found += _to_former(costs[1], run(*_SIZES[1], where=former))
     return found + _more_views()
 
 
@@ -66,6 +69,17 @@ def _largest(long: Cost) -> list[Figure]:
     ]
 
 
+def _to_former(now: Cost, was: Cost) -> list[Figure]:
+    """Two versions on one hall."""
+    name = f"hall: {now.objects} boxes, {now.views} views, to the version before"
+    return [
+        Figure(f"{name}: time", now.cpu_s / was.cpu_s, "ratio", "<= 1"),
+        Figure(f"{name}: peak memory", now.peak_mib / was.peak_mib, "ratio"),
+        Figure(f"{name}: precision", now.precision - was.precision, "more"),
+        Figure(f"{name}: recall", now.recall - was.recall, "more"),
+    ]
+
+
 def _differences(name: str, one: Cost, other: Cost) -> list[Figure]:
     return [
         Figure(f"hall: precision, {name}", one.precision - other.precision, "", _LOSS),
@@ -79,34 +93,24 @@ def _more_views() -> list[Figure]:
     costs = [run(_BOXES, n, *_SMALL) for n in views]
     seconds, memory = [cost.cpu_s for cost in costs], [cost.peak_mib for cost in costs]
     power = np.polyfit(np.log(views), np.log(seconds), 1)[0]
-    by_view, mib_by_view = (np.polyfit(views, values, 1)[0] for values in (seconds, memory))
+    line = Line.through(views, seconds)
     name = f"hall: {_BOXES} boxes, 320x240"
     found = [
         Figure(f"{name}: time grows with views to the power", float(power), "", "<= 1.15"),
-        Figure(f"{name}: one view more", 1e3 * float(by_view), "CPU-ms"),
-        Figure(f"{name}: memory that one view more takes", float(mib_by_view), "MiB"),
+        Figure(f"{name}: one view more", 1e3 * line.by_step, "CPU-ms"),
+        Figure(f"{name}: largest miss of the line", line.largest_miss, "", "<= 0.1"),
+        Figure(
+            f"{name}: memory that one view more takes", Line.through(views, memory).by_step, "MiB"
+        ),
     ]
     if _is_long():
         found += [
             Figure(f"{name}, {views[-1]} views: association", seconds[-1], "CPU-s"),
             Figure(f"{name}, {views[-1]} views: peak memory", memory[-1], "MiB"),
-            Figure(
-                f"{name}: largest miss of the line", _miss_of_line(views, seconds), "", "<= 0.1"
-            ),
         ]
     return found
 
 
-def _miss_of_line(views: Sequence[int], seconds: Sequence[float]) -> float:
-    """The largest share by which a time misses the best line a + b views. Shares count, so that
-    few views weigh as much as many."""
-    x, y = np.array(views, np.float64), np.array(seconds)
-    a, b = np.linalg.lstsq(np.stack([1 / y, x / y], axis=1), np.ones(len(x)), rcond=None)[0]
-    return float(np.abs((a + b * x) / y - 1).max())
-
-
-def run(n_boxes: int, n_views: int, *size: str) -> Cost:
-    """One run in a process of its own."""
-    command = [sys.executable, "-m", "tests.bench.hall", str(n_boxes), str(n_views), *size]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return Cost(**json.loads(done.stdout))
+def run(n_boxes: int, n_views: int, *size: str, where: Path | None = None) -> Cost:
+    """One run in a process of its own, of the version in the checkout ``where``, or of this one."""
+    return Cost(**run_worker("tests.bench.hall", [str(n_boxes), str(n_views), *size], where))

@@ -1,0 +1,52 @@
+"""Association of many small views with 768 masks each: whether its cost is linear in the views.
+
+Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000 and 2,000 views:
+some 300 CPU-seconds. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
+"""
+
+import os
+
+from tests.bench.before import Costs, checkout, run_worker
+from tests.bench.figures import Figure
+from tests.bench.growth import Line
+
+_VIEWS, _LONG = (125, 250, 500), (1000, 2000)
+_COMPARED = 100  # views
+
+
+def figures() -> list[Figure]:
+    """Time, memory, precision and recall of the most views, and the line through all."""
+    is_long = os.environ.get("GAGA_BENCH_LONG", "") not in ("", "0")
+    views = _VIEWS + (_LONG if is_long else ())
+    costs = [_run(n) for n in views]
+    line = Line.through(views, [cost["cpu_s"] for cost in costs])
+    memory = Line.through(views, [cost["peak_mib"] for cost in costs])
+    last, name = costs[-1], f"small views: {views[-1]} of 768 masks"
+    found = [
+        Figure(f"{name}: association", last["cpu_s"], "CPU-s"),
+        Figure(f"{name}: peak memory", last["peak_mib"], "MiB", "<= 4096"),
+        Figure(f"{name}: precision", last["precision"], ""),
+        Figure(f"{name}: recall", last["recall"], ""),
+        Figure("small views: one view more", 1e3 * line.by_step, "CPU-ms"),
+        Figure("small views: memory that one view more takes", memory.by_step, "MiB"),
+        Figure("small views: largest miss of the line", line.largest_miss, "", "<= 0.05"),
+        Figure(
+            f"small views: one more between {views[-2]} and {views[-1]}, to between "
+            f"{views[0]} and {views[1]}",
+            line.end_to_begin,
+            "ratio",
+            "<= 1.05",
+        ),
+    ]
+    former = checkout()
+    if former is not None:
+        now = _run(_COMPARED)
+        was = run_worker("tests.bench.small_views", [str(_COMPARED)], former)
+        ratio = now["cpu_s"] / was["cpu_s"]
+        what = f"small views: {_COMPARED} of 768 masks, time, to the version before"
+        found.append(Figure(what, ratio, "ratio", "<= 1"))
+    return found
+
+
+def _run(n_views: int) -> Costs:
+    return run_worker("tests.bench.small_views", [str(n_views)])
