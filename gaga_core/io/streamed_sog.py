@@ -102,7 +102,7 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
         raise GagaError(f"{path} names no splats. Export it again.")
     for done, (name, parts) in enumerate(names):
         yield Progress("Read splats", done, len(names), name)
-        chunk = yield from read_sog_stage(_chunk_path(path, name))
+        chunk = yield from read_sog_stage(chunk_path(path, name))
         n_asked = sum(part.stop - part.start for part in parts)  # at one level none is asked twice
         if n_asked > len(chunk) or any(part.stop > len(chunk) for part in parts):
             raise GagaError(f"{name} has fewer splats than {path} says. Export it again.")
@@ -127,7 +127,7 @@ def _level(name: str) -> int:
     return int(name)
 
 
-def _chunk_path(path: Path, name: str) -> Path:
+def chunk_path(path: Path, name: str) -> Path:
     """The meta.json of a chunk; ``GagaError`` when it leads out of the folder."""
     parts = PurePosixPath(name)
     inside = name and not parts.is_absolute() and ".." not in parts.parts and "\\" not in name

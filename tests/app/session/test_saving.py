@@ -15,6 +15,8 @@ from gaga_core.io.files import fingerprint
 from gaga_core.io.model_files import model_fingerprint
 from gaga_core.io.ply import read_ply, write_ply
 from gaga_core.progress import run_stage
+from gaga_core.scene.lod.build import build_lod_stage
+from gaga_core.scene.lod.streamed import write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection import algebra
 from gaga_studio.actions import objects
@@ -205,3 +207,32 @@ def test_the_buffer_of_a_gltf_is_a_part_of_the_model(tmp_path: Path) -> None:
     older = document.read_text(encoding="utf-8").replace(model_fingerprint(path), fingerprint(path))
     document.write_text(older, encoding="utf-8")
     assert len(run_stage(open_path_stage(tmp_path / "kept.gaga")).scene) == 40
+
+
+def test_chunks_of_a_streamed_sog_are_parts_of_the_model(tmp_path: Path) -> None:
+    """Noticed when a picture of a chunk changes or goes, and refused in a saved project."""
+    splats = random_gaussians(3000)
+    tree = run_stage(build_lod_stage(splats, tmp_path / "lod", "digest"))
+    (tmp_path / "web").mkdir()
+    path = run_stage(write_streamed_sog_stage(tmp_path / "web", tree, splats))
+    session = Session()
+    session.open(path)
+    finish(session)
+    session.save(tmp_path / "kept.gaga")
+    finish(session)
+    path.touch()
+    assert not saving.look_at_files(session)
+    picture = min(path.parent.glob("*/*.webp"))
+    content = picture.read_bytes()
+    picture.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert saving.look_at_files(session)
+    session.answer("Cancel")
+    with pytest.raises(GagaError, match="changed since"):
+        run_stage(open_path_stage(tmp_path / "kept.gaga"))
+    picture.unlink()
+    assert saving.look_at_files(session)
+    session.answer("Cancel")
+    picture.write_bytes(content)
+    assert not saving.look_at_files(session)
+    session.close()
+    assert len(run_stage(open_path_stage(tmp_path / "kept.gaga")).scene) == len(splats)
