@@ -79,7 +79,8 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
         union_of_children(table, first_nodes(sizes))
         np.save(target / NODES, table)
         n_sh = gaussians.sh.shape[1]
-        stored = LodFile(FORMAT, digest, sizes, n_sh, (min(low, high), max(low, high)))
+        sizes_range = (low, high) if low <= high else (0.0, 0.0)  # no splat has a finite size
+        stored = LodFile(FORMAT, digest, sizes, n_sh, sizes_range)
         (target / FILE).write_bytes(msgspec.json.encode(stored))
         publish_all(staging, [folder.name], folder.parent)
     tree = open_lod(folder, digest, len(gaussians), n_sh)

@@ -13,6 +13,7 @@ from gaga_core.scene.lod.build import alike_runs, build_lod_stage, curve_order
 from gaga_core.scene.lod.tree import (
     FAN,
     FILE,
+    NODE,
     NODES,
     ORDER,
     WINDOW,
@@ -90,6 +91,13 @@ def test_splats_that_are_alike_become_one() -> None:
     assert np.array_equal(np.sort(order), np.arange(8 * WINDOW - 5))
     assert len(starts) == 127
     assert (np.diff(starts) > 0).all()
+
+
+def test_a_tree_without_one_finite_size_opens_again(tmp_path: Path) -> None:
+    splats = random_gaussians(2 * NODE)
+    splats.log_scales[:] = -np.inf
+    tree = run_stage(build_lod_stage(splats, tmp_path / "lod", "digest"))
+    assert tree.log_scale_range == (0.0, 0.0)
 
 
 def test_level_zero_is_the_model_bit_for_bit(built: Built) -> None:
