@@ -3,6 +3,7 @@
 Results go to standard output (``--json`` for machines), messages and progress to standard error.
 Exit status 0 only on success; Ctrl-C leaves nothing half-written. A reader that closes the pipe, as
 ``head`` does, ends the command without a word, with the status 141 of a command that SIGPIPE ends.
+Switches that do not go together end it with status 2, as switches that there are none of do.
 """
 
 import errno
@@ -19,7 +20,8 @@ from tyro.conf import arg, subcommand
 import gaga_core
 from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
-from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, ExportCommand, InfoCommand
+from gaga_core.cli.export import ExportCommand
+from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, InfoCommand
 from gaga_core.cli.lod import LodCommand
 from gaga_core.cli.masks import MasksCommand
 from gaga_core.cli.models import ModelsCommand
@@ -34,6 +36,7 @@ from gaga_core.cli.scene import (
     RenderCommand,
 )
 from gaga_core.cli.segment import SegmentCommand
+from gaga_core.cli.switches import SwitchError
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 
@@ -66,12 +69,14 @@ class Main:
     command: Annotated[AnyCommand, arg(name="")]
 
 
+_MISUSED = 2  # exit status of switches that cannot be
 _UNREAD = 128 + 13  # exit status of what SIGPIPE ends
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk, or what is left of it for a user
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``gaga``; returns the exit status."""
+    out.open_closed_streams()
     try:
         try:
             return _run(arguments)
@@ -106,7 +111,7 @@ def _run(arguments: list[str] | None) -> int:
         return parsed.command.run()
     except GagaError as error:
         out.fail(str(error))
-        return 1
+        return _MISUSED if isinstance(error, SwitchError) else 1
     except OSError as error:
         if error.filename is None:  # not about a file: a fault of the program
             raise

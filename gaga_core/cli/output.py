@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Protocol, TypeVar
 
@@ -45,6 +46,13 @@ def fail(text: str) -> None:
 def line(text: str) -> None:
     """One line of the result, for a person or a script."""
     sys.stdout.write(text + "\n")
+
+
+def open_closed_streams() -> None:
+    """Send nowhere what goes to a stream that is closed from the start, as by ``>&-``."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  # to the end
 
 
 def is_unread() -> bool:

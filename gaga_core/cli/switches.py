@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from gaga_core.identity.lift import LiftConfig
 
 
+class SwitchError(GagaError):
+    """Switches that do not go together: the command ends with status 2 before it reads anything."""
+
+
 @dataclass(frozen=True)
 class GroupSwitches:
     """Settings of the association; those that are not given are the preset's."""

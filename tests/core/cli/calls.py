@@ -17,10 +17,10 @@ def answer(capsys: Capture, *arguments: str) -> dict[str, object]:
     return values
 
 
-def refusal(capsys: Capture, *arguments: str) -> str:
-    """The one sentence of a command that fails with exit status 1 and prints no result."""
+def refusal(capsys: Capture, *arguments: str, status: int = 1) -> str:
+    """The one sentence of a command that fails with exit ``status`` and prints no result."""
     capsys.readouterr()
-    assert main(list(arguments)) == 1
+    assert main(list(arguments)) == status
     captured = capsys.readouterr()
     assert captured.out == ""
     said = captured.err.strip()

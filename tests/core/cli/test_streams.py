@@ -1,5 +1,6 @@
 """Where the results of ``gaga`` go: a pipe that its reader closes, a disk that is full."""
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -56,3 +57,26 @@ def test_results_on_a_full_disk_are_one_sentence(switch: str) -> None:
         )
     assert done.returncode == 1
     assert done.stderr == "gaga: The disk is full: not all results were written. Free some space.\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such redirection")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+@pytest.mark.parametrize(("call", "status"), [("info {scene}", 0), ("info nowhere", 1)])
+def test_streams_that_are_closed_from_the_start_end_no_command(
+    scene: Path, closed: str, call: str, status: int
+) -> None:
+    """`gaga info SCENE >&-` printed a traceback."""
+    command = shlex.join([sys.executable, "-m", "gaga_core.cli.main"])
+    done = subprocess.run(
+        ["sh", "-c", f"{command} {call.format(scene=shlex.quote(str(scene)))} {closed}"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == status
+    assert "Traceback" not in done.stderr
+    if status and "2>" not in closed:
+        assert done.stderr.startswith("gaga: ")
+    if not status and not closed.startswith(">"):
+        assert "gaussians" in done.stdout

@@ -1,0 +1,305 @@
+"""The command that exports a scene: the whole, its objects, its masks or its cameras."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from tyro.conf import Positional
+
+from gaga_core.cli import output as out
+from gaga_core.cli.switches import SwitchError
+from gaga_core.errors import GagaError
+from gaga_core.identity.field import IdentityField
+from gaga_core.scene.project import Project
+
+if TYPE_CHECKING:
+    from gaga_core.io.splat_files import SplatFormat
+    from gaga_core.scene.export_mesh import MeshExport
+    from gaga_core.scene.export_options import ExportOptions
+
+_SPLATS = ("scene", "objects")
+_WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
+GOES_WITH = {  # --what that a switch changes something of
+    "format": ("masks",),
+    "form": _SPLATS,
+    "mesh_file": ("objects",),
+    "voxels": ("objects",),
+    "only": ("objects",),
+    "with_children": ("objects",),
+    "folder": ("objects",),
+    "groups": ("scene",),
+    "sh_degree": _SPLATS,
+    "crop": _WORLD,
+    "centre": _WORLD,
+    "ground": _WORLD,
+    "scale": _WORLD,
+    "decimate": _SPLATS,
+    "identity": _SPLATS,
+}
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Export a scene with its edits: the whole, or one file per object, or the group maps."""
+
+    scene: Positional[Path]
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
+    out: Path
+    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
+    .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
+    otherwise."""
+    what: Literal["scene", "objects", "masks", "cameras"] = "scene"
+    """scene: one file of all that is visible. objects: one file per group and groups.json.
+    masks: a 16-bit map of group ids for every view. cameras: those of the photos, in the
+    world of the scene that the same switches export."""
+    format: Literal["png", "coco", "dataset"] = "png"
+    """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
+    maps, colored previews, COCO instances and panoptic, and a list of the groups."""
+    form: (
+        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"]
+        | Literal["mesh", "collider", "box"]
+        | None
+    ) = None
+    """Of files of splats; default: what the name of --out asks for, else ply. spz is version 3.
+    html is one page that shows scene and objects in any browser, without a network. mesh: the
+    closed surface of each object with colors; collider: a convex solid around it of at most 255
+    triangles; box: its oriented box (objects)."""
+    mesh_file: Literal["glb", "obj"] = "glb"
+    """Of meshes, colliders and boxes."""
+    voxels: int = 96
+    """Of a mesh along the longest side of its object: how fine it is."""
+    only: tuple[int, ...] = ()
+    """Group ids (objects); default: all."""
+    with_children: bool = False
+    """With --only: also all that lies under these objects in the object list (objects)."""
+    folder: str = ""
+    """Only objects of this folder of the object list, "Kitchen", and of those in it (objects)."""
+    groups: bool = False
+    """Add a column with the group id of each Gaussian (scene)."""
+    sh_degree: int | None = None
+    """Highest degree of view-dependent color to keep, 0 to 4; default: all (scene, objects)."""
+    crop: tuple[float, float, float, float, float, float] | None = None
+    """Leave out what is outside a box: lowest x, y, z and highest, scene units (scene, objects)."""
+    centre: bool = False
+    """Move the middle of what is written to the origin (scene, objects)."""
+    ground: bool = False
+    """Move its lowest point to height 0 (scene, objects)."""
+    scale: float = 1.0
+    """Units of the files per scene unit (scene, objects)."""
+    decimate: float = 1.0
+    """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
+    that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
+    identity: bool = False
+    """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
+    the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write plain 3DGS files that other tools open."""
+        from gaga_core.identity.classifier_io import FILE as CLASSIFIER
+        from gaga_core.identity.classifier_io import write_classifier
+        from gaga_core.io.splat_files import SplatFormat, form_of
+        from gaga_core.scene.project import open_path_stage
+
+        self._check()
+        solid = self._solid()
+        form = SplatFormat(self.form) if self.form and solid is None else SplatFormat.PLY
+        if self.what == "scene" and not self.form:
+            form = form_of(self.out)  # a mistake is told before a large model is read
+        project = out.follow(open_path_stage(self.scene))
+        if self.what == "masks":
+            return self._masks(project)
+        if self.what == "cameras":
+            return self._cameras(project)
+        if self.identity and (solid is not None or form is not SplatFormat.PLY):
+            raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
+        options = self._options(project)
+        field = _add_identity(project) if self.identity else None
+        folder = self.out.parent if self.what == "scene" else self.out
+        values: dict[str, object] = {}
+        if field is not None:
+            values["classifier"] = str(folder / CLASSIFIER)
+        if self.what == "scene":
+            values = {**self._whole(project, form, options), **values}
+        else:
+            values = {**self._objects(project, solid or form, options), **values}
+        if field is not None:
+            write_classifier(folder / CLASSIFIER, field.weight, field.bias)
+        out.result(values, as_json=self.json)
+        return 0
+
+    def _check(self) -> None:
+        """Raise ``SwitchError`` for switches that do not go together."""
+        for field in fields(self):
+            goes_with = GOES_WITH.get(field.name, (self.what,))
+            if self.what not in goes_with and getattr(self, field.name) != field.default:
+                switch = f"--{field.name.replace('_', '-')}"
+                right = " or ".join(f"--what {what}" for what in goes_with)
+                raise SwitchError(
+                    f"{switch} goes with {right}, not with {self.what}. Leave it out."
+                )
+        if self.with_children and not self.only:
+            raise SwitchError("--with-children goes with --only: say which objects.")
+
+    def _whole(
+        self, project: Project, form: "SplatFormat", options: "ExportOptions"
+    ) -> dict[str, object]:
+        from gaga_core.io.splat_files import SplatFormat
+        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.scene.export import export_losses, export_scene_stage
+
+        scene, groups = project.scene, self.groups
+        if form is SplatFormat.HTML:
+            behind = describe_project(project).background  # and names objects
+            options = replace(options, page=replace(options.page, background=behind))
+        say_losses(export_losses(scene, form, groups=groups, options=options))
+        stage = export_scene_stage(scene, self.out, groups=groups, form=form, options=options)
+        made = out.follow(stage)
+        values: dict[str, object] = {"file": str(self.out), "gaussians": made.n_splats}
+        return values | ({} if made.psnr is None else {"decimated_psnr": round(made.psnr, 2)})
+
+    def _solid(self) -> "MeshExport | None":
+        """What stands for an object in place of its splats, when that is asked for."""
+        from gaga_core.io.mesh_files import MeshFile
+        from gaga_core.scene.export_mesh import MeshExport, MeshForm
+        from gaga_core.scene.proxy_mesh import MeshConfig
+
+        if self.form not in list(MeshForm):
+            return None
+        if self.what != "objects":
+            raise GagaError(f"A {self.form} is made of an object: add --what objects.")
+        if self.decimate != 1.0:
+            raise GagaError("--decimate is for splats: choose --voxels for the size of a mesh.")
+        try:
+            config = MeshConfig(self.voxels)
+        except ValueError as error:
+            raise GagaError(f"That cannot be: {error}.") from error
+        return MeshExport(MeshForm(self.form), MeshFile(self.mesh_file), config)
+
+    def _objects(
+        self, project: Project, form: "SplatFormat | MeshExport", options: "ExportOptions"
+    ) -> dict[str, object]:
+        from gaga_core.scene.export import (
+            export_objects_stage,
+            least_psnr,
+            objects_losses,
+        )
+        from gaga_core.scene.manifest import listed_files, read_manifest
+
+        scene, only = project.scene, self._only(project)
+        say_losses(objects_losses(scene, form, only, options))
+        stage = export_objects_stage(
+            scene, self.out, only, source=str(self.scene), form=form, options=options
+        )
+        manifest = out.follow(stage)
+        missing = read_manifest(manifest).left_out
+        if missing:
+            out.say(f"Without a surface, and so left out: {', '.join(missing)}.")
+        psnr = least_psnr(manifest)
+        values: dict[str, object] = {
+            "manifest": str(manifest),
+            "files": len(listed_files(manifest)),
+        }
+        return values | ({} if psnr is None else {"least_decimated_psnr": round(psnr, 2)})
+
+    def _only(self, project: Project) -> Sequence[int] | None:
+        """Groups to write, named after what they look like; None: all."""
+        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.scene.edits.folders import existing
+
+        describe_project(project)
+        scene = project.scene
+        only = self.only
+        if self.with_children:
+            only = (*only, *scene.folders.under(*only))
+        if not self.folder:
+            return only or None
+        inside = scene.folders.groups(existing(scene, self.folder))
+        return [group for group in inside if not only or group in only]
+
+    def _options(self, project: Project) -> "ExportOptions":
+        """The switches as options."""
+        from gaga_core.scene.export_options import ExportOptions, box_of
+        from gaga_core.scene.web_page import content_of
+
+        try:
+            return ExportOptions(
+                sh_degree=self.sh_degree,
+                crop=box_of(self.crop) if self.crop is not None else None,
+                centre=self.centre,
+                ground=self.ground,
+                up=up_of(project),
+                scale=self.scale,
+                page=content_of(project),
+                keep=self.decimate,
+            )
+        except ValueError as error:
+            raise GagaError(f"That cannot be: {error}.") from error
+
+    def _cameras(self, project: Project) -> int:
+        from gaga_core.pipeline.export_cameras import export_cameras
+
+        n = export_cameras(project, self.out, self._options(project))
+        out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
+        return 0
+
+    def _masks(self, project: Project) -> int:
+        if self.format == "png":
+            from gaga_core.pipeline.render import export_masks
+
+            maps = out.follow(export_masks(project, self.out))
+            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
+            return 0
+        from gaga_core.pipeline.mask_dataset import export_mask_dataset
+
+        made = out.follow(export_mask_dataset(project, self.out, self.format))
+        if made.without_photo:
+            out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
+        out.result(made.to_json(), as_json=self.json)
+        return 0
+
+
+def say_losses(losses: Iterable[str]) -> None:
+    """Say what the form does not keep, before anything is written."""
+    for sentence in losses:
+        out.say(sentence)
+
+
+def up_of(project: Project) -> tuple[float, float, float]:
+    """Which way is up (3,), unit, world: the cameras say, else the splats."""
+    from gaga_core.scene.orientation import guess_up, up_of_moved
+
+    opened, placed = project.folder, project.placed_folder
+    if opened is not None and placed is not None and opened.cameras:
+        up = up_of_moved(opened.cameras, placed.cameras)
+    else:
+        up = guess_up(project.scene.gaussians)
+    x, y, z = (float(value) for value in up)
+    return x, y, z
+
+
+def _add_identity(project: Project) -> IdentityField:
+    """Give the splats of ``project`` their encodings as extra columns; the layer that reads them.
+
+    They are of `gaga lift`; without one, those with which the model came.
+    """
+    from gaga_core.identity.classifier_io import field_of_model, with_encodings
+    from gaga_core.identity.field import FILE
+    from gaga_core.pipeline.lift import read_identity
+
+    field = field_of_model(project.scene.gaussians, project.model_path)
+    folder = project.folder
+    if folder is not None and (field is None or (folder.work / FILE).is_file()):
+        field = read_identity(folder, project.scene.n_opened).field
+    if field is None:
+        raise GagaError("Identity encodings belong to a scene folder. Name that instead.")
+    encodings = field.encodings
+    none = np.zeros((1, encodings.shape[1]), encodings.dtype)  # of splats of added files
+    rows = np.minimum(project.scene.source, len(encodings))
+    encodings = np.concatenate([encodings, none])[rows]
+    project.scene.gaussians = with_encodings(project.scene.gaussians, encodings)
+    return field
