@@ -136,10 +136,17 @@ def read_colmap(folder: Path) -> ColmapModel:
 
 
 def write_colmap(
-    folder: Path, cameras: Sequence[Camera], points: DoubleArray, colors: UInt8Array
+    folder: Path,
+    cameras: Sequence[Camera],
+    points: DoubleArray,
+    colors: UInt8Array,
+    note: str = "",
 ) -> None:
-    """Write a text model: one PINHOLE camera a view, points (P, 3) world without tracks."""
-    lines = []
+    """Write a text model: one PINHOLE camera a view, points (P, 3) world without tracks.
+
+    ``note`` is a comment on top of cameras.txt; see `note_of`.
+    """
+    lines = [f"# {note}"] if note else []
     for i, c in enumerate(cameras, start=1):
         numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
         lines.append(f"{i} PINHOLE {c.width} {c.height} {_exact(numbers)}")
@@ -155,6 +162,28 @@ def write_colmap(
         for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
     ]
     _write_text(folder / "points3D.txt", lines)
+
+
+def note_of(folder: Path) -> str:
+    """The comment on top of the cameras of a text model; "" without one."""
+    file = folder / "cameras.txt"
+    if not file.is_file():
+        return ""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        first = stream.readline(1000)
+    return first.removeprefix("#").strip() if first.startswith("#") else ""
+
+
+def count_points(folder: Path) -> int:
+    """The number of points of a model, without reading them; 0 where their file is missing."""
+    binary, text = folder / "points3D.bin", folder / "points3D.txt"
+    if binary.is_file():
+        with binary.open("rb") as stream:
+            return int.from_bytes(stream.read(8), "little")
+    if not text.is_file():
+        return 0
+    with text.open("rb") as stream:
+        return sum(1 for line in stream if line.strip() and not line.startswith(b"#"))
 
 
 def _exact(numbers: Iterable[float]) -> str:

@@ -1,5 +1,6 @@
 """Cameras of the photos in the world of exported splats."""
 
+import json
 from enum import StrEnum
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras_json import write_cameras_json
-from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.colmap import count_points, has_colmap, note_of, read_colmap, write_colmap
 from gaga_core.io.scene_folder import SceneFolder, find_sparse, sparse_folders
 from gaga_core.io.transforms_json import write_transforms_json
 from gaga_core.scene.export import exported_indices
@@ -16,6 +17,9 @@ from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.project import Project
 from gaga_core.scene.selection.algebra import world_means
+
+_CAMERA_BYTES = {"cameras.json": 640, "transforms.json": 700, "colmap": 260}  # of a view, about
+_POINT_BYTES = 60  # of a point of a COLMAP model as text, about
 
 
 class CameraForm(StrEnum):
@@ -40,7 +44,8 @@ def export_cameras(project: Project, path: Path, options: ExportOptions | None =
     They see what `export_scene_stage` with the same ``options`` writes as the photos saw the scene,
     however that was aligned, scaled and moved as a whole. A COLMAP model keeps the points of the
     scene's own, without their tracks. Raises ``GagaError`` without cameras, for a suffix that no
-    form has, and where the scene's own cameras are read from.
+    form has, where the scene's own cameras are read from, and where a COLMAP model lies that was
+    not exported from this scene.
     """
     folder, options = project.placed_folder, options or ExportOptions()
     if folder is None or not folder.cameras:
@@ -58,8 +63,20 @@ def export_cameras(project: Project, path: Path, options: ExportOptions | None =
         write_transforms_json(path, cameras, folder.image_paths)
     else:
         points, colors = _points(folder, world @ scene.frame.world)
-        write_colmap(path, cameras, points, colors)
+        write_colmap(path, cameras, points, colors, _note(folder))
     return len(cameras)
+
+
+def estimated_camera_bytes(folder: SceneFolder, form: CameraForm) -> int:
+    """About how many bytes `export_cameras` writes, without reading points."""
+    n_bytes = _CAMERA_BYTES[form] * len(folder.cameras)
+    sparse = find_sparse(folder.root) if form is CameraForm.COLMAP else None
+    return n_bytes + (_POINT_BYTES * count_points(sparse) if sparse is not None else 0)
+
+
+def _note(folder: SceneFolder) -> str:
+    """What an exported model says of where it is from, in a line."""
+    return f"Exported by gaga-studio from {json.dumps(str(folder.root.resolve()))}"
 
 
 def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
@@ -73,8 +90,8 @@ def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
     own = list(sparse_folders(folder.root))
     if find_sparse(folder.root) is None:
         own.append(folder.root / "cameras.json")
-    is_binary = form is CameraForm.COLMAP and (path / "images.bin").is_file()
-    if is_binary or path.resolve() in [place.resolve() for place in own]:
+    is_other = form is CameraForm.COLMAP and has_colmap(path) and note_of(path) != _note(folder)
+    if is_other or path.resolve() in [place.resolve() for place in own]:
         raise GagaError(f"{path} holds cameras that a scene is read from. Choose another place.")
 
 

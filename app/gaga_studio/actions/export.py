@@ -11,7 +11,11 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.mesh_files import MeshFile
 from gaga_core.io.splat_files import SplatFormat, form_of
-from gaga_core.pipeline.export_cameras import CameraForm, export_cameras
+from gaga_core.pipeline.export_cameras import (
+    CameraForm,
+    estimated_camera_bytes,
+    export_cameras,
+)
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.export import (
     export_losses,
@@ -31,7 +35,6 @@ from gaga_studio.session.stages import Export
 from gaga_studio.system import file_manager, paths
 
 What = Export | Literal["cameras"]
-_CAMERA = 700  # bytes of a camera in a file, about
 _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
@@ -150,7 +153,11 @@ def _cameras_summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if plan.form is CameraForm.COLMAP:
         lost = ("Points of the model are written without their tracks.",)
     n_files = 3 if plan.form is CameraForm.COLMAP else 1
-    return ExportSummary(0, n_files, _CAMERA * len(cameras), lost, len(cameras))
+    folder = session.need().project.folder
+    n_bytes = 0
+    if folder is not None and isinstance(plan.form, CameraForm):
+        n_bytes = estimated_camera_bytes(folder, plan.form)
+    return ExportSummary(0, n_files, n_bytes, lost, len(cameras))
 
 
 def _mesh_summary(

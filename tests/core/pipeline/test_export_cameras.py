@@ -11,10 +11,14 @@ from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras_json import read_cameras_json
-from gaga_core.io.colmap import read_colmap
+from gaga_core.io.colmap import count_points, read_colmap
 from gaga_core.io.ply import read_ply
 from gaga_core.io.scene_folder import find_sparse, open_scene_folder
-from gaga_core.pipeline.export_cameras import export_cameras
+from gaga_core.pipeline.export_cameras import (
+    camera_form_of,
+    estimated_camera_bytes,
+    export_cameras,
+)
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
@@ -143,3 +147,42 @@ def test_the_ground_of_a_scene_that_was_turned_is_below_it(tmp_path: Path) -> No
     assert main(["export", str(tmp_path / "table"), "--out", str(target), "--ground"]) == 0
     heights = read_ply(target).means.astype(np.float64) @ (turn @ up)
     assert abs(np.percentile(heights, 0.5)) < 1e-3
+
+
+def test_a_model_that_was_not_exported_from_this_scene_stays(tmp_path: Path) -> None:
+    """A COLMAP model as text of another scene was overwritten."""
+    for name in ("table", "other"):
+        write_scene(tmp_path / name, masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    model = tmp_path / "other" / "sparse" / "0"
+    before = {path: path.read_bytes() for path in model.iterdir()}
+    with pytest.raises(GagaError, match="Choose another place"):
+        export_cameras(project, model)
+    assert {path: path.read_bytes() for path in model.iterdir()} == before
+    for scale in (1.0, 2.0):  # its own export is written again
+        export_cameras(project, tmp_path / "model", ExportOptions(scale=scale))
+    other = run_stage(open_path_stage(tmp_path / "other"))
+    with pytest.raises(GagaError, match="Choose another place"):
+        export_cameras(other, tmp_path / "model")
+
+
+@pytest.mark.parametrize("name", ["cameras.json", "transforms.json", "model"])
+def test_the_size_of_exported_cameras_is_about_what_was_estimated(
+    tmp_path: Path, name: str
+) -> None:
+    """Points of a COLMAP model were not counted."""
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    project = run_stage(open_path_stage(tmp_path / "table"))
+    assert project.folder is not None
+    out = tmp_path / "out" / name
+    out.parent.mkdir()
+    export_cameras(project, out)
+    files = [out] if out.is_file() else list(out.iterdir())
+    n_bytes = sum(file.stat().st_size for file in files)
+    estimated = estimated_camera_bytes(project.folder, camera_form_of(out))
+    assert 0.6 < estimated / n_bytes < 1.6
+    if out.is_dir():
+        assert count_points(out) == len(read_colmap(out).points) > 0
+        sparse = find_sparse(tmp_path / "table")
+        assert sparse is not None
+        assert count_points(sparse) == count_points(out)
