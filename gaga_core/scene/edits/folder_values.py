@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from gaga_core.errors import GagaError
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import Scene
 
@@ -47,7 +48,14 @@ class SetFolders:
         parents: Mapping[int, int | None],
     ) -> None:
         now = scene.folders
-        scene.folders = Folders(paths, _with(now.home, homes), _with(now.parent, parents))
+        try:
+            made = Folders(paths, _with(now.home, homes), _with(now.parent, parents))
+        except ValueError as error:  # of a recording that was damaged: `Folders` holds its own laws
+            raise GagaError(
+                f'The step "{self.title}" is damaged ({error}), so it changes nothing. '
+                "Go on from here: a new edit takes its place."
+            ) from error
+        scene.folders = made
         scene.revision.names += 1
 
 

@@ -200,3 +200,15 @@ def test_no_order_of_steps_makes_a_cycle_or_loses_an_order(
         assert scene.folders == seen.pop()
         assert history.undo() is not None
     assert scene.folders == seen.pop()
+
+
+def test_a_damaged_step_that_puts_an_object_under_itself_is_one_sentence() -> None:
+    """Redo raised a `ValueError`: a project's history is checked when a step is done again."""
+    scene = _laid()
+    _do(scene, edits.put_in_folder(scene, (1,), ""))
+    entry = encode_edit(edits.set_parent(scene, (4,), 3))
+    damaged = decode_edit({**entry, "moved": [], "parents": [[1, None, 3]]}, len(scene))
+    before = scene.folders
+    with pytest.raises(GagaError, match="is damaged .* lies under itself"):
+        damaged.apply(scene)
+    assert scene.folders is before
