@@ -77,7 +77,7 @@ def stage_offer(project: Project, n_masks: int, preset: str, training_s: float =
     seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
     seconds += training_s
     return StageOffer(
-        f"{n_masks} photos have masks but no objects yet.",
+        f"{_photos_have(n_masks)} masks but no objects yet.",
         "Find objects",
         "object.associate",
         seconds,
@@ -92,12 +92,18 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
         )
     n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
     if n_photos == 0:
+        n = len(folder.cameras)
+        missing = "The photo is" if n == 1 else f"The {n} photos are"
         return StageOffer(
-            f"The {len(folder.cameras)} photos are not in {folder.root.name}/images, so no masks "
-            "can be made of them. Put them back, or import masks."
+            f"{missing} not in {folder.root.name}/images, so there is nothing to make masks of. "
+            f"Put {'it' if n == 1 else 'them'} back, or import masks."
         )
     seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
-    reason = f"{n_photos} photos have no masks yet."
+    reason = f"{_photos_have(n_photos)} no masks yet."
     more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
     note = "now, without a model"
     return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
+
+
+def _photos_have(n: int) -> str:
+    return "1 photo has" if n == 1 else f"{n} photos have"

@@ -337,3 +337,21 @@ def test_a_demo_that_is_made_shows_its_first_splats(new_session: Callable[[], Se
     session.jobs.cancel()
     assert session.jobs.wait()
     assert session.shown is None
+
+
+def test_the_offer_counts_one_photo_as_one(
+    new_session: Callable[[], Session], scene_folder: Path
+) -> None:
+    """ "1 photos have no masks yet." was offered."""
+    shutil.rmtree(scene_folder / "masks")
+    first, *others = sorted((scene_folder / "images").iterdir())
+    for path in others:
+        path.unlink()
+    for start in ("1 photo has no masks", "The 8 photos are not in"):
+        session = new_session()
+        session.open(scene_folder)
+        finish(session)
+        offer = session.stage_offer()
+        assert offer is not None
+        assert offer.reason.startswith(start)
+        first.unlink(missing_ok=True)

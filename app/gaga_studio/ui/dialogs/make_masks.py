@@ -105,7 +105,7 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
         dialog.entries = masks.providers()
     entry = _entry(dialog)
     _introduction(session, dialog)
-    height, wants_model = body_height(em(31)), False
+    height, wants_model = body_height(em(35)), False
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
     if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
@@ -337,7 +337,8 @@ def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
     n = len(masks.photos_of(session, dialog.request.views))
-    text = f"Make masks of {n:,} photos{_duration(session, dialog, n)}"
+    photos = "1 photo" if n == 1 else f"{n:,} photos"
+    text = f"Make masks of {photos}{_duration(session, dialog, n)}"
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()
         masks.make(session, dialog.request)
