@@ -83,10 +83,11 @@ class Along:
     groups: tuple[int, ...]  # that go along
 
 
-def along(session: Session) -> Along:
+def along(session: Session, *, with_locked: bool = False) -> Along:
     """Return the selected splats, and those under objects that are selected whole.
 
-    Without the latter when "Children go along" is off. Raises ``NothingSelectedError``.
+    Without the latter when "Children go along" is off. Locked ones only ``with_locked``: isolating
+    and exporting change nothing of them. Raises ``NothingSelectedError``.
     """
     document = session.need()
     chosen, scene = document.selected(), document.scene
@@ -96,20 +97,28 @@ def along(session: Session) -> Along:
     key = (revision.splats, revision.state, revision.labels, scene.folders)
 
     def find() -> Along:
-        splats = splats_under_selection(scene)
+        splats = splats_under_selection(scene, with_locked=with_locked)
         moved = set(np.unique(scene.labels[splats]).tolist())
         groups = tuple(group for group in groups_under_selection(scene) if group in moved)
         return Along(np.sort(np.concatenate([chosen, splats])).astype(np.int32), groups)
 
-    return document.read.once("along", key, find)
+    return document.read.once("along with locked" if with_locked else "along", key, find)
 
 
-def scene_along(session: Session) -> Scene:
+def locked_along(session: Session) -> IntArray:
+    """Return the locked splats (K,) that isolating and exporting take along; none without any."""
+    if len(session.selected_indices()) == 0:
+        return np.zeros(0, np.int32)
+    splats = along(session, with_locked=True).splats
+    return np.setdiff1d(splats, along(session).splats, assume_unique=True)
+
+
+def scene_along(session: Session, *, with_locked: bool = True) -> Scene:
     """Return the scene with what goes along selected, too: what exports read. Not for edits."""
     scene = session.need().scene
     if len(session.selected_indices()) == 0:
         return scene
-    taken = along(session)
+    taken = along(session, with_locked=with_locked)
     if not taken.groups:
         return scene
     state = scene.state.copy()
@@ -118,12 +127,16 @@ def scene_along(session: Session) -> Scene:
 
 
 def edit_along(
-    session: Session, verb: str, build: Callable[[Scene, IntArray, str], Edit | None]
+    session: Session,
+    verb: str,
+    build: Callable[[Scene, IntArray, str], Edit | None],
+    *,
+    with_locked: bool = False,
 ) -> bool:
     """Apply the edit that ``build`` makes of the scene, `along`, and a title that names both."""
     document = session.need()
     scene = document.settled().scene
-    taken = along(session)
+    taken = along(session, with_locked=with_locked)
     return document.do(build(scene, taken.splats, title_along(document, verb, taken.groups)))
 
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gaga_core.arrays import IntArray
 from gaga_core.io.splat_files import SplatFormat
 from gaga_core.progress import Stage
@@ -12,7 +14,7 @@ from gaga_core.scene.cleanup import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.export_mesh import MeshExport
 from gaga_core.scene.export_options import ExportOptions
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import children, files, history, objects, unchanged
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
@@ -77,7 +79,12 @@ def cancel(session: Session) -> bool:
 
 def isolate_selected(session: Session) -> None:
     """Hide everything but the selection; whole objects are cleaned first if that is wanted."""
-    _clean_then(session, "Isolate", edits.isolate_cleaned, objects.isolate)
+    also = children.locked_along(session)
+
+    def build(scene: Scene, groups: Sequence[int], labels: IntArray, title: str) -> Edit | None:
+        return edits.isolate_cleaned(scene, groups, labels, title, also)
+
+    _clean_then(session, "Isolate", build, objects.isolate)
 
 
 def delete_selected(session: Session) -> None:
@@ -98,14 +105,18 @@ def export(
     if not groups:
         files.export(session, what, path, form=form, options=options)
         return
-    scene = replace(session.need().settled().scene)
+    scene, also = replace(session.need().settled().scene), children.locked_along(session)
+    chosen = (*groups, *np.unique(scene.labels[also]).tolist())
 
     def stage() -> Stage[str]:
         labels = yield from edits.clean_objects_stage(scene, groups)
         copy = edits.cleaned_copy(scene, groups, labels)
+        state = copy.state.copy()
+        state[also] |= np.uint8(State.SELECTED)  # written as they are
+        copy.state = state
         return (
             yield from stages.export_stage(
-                copy, what, path, chosen=groups, form=form, options=options
+                copy, what, path, chosen=chosen, form=form, options=options
             )
         )
 
@@ -136,7 +147,7 @@ def _to_clean(session: Session) -> tuple[int, ...]:
     """Objects to clean before something is done to the selection; parts of objects never are."""
     if session.scene is None or not session.settings.clean_first:
         return ()
-    return edits.whole_objects(children.scene_along(session))
+    return edits.whole_objects(children.scene_along(session, with_locked=False))
 
 
 def _watch(session: Session, document: Document) -> Callable[[], bool]:

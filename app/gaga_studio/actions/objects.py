@@ -31,7 +31,8 @@ def hide(session: Session) -> bool:
 @notifies
 def isolate(session: Session) -> bool:
     """Hide everything but the selected splats; show all again when that is so already."""
-    return children.edit_along(session, "Isolate", edits.isolate) or show_all(session)
+    done = children.edit_along(session, "Isolate", edits.isolate, with_locked=True)
+    return done or show_all(session)
 
 
 @notifies

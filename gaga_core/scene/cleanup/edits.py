@@ -117,16 +117,22 @@ def cleaned_edit(scene: Scene, preview: "CleanPreview", title: str) -> Edit | No
 
 
 def isolate_cleaned(
-    scene: Scene, groups: Sequence[int], labels: IntArray, title: str
+    scene: Scene,
+    groups: Sequence[int],
+    labels: IntArray,
+    title: str,
+    also: IntArray | Sequence[int] = (),
 ) -> Edit | None:
-    """Take the labels (N,) of cleaned objects over, and hide everything but these objects."""
+    """Take the labels (N,) of cleaned objects over, and hide all but these and ``also`` (K,)."""
     objects = _rows_of(scene, groups, labels)
+    shown = objects.copy()
+    shown[np.asarray(also, np.int32)] = True
     return _in_turn(
         scene,
         title,
         lambda s: relabel(s, labels),
         lambda s: select(s, objects),
-        lambda s: isolate(s, objects),
+        lambda s: isolate(s, shown),
     )
 
 

@@ -20,14 +20,16 @@ def groups_under_selection(scene: Scene) -> tuple[int, ...]:
     return scene.folders.under(*whole)
 
 
-def splats_under_selection(scene: Scene) -> IntArray:
-    """Splats (K,) of `groups_under_selection` that are neither selected, deleted nor locked.
+def splats_under_selection(scene: Scene, *, with_locked: bool = False) -> IntArray:
+    """Splats (K,) of `groups_under_selection` that are neither selected nor deleted.
 
-    What is hidden is among them: it belongs to what it lies under. What is locked is to stay.
+    What is hidden is among them: it belongs to what it lies under. What is locked is among them
+    only ``with_locked``: to be shown or written, never to be changed.
     """
     groups = groups_under_selection(scene)
     if not groups:
         return np.zeros(0, np.int32)
     taken = np.isin(scene.labels, np.array(groups, np.int32))
-    taken &= ~scene.has(State.SELECTED | State.DELETED | State.LOCKED)
+    left_out = State.SELECTED | State.DELETED
+    taken &= ~scene.has(left_out if with_locked else left_out | State.LOCKED)
     return np.flatnonzero(taken).astype(np.int32)

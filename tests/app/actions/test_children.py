@@ -11,6 +11,7 @@ from gaga_core.scene.scene import State
 from gaga_studio import commands
 from gaga_studio.actions import (
     children,
+    cleanup,
     files,
     folders,
     history,
@@ -213,3 +214,28 @@ def test_an_object_leaves_what_it_lies_under(laid: Session) -> None:
     assert "under no object" in commands.command("object.leave_parent").enabled(laid)
     assert not children.put_under(laid, 2, (1,))
     assert "under itself" in laid.notices[-1].text
+
+
+@pytest.mark.parametrize("cleaned", [False, True])
+def test_what_is_locked_is_isolated_and_exported_with_its_parent_and_never_changed(
+    laid: Session, tmp_path: Path, cleaned: bool
+) -> None:
+    """Isolating hid it; `gaga export --with-children` wrote it, the window did not."""
+    scene = scene_of(laid)
+    assert objects.set_locked(laid, 3, True)
+    if cleaned:
+        assert commands.run("object.clean_first", laid)
+    selection.select_groups(laid, (2,))
+    assert commands.run("object.isolate", laid)
+    finish(laid)
+    assert set(np.unique(scene.labels[scene.visible]).tolist()) - {0} == {2, 3}
+    assert laid.need().history.undo_title.startswith("Isolate group 2")
+    assert summary(laid, ExportPlan(tmp_path, "objects")).n_files == 2
+    cleanup.export(laid, "objects", tmp_path / "out")
+    finish(laid)
+    manifest = json.loads((tmp_path / "out" / "groups.json").read_text())
+    assert {e["id"]: e["parent"] for e in manifest["groups"]} == {2: 0, 3: 2}
+    assert laid.selected_groups() == (2,)
+    assert commands.run("edit.delete", laid)
+    finish(laid)
+    assert 3 not in _groups(laid, State.DELETED)
