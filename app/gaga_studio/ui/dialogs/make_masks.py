@@ -48,6 +48,7 @@ class MaskDialog:
     view: str = ""  # photo to try on
     preview: MaskPreview | None = None
     n_previews: int = 0
+    n_seen: int = 0  # of them, scrolled to
     reopens: bool = False  # after a file dialog
     form: MaskForm = "dataset"  # of the export
 
@@ -105,7 +106,7 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
         dialog.entries = masks.providers()
     entry = _entry(dialog)
     _introduction(session, dialog)
-    height, wants_model = body_height(em(35)), False
+    height, wants_model = body_height(em(36)), False
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
     if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
@@ -323,6 +324,9 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
     stale = ", with other settings" if preview.request != dialog.request else ""
     widgets.dim(f"{preview.n_masks} masks{seconds}{stale}")
     photo_textures.place(texture, width, aspect)
+    if dialog.n_seen != dialog.n_previews:  # what was asked for is seen
+        dialog.n_seen = dialog.n_previews
+        imgui.set_scroll_here_y(1.0)
 
 
 def _mixed(path: Path, preview: MaskPreview) -> UInt8Array:

@@ -20,12 +20,12 @@ SHEET = "Models"
 _PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
 _TABLE = 26.0  # em, while something is asked below it
 _COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
-    ("Model", -0.45),
-    ("Good for", -0.55),
-    ("Size", 5.0),
-    ("License", 6.5),
-    ("Time a photo", 6.5),
-    ("", 6.0),
+    ("Model", -0.47),
+    ("Good for", -0.53),
+    ("Size", 4.7),
+    ("License", 5.8),
+    ("Time a photo", 5.8),
+    ("", 5.6),
 )
 _FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 
@@ -42,17 +42,17 @@ def register(table: RequestTable) -> None:
 
 def draw(session: Session) -> None:
     """The whole sheet."""
-    if not begin_modal(SHEET, em(68)):
+    if not begin_modal(SHEET, em(70)):
         return
     if not session.models.entries:
         models.refresh(session)
     imgui.push_text_wrap_pos(0.0)
     widgets.dim(
-        "Nothing is downloaded without your consent. Sizes are approximate until you ask for one. "
-        f"Models lie in {paths.shown(models_folder())}.",
+        "Nothing is downloaded without your consent. Sizes are approximate until you ask for one.",
         wrap=True,
     )
     imgui.pop_text_wrap_pos()
+    widgets.line(f"Models lie in {paths.shown(models_folder())}.", theme.DIM)
     state = session.models
     is_asking = state.offered is not None or state.removing is not None
     footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)

@@ -101,7 +101,7 @@ def icon_button(
 
 def toggle(label: str, on: bool, *, hint: str, why_not: str = "") -> bool:
     """A text button that stays lit while it is on; whether it was clicked."""
-    _push_flat(on)
+    _push_flat(on, theme.RAISED)  # that it is a button is seen while it is off, too
     imgui.begin_disabled(bool(why_not))
     clicked = imgui.button(label)
     imgui.end_disabled()

@@ -40,7 +40,8 @@ def draw(session: Session, state: EvidenceState) -> None:
     """The whole panel."""
     document = session.document
     if document is None:
-        widgets.empty_state(icons.MEMORY, "No scene is open", "")
+        what = "No scene is open" if session.photos is None else "No splats yet"
+        widgets.empty_state(icons.MEMORY, what, "")
         return
     if session.live is not None:
         _growing(session, document, state, session.live)
@@ -159,11 +160,27 @@ def _table(
         imgui.table_headers_row()
     clipper = imgui.ListClipper()
     clipper.begin(len(decisions))
+    if state.decision in decisions:  # drawn wherever it is, to be scrolled to
+        clipper.include_item_by_index(decisions.index(state.decision))
     while clipper.step():
         for at in range(clipper.display_start, clipper.display_end):
             _row(session, document, state, decisions[at], by_view, is_narrow)
+            if decisions[at] == state.decision:
+                _keep_in_sight(state, decisions[at])
     clipper.end()
     imgui.end_table()
+
+
+def _keep_in_sight(state: EvidenceState, decision: Decision) -> None:
+    """Show the row drawn last whole when it is chosen, and when the table has another height."""
+    now = (decision, imgui.get_window_height())
+    if state.in_sight == now:
+        return
+    state.in_sight = now
+    low, high = imgui.get_item_rect_min().y, imgui.get_item_rect_max().y
+    top = imgui.get_window_pos().y + imgui.get_text_line_height_with_spacing()  # below the titles
+    if low < top or high > imgui.get_window_pos().y + now[1]:
+        imgui.set_scroll_here_y(0.5)
 
 
 def _row(

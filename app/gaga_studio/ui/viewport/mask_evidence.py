@@ -1,6 +1,7 @@
 """A photo and its mask side by side: why this mask joined this group."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -21,7 +22,7 @@ from gaga_studio.ui.viewport import mask_menu
 from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
-_LEAST, _NARROW = 21.5, 25.0  # em: least width of a card; below this a button has no text
+_LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
 _MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
 _ABOVE = 0.4  # share of the height: an object below it has the card above
 
@@ -34,6 +35,7 @@ class EvidenceState:
     live_view: str = ""  # last view of a running association whose picture was there
     live_bank: MemoryBank | None = None
     menu: MaskMenuState = field(default_factory=MaskMenuState)
+    in_sight: tuple[Decision, float] | None = None  # row shown, and the height of its table then
     placed_for: Decision | None = None  # mask for which the card was given its place
     is_above: bool = False  # the card lies over the upper half of the picture
 
@@ -57,7 +59,9 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
         if state.placed_for is not decision:
             state.placed_for = decision
             state.is_above = _is_low(session, document, decision.group, area)
-    is_above = decision is not None and state.is_above and width < area.width - _beside_cube(area)
+    room = area.width - _beside_cube(area)
+    is_above = decision is not None and state.is_above and room >= em(_LEAST)
+    width = min(width, room) if is_above else width
     top = max(area.head_bottom, area.chip_bottom + em(0.4))
     at = ImVec2(area.left + em(0.8), top if is_above else area.bottom - em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_above else 1))
@@ -114,10 +118,12 @@ def _head(session: Session, document: Document, state: EvidenceState, decision: 
     is_narrow = room < em(_NARROW)
     button = em(9.6 if is_narrow else 14.4)
     imgui.align_text_to_frame_padding()
-    text = f"{decision.view}, mask {decision.mask}"
+    wide = room - button - em(1.2)
     with theme.face(strong=True):
-        shown = widgets.elided(text, room - button - em(3))
-        imgui.text_unformatted(shown)
+        text = f"{decision.view}, mask {decision.mask}"
+        if imgui.calc_text_size(text).x > wide:
+            text = f"{Path(decision.view).stem}, mask {decision.mask}"
+        imgui.text_unformatted(widgets.elided(text, wide))
     imgui.same_line(room - button - em(0.6))
     mask_menu.button(session, document, state.menu, decision)
     imgui.same_line()

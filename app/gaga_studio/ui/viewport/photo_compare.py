@@ -47,11 +47,11 @@ def draw(
         view.holds_photo = False
     if view.compare is PhotoCompareMode.OFF and not view.holds_photo:
         return False
-    is_split = view.compare is PhotoCompareMode.SWIPE and not view.holds_photo
-    needs_photo = not is_split or bool(split_view.AT_A_PHOTO & set(view.sides))
+    is_divided = is_split(session)
+    needs_photo = not is_divided or bool(split_view.AT_A_PHOTO & set(view.sides))
     photo = photo_compare.compared(session) if needs_photo else None
     if needs_photo and photo is None:
-        if is_split:
+        if is_divided:
             return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
         if not session.rig.is_moving:
             _note("Click a photo to stand where it was taken", corner, size)
@@ -60,7 +60,7 @@ def draw(
     place = whole if photo is None else _placement(photo, camera, corner)
     imgui.push_clip_rect(corner, ImVec2(corner.x + size.x, corner.y + size.y), True)
     owns, text = False, ""
-    if is_split:
+    if is_divided:
         text = _sides(session, compared, photo, place, whole, render_left(camera))
         owns = _line(session, place, corner, size)
     elif photo is not None and view.holds_photo:
@@ -69,10 +69,21 @@ def draw(
     elif photo is not None:
         text = _difference(session, compared, photo, place)
     imgui.pop_clip_rect()
-    if is_split:
+    if is_divided:
         return _choices(session, corner, size, text) or owns
     _note(text, corner, size)
     return owns
+
+
+def is_split(session: Session) -> bool:
+    """Whether the picture is divided by the line."""
+    view = session.view
+    return view.compare is PhotoCompareMode.SWIPE and not view.holds_photo
+
+
+def bar_height(session: Session) -> float:
+    """What the choices of a split view take of the head of the picture; 0 without them."""
+    return imgui.get_frame_height() + em(1.1) if is_split(session) else 0.0
 
 
 def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:

@@ -210,13 +210,14 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
 
 def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
     """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
-    corner, size = ImVec2(area.left, area.top), ImVec2(area.width, area.height)
+    bar = photo_compare.bar_height(session)
+    corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top = corner.y + em(0.7)
     if cleanup.shown(session) is not None:
         top = _badge("Preview of Clean up", corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
         top = _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
-    elif session.view.mode is not Mode.COLOR:
+    elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
         top = _badge(mode_badge(session), corner)
     area.head_bottom = tool_options.draw_card(session, area, top)
     measure_overlay.draw_card(session, state.measure, corner, size)
