@@ -49,7 +49,8 @@ def _middle(d: Driver, group: int) -> tuple[float, float]:
 def _lowest(d: Driver) -> int:
     """The object of several masks that is nearest to the middle of the lower half."""
     wanted = d.corner[0] + 0.5 * d.size[0], d.corner[1] + 0.7 * d.size[1]
-    groups = [g for g in d.session.objects().ids.tolist() if g and len(d.session.decisions(g)) > 4]
+    ids: list[int] = d.session.objects().ids.tolist()
+    groups = [g for g in ids if g and len(d.session.decisions(g)) > 4]
     return min(groups, key=lambda g: np.hypot(*np.subtract(_middle(d, g), wanted)))
 
 

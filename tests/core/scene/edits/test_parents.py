@@ -206,9 +206,12 @@ def test_a_damaged_step_that_puts_an_object_under_itself_is_one_sentence() -> No
     """Redo raised a `ValueError`: a project's history is checked when a step is done again."""
     scene = _laid()
     _do(scene, edits.put_in_folder(scene, (1,), ""))
-    entry = encode_edit(edits.set_parent(scene, (4,), 3))
+    edit = edits.set_parent(scene, (4,), 3)
+    assert edit is not None
+    entry = encode_edit(edit)
+    assert entry is not None
     damaged = decode_edit({**entry, "moved": [], "parents": [[1, None, 3]]}, len(scene))
     before = scene.folders
-    with pytest.raises(GagaError, match="is damaged .* lies under itself"):
+    with pytest.raises(GagaError, match=r"is damaged .* lies under itself"):
         damaged.apply(scene)
     assert scene.folders is before
