@@ -32,12 +32,12 @@ from gaga_core.grouping.memory_bank import (
     two_best,
     views_per_group,
 )
-from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
+from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage
 from gaga_core.grouping.robust.label_masks import voting_labels
 from gaga_core.grouping.robust.point_tables import Leaders
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.views import load_labels, views_with_masks
-from gaga_core.grouping.votes import Votes, splat_groups, vote_labels
+from gaga_core.grouping.votes import Votes, VoteSums, splat_groups
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import for_many_views
@@ -87,10 +87,10 @@ def add_views_stage(
     rasterizer = for_many_views(rasterizer, chunks)
     gated = GatedViews(gaussians, new, masks, config.gate, config.depth, chunks)
     if former.bank.preset == "paper" or config.consensus is None:
-        bank, votes = yield from _by_memory_bank(gated, former, rasterizer, config)
+        bank, votes, begun = yield from _by_memory_bank(gated, former, rasterizer, config)
     else:
-        bank, votes = yield from _by_shown_groups(gated, former, rasterizer, config)
-    merged = _added(former, votes)
+        bank, votes, begun = yield from _by_shown_groups(gated, former, rasterizer, config)
+    merged = _with_former(former, votes, begun)
     labels = np.where(merged.labels > 0, merged.labels, np.maximum(bank.group, 0)).astype(np.int32)
     if bank.preset == "robust":  # the votes say who owns what, not who came first
         bank = replace(bank, group=np.where(labels > 0, labels, np.int32(-1)))
@@ -107,8 +107,8 @@ def add_views_stage(
 
 def _by_memory_bank(
     gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
-) -> Stage[tuple[MemoryBank, Votes]]:
-    """The paper: the bank after the new views, and their votes."""
+) -> Stage[tuple[MemoryBank, Votes, FloatArray]]:
+    """The paper: the bank after the new views, the votes, and those (N,) that they began with."""
     bank = former.bank
     for i, camera in enumerate(gated.views):
         gated.render(camera, rasterizer)
@@ -116,16 +116,18 @@ def _by_memory_bank(
         bank, _ = add_view(bank, camera.name, masks.ids, mask_of, config.threshold)
         snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
         yield Progress(STAGE, i, 2 * len(gated.views), camera.name, snapshot)
-    votes = yield from part(
-        vote_with_bank(gated, bank, rasterizer, config.histogram_bytes), 1, 2, STAGE
-    )
-    return replace(bank, log=tuple(bank.log)), votes
+    best = former.confidence * former.weight
+    sums = VoteSums.started(former.labels, best, bank.n_groups, config.histogram_bytes)
+    vote = vote_with_bank(gated, bank, rasterizer, config.histogram_bytes, sums)
+    votes = yield from part(vote, 1, 2, STAGE)
+    return replace(bank, log=tuple(bank.log)), votes, best
 
 
 def _by_shown_groups(
     gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
-) -> Stage[tuple[MemoryBank, Votes]]:
-    """Beyond the paper: masks take the groups that they show; the rest finds its own."""
+) -> Stage[tuple[MemoryBank, Votes, FloatArray]]:
+    """Beyond the paper: masks take the groups that they show; the rest finds its own. Former votes
+    for what no former mask showed are of masks next to it: they do not count against new ones."""
     consensus = config.consensus or ConsensusConfig()
     seen = yield from part(_seen_labels(gated, former, rasterizer), 0, 4, STAGE)
     depths = DepthMaps(gated.views)
@@ -162,19 +164,15 @@ def _by_shown_groups(
 
     def label_map(camera: Camera) -> IntArray:
         table, masks = tables[camera.name], gated.masks_of(camera)
-        merged = merged_masks(Leaders.of(table), consensus)
+        merged = _of_several(Leaders.of(table), consensus)
         shown = splat_groups(rasterizer, gated.gaussians, camera, seen) if len(merged) else None
         return voting_labels(masks, table, merged, shown)
 
-    stage = vote_labels(
-        gated.gaussians,
-        gated.views,
-        label_map,
-        bank.n_groups,
-        rasterizer,
-        histogram_bytes=config.histogram_bytes,
-    )
-    return bank, (yield from part(stage, 3, 4, STAGE))
+    best = np.where(seen > 0, former.confidence * former.weight, np.float32(0))
+    sums = VoteSums.started(former.labels, best, bank.n_groups, config.histogram_bytes)
+    stage = sums.add_stage(gated.gaussians, gated.views, label_map, rasterizer)
+    yield from part(stage, 3, 4, STAGE)
+    return bank, sums.votes(), best
 
 
 def _seen_labels(
@@ -183,9 +181,11 @@ def _seen_labels(
     """Labels (N,) of the Gaussians that former masks have shown, 0 = of no mask, or hardly.
 
     What has no mask still gets votes from the borders of masks next to it. So the votes must weigh
-    as much as a view would that shows it whole, or as a few of many views would.
+    as much as a view would that shows it whole, or as a few of many views would: of as large a
+    share of the former views as of the new ones, as far as these tell who sees it.
     """
     most = np.zeros((len(gated.gaussians), 1), np.float32)
+    n_seeing = np.zeros(len(most), np.int32)
     for i, camera in enumerate(gated.views):
         yield Progress(STAGE, i, len(gated.views), f"what {camera.name} shows")
         weight = np.zeros_like(most)
@@ -193,8 +193,10 @@ def _seen_labels(
             gated.gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
         )
         np.maximum(most, weight, out=most)
+        n_seeing += weight[:, 0] > 0
     n_former = len({decision.view for decision in former.bank.log})
-    least = most[:, 0] * max(_SEEN, _SEEN_SHARE * n_former)
+    n_views = n_former / len(gated.views) * n_seeing
+    least = most[:, 0] * np.maximum(_SEEN, _SEEN_SHARE * n_views)
     is_seen = (former.confidence > 0) & (former.weight >= least)
     return np.where(is_seen, former.labels, 0).astype(np.int32)
 
@@ -211,6 +213,16 @@ def _known(table: LongArray, guessed: LongArray) -> BoolArray:
     is_back = (seen >= _SEEN_BACK * n_pixels) & (guessed[row, group] >= _KNOWN * n_pixels)
     result: BoolArray = (seen >= _KNOWN * n_pixels) | is_back
     return result
+
+
+def _of_several(leaders: Leaders, config: ConsensusConfig) -> LongArray:
+    """Dense ids of the masks that show several groups, as `merged_masks` finds them by points.
+
+    By pixels the others count together: a floor shows a little of all that stands on it.
+    """
+    others = leaders.total - leaders.n_first
+    share = config.merged_share * np.maximum(leaders.total, 1)
+    return np.flatnonzero((others >= share) & (leaders.n_second >= 2))
 
 
 def _pixels(labels: IntArray, shown: IntArray, n_masks: int, n_groups: int) -> LongArray:
@@ -272,16 +284,14 @@ def _decided(
     return replace(bank, n_groups=bank.n_groups + n_fresh, log=tuple(log))
 
 
-def _added(former: FormerGroups, new: Votes) -> Votes:
-    """The votes of former and new views together, as far as the best of each are known."""
-    old_best = former.confidence * former.weight
-    new_best = new.confidence * new.weight
-    is_same = former.labels == new.labels
-    takes_new = ~is_same & (new_best > old_best)
-    best = np.where(is_same, old_best + new_best, np.where(takes_new, new_best, old_best))
-    labels = np.where(takes_new, new.labels, np.where(old_best > 0, former.labels, 0))
-    labels = np.where(is_same, new.labels, labels)
-    weight = former.weight + new.weight
+def _with_former(former: FormerGroups, votes: Votes, begun: FloatArray) -> Votes:
+    """The votes, with the weight of former ones that they did not begin with (``begun`` (N,) of
+    the label); what has no vote in them keeps the label that it had votes for."""
+    best = former.confidence * former.weight
+    keeps = (votes.labels == 0) & (best > 0)
+    labels = np.where(keeps, former.labels, votes.labels)
+    weight = votes.weight + former.weight - begun
     with np.errstate(invalid="ignore", divide="ignore"):
-        confidence = np.where(weight > 0, best / weight, 0).astype(np.float32)
-    return Votes(labels.astype(np.int32), np.minimum(confidence, 1), weight)
+        share = np.where(keeps, best, votes.confidence * votes.weight) / weight
+    confidence = np.where(weight > 0, np.minimum(share, 1), 0).astype(np.float32)
+    return Votes(labels.astype(np.int32), confidence, weight)

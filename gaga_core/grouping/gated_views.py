@@ -18,7 +18,7 @@ from gaga_core.grouping.gate import (
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.views import has_further, load_labels
-from gaga_core.grouping.votes import Votes, associated_labels, vote_labels
+from gaga_core.grouping.votes import Votes, VoteSums, associated_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer
@@ -116,19 +116,19 @@ class GatedViews:
 
 
 def vote_with_bank(
-    gated: GatedViews, bank: MemoryBank, rasterizer: Rasterizer, histogram_bytes: int
+    gated: GatedViews,
+    bank: MemoryBank,
+    rasterizer: Rasterizer,
+    histogram_bytes: int,
+    sums: VoteSums | None = None,
 ) -> Stage[Votes]:
-    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in."""
+    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in; with
+    ``sums`` they are added to those."""
     groups = groups_of_masks(bank, [camera.name for camera in gated.views])
 
     def label_map(camera: Camera) -> IntArray:
         return associated_labels(load_labels(gated.masks, camera)[0], groups[camera.name])
 
-    return vote_labels(
-        gated.gaussians,
-        gated.views,
-        label_map,
-        bank.n_groups,
-        rasterizer,
-        histogram_bytes=histogram_bytes,
-    )
+    sums = sums or VoteSums.empty(len(gated.gaussians), bank.n_groups, histogram_bytes)
+    yield from sums.add_stage(gated.gaussians, gated.views, label_map, rasterizer)
+    return sums.votes()

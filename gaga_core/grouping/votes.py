@@ -73,6 +73,23 @@ class VoteSums:
         table = np.zeros((n, n_groups), np.float32) if is_table else VoteSlots.empty(n)
         return VoteSums(n_groups, table)
 
+    @staticmethod
+    def started(
+        labels: IntArray,  # (N,) 0 = none
+        weights: FloatArray,  # (N,) of that label, >= 0
+        n_groups: int,
+        histogram_bytes: int = HISTOGRAM_BYTES,
+    ) -> "VoteSums":
+        """Sums in which each Gaussian has the votes of one label already; see `empty`."""
+        result = VoteSums.empty(len(labels), n_groups, histogram_bytes)
+        rows = np.flatnonzero((labels > 0) & (weights > 0))
+        if isinstance(result.sums, VoteSlots):
+            result.sums.labels[rows, 0] = labels[rows] - 1
+            result.sums.weights[rows, 0] = weights[rows]
+        else:
+            result.sums[rows, labels[rows] - 1] = weights[rows]
+        return result
+
     def add_stage(
         self,
         gaussians: Gaussians,

@@ -1,10 +1,20 @@
 """New views join an associated scene: as if they had come last, without the former ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.grouping import add_views
+from gaga_core.grouping.add_views import FormerGroups
+from gaga_core.grouping.gate import GateConfig
+from gaga_core.grouping.gated_views import GatedViews
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
 from tests.core.grouping.joined_views import FIRST, add, associate, true_masks
 from tests.scenes import Synthetic, objects_scene
 
@@ -54,3 +64,30 @@ def test_nothing_to_add_is_said(scene: Synthetic) -> None:
     regions = MaskSet(true_masks(scene, scene.cameras[:3]).loaders, are_regions=True)
     with pytest.raises(GagaError, match="levels of detail"):
         add(scene, regions, first)
+
+
+def test_what_few_views_see_needs_few_votes_to_be_known(scene: Synthetic) -> None:
+    """One of ten new views sees the scene, so some four of forty former ones did: the weight of
+    most of one view is enough. Where all new views see it, forty former ones must say more."""
+    seeing = scene.cameras[0]
+    away = np.diag([-1.0, 1.0, -1.0, 1.0])  # half a turn
+    turned = replace(seeing, cam_from_world=away @ seeing.cam_from_world)
+    weight = np.zeros((len(scene.gaussians), 1), np.float32)
+    whole = np.zeros((seeing.height, seeing.width), np.int32)
+    choose("cpu").vote(scene.gaussians, seeing, whole, weight)
+    log = tuple(Decision(f"former {i}", 1, 1, i == 0, 1.0, 0, 0.0, 9) for i in range(40))
+    labels = np.ones(len(weight), np.int32)
+    former = FormerGroups(
+        MemoryBank(labels, 1, log, preset="robust"),
+        labels,
+        np.ones(len(weight), np.float32),
+        0.8 * weight[:, 0],
+    )
+
+    def known(views: list[Camera]) -> float:
+        gated = GatedViews(scene.gaussians, views, MaskSet({}), GateConfig(), "median")
+        seen = run_stage(add_views._seen_labels(gated, former, choose("cpu")))
+        return float((seen[weight[:, 0] > 0] > 0).mean())
+
+    assert known([seeing] + [turned] * 9) == 1
+    assert known([seeing] * 10) == 0

@@ -112,3 +112,27 @@ def test_pseudo_labels_map_mask_ids_to_groups() -> None:
     group_of_mask = np.zeros(301, np.int32)
     group_of_mask[[4, 300]] = [512, 7]
     assert associated_labels(labels, group_of_mask).tolist() == [[0, 512, 7], [512, 0, 0]]
+
+
+@pytest.mark.parametrize("histogram_bytes", [1, 1 << 20])
+def test_sums_go_on_from_the_votes_of_one_label(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+    histogram_bytes: int,
+) -> None:
+    """As when these votes are added in the same table, or in the same slots."""
+    gaussians, cameras, label_map = scene
+    rng = np.random.default_rng(0)
+    before = rng.integers(0, _N_GROUPS + 1, len(gaussians)).astype(np.int32)
+    weights = rng.uniform(0, 30, len(gaussians)).astype(np.float32)
+    found = VoteSums.started(before, weights, _N_GROUPS, histogram_bytes)
+    run_stage(found.add_stage(gaussians, cameras, label_map, choose("cpu")))
+    table = np.zeros((len(gaussians), _N_GROUPS), np.float32)
+    rows = np.flatnonzero(before)
+    table[rows, before[rows] - 1] = weights[rows]
+    both = VoteSums(_N_GROUPS, table)
+    run_stage(both.add_stage(gaussians, cameras, label_map, choose("cpu")))
+    votes, expected = found.votes(), both.votes()
+    assert np.array_equal(votes.labels, expected.labels)
+    assert np.allclose(votes.weight, expected.weight, rtol=1e-5)
+    stays = (votes.labels == before)[before > 0]
+    assert 0.05 < stays.mean() < 0.95, "some of the votes before decide, some do not"
