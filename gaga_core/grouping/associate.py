@@ -245,6 +245,7 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     points = tables.by_name(task.names)
     ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
     decided = decide_masks(first_bank, points, ids)
+    del first_bank  # its log is as long as the new one
     # 3. Masks of one group vote for Gaussians.
     sums = VoteSums.empty(len(task.gaussians), points.tables.width - 1, task.config.histogram_bytes)
     vote = _vote_by_points(task, consensus, points, sums)

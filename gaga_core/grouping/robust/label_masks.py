@@ -37,11 +37,14 @@ def decide_masks(
     Decisions keep their order and #G(m); a group is new where it comes first. No group
     owns Gaussians yet. A mask without a point of any group has none.
     """
-    decisions = {view: _decisions(table, ids[view]) for view, table in tables.items()}
     known: set[int] = set()
     log = []
+    decisions: dict[int, tuple[int, float, int, float]] = {}  # of one view: those of all are many
+    view = None
     for old in bank.log:
-        first, overlap, second, runner_up_overlap = decisions[old.view][old.mask]
+        if old.view != view:
+            view, decisions = old.view, _decisions(tables[old.view], ids[old.view])
+        first, overlap, second, runner_up_overlap = decisions[old.mask]
         log.append(
             replace(
                 old,
