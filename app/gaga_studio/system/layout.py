@@ -33,6 +33,8 @@ class Panel:
     space: str  # dock space of the wide layout
     compact_space: str  # dock space of the compact layout
     is_bare: bool = False  # no padding, no scrolling: the picture fills it
+    # Whether the compact layout, which has little room for tabs, shows it now; None: always.
+    is_wanted: Callable[[], bool] | None = None
 
 
 @dataclass
@@ -60,24 +62,23 @@ class Layout:
         params.alternative_docking_layouts = [other]
         params.remember_selected_alternative_layout = False
 
-    def fit(self, size: imgui.ImVec2, scale: float) -> bool:
+    def fit(self, size: imgui.ImVec2, scale: float) -> None:
         """Bring the layout to a window of ``size`` pixels and text of ``scale``; every frame.
 
-        Returns whether another layout was taken. Fewer columns when the window becomes small for
-        its text, all of them when it becomes large.
+        Fewer columns when the window becomes small for its text, all of them when it becomes large.
         """
         if size.x <= 0 or size.y <= 0:  # minimized
-            return False
+            return
         self._frames += 1
         if self._frames <= _SETTLED:
-            return False
+            return
         docking = hello_imgui.get_runner_params().docking_params
         whole = (int(size.x), int(size.y))
         wanted = self._wanted(whole, scale)
         if wanted != self._name:
             self._name, self._scale, self._frames = wanted, scale, 0
             hello_imgui.switch_layout(wanted)
-            return True
+            return
         # Shares of a window that has another size by now would make panels of another width.
         made, now = self._made_for.pop(self._name, None), (*whole, scale)
         is_stale = made not in (None, now) and self._name not in self.remembered
@@ -87,7 +88,10 @@ class Layout:
             docking.layout_reset = True
             self._frames = 0
         self._scale = scale
-        return False
+
+    def shows(self, panel: Panel) -> bool:
+        """Whether the layout that is used has a place for ``panel`` now."""
+        return self._name == _WIDE or panel.is_wanted is None or panel.is_wanted()
 
     def _wanted(self, size: tuple[int, int], scale: float) -> str:
         narrow, low = (side * scale for side in self.compact_below)

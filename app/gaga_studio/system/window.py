@@ -56,7 +56,6 @@ class Window:
     options: WindowOptions = field(default_factory=WindowOptions)
     _layout: Layout = field(init=False)
     _title: str = ""
-    _panels_shown: bool = True
     _key_queue: KeyQueue = field(default_factory=KeyQueue)
     _drop: object = None  # GLFW keeps no reference to its callback: we must
 
@@ -152,20 +151,17 @@ class Window:
         idling.fps_idle = max(rate, 1.0)
         style = imgui.get_style()
         scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
-        if self._layout.fit(imgui.get_io().display_size, scale):
-            self._panels_shown = True
+        self._layout.fit(imgui.get_io().display_size, scale)
         self._show_panels(self.hooks.panels_shown())
         self.hooks.before_frame()
 
     def _show_panels(self, shown: bool) -> None:
-        """Show all panels, or the picture alone."""
-        if shown == self._panels_shown:
-            return
-        self._panels_shown = shown
+        """Show the panels that have a place, or the picture alone."""
         docking = hello_imgui.get_runner_params().docking_params
         for panel in self.panels:
             if not panel.is_bare:
-                docking.dockable_window_of_name(panel.label).is_visible = shown
+                window = docking.dockable_window_of_name(panel.label)
+                window.is_visible = shown and self._layout.shows(panel)
 
 
 def physical_keys() -> dict[str, str]:

@@ -1,5 +1,6 @@
 """The dockable panels: their titles, who draws them, and where each is docked."""
 
+from gaga_studio.actions.bank_timeline import timeline_of
 from gaga_studio.session.session import Session
 from gaga_studio.system.layout import Panel
 from gaga_studio.ui.panels import (
@@ -58,7 +59,13 @@ def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel
         Panel("Views", lambda: film_strip.draw(session, ui.scene.film_strip), "Bottom", "Right"),
         Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
         Panel("Bookmarks", lambda: bookmarks.draw(session, ui.scene.bookmarks), "Bottom", "Right"),
-        Panel(bank_timeline.TITLE, draw_timeline, "Bottom", "Right"),
+        Panel(
+            bank_timeline.TITLE,
+            draw_timeline,
+            "Bottom",
+            "Right",
+            is_wanted=lambda: timeline_of(session).is_open,
+        ),
         Panel(
             "History",
             lambda: history.draw(session, ui.scene.history),

@@ -15,7 +15,7 @@ from PIL import Image
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio import commands
-from gaga_studio.actions import objects, selection
+from gaga_studio.actions import bank_timeline, objects, selection
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
 from tests.app.window.driver import KEY, Driver, drive
@@ -34,6 +34,7 @@ def test_a_small_window(
         _the_card_of_a_mask_keeps_off_its_object(d, group, monkeypatch)
         _the_chosen_mask_is_in_sight(d, group)
         _nothing_lies_over_the_choices_of_a_split_view(d, group)
+        _titles_of_panels_are_whole(d)
 
     drive(walk, path=folder, size=(800, 500))
 
@@ -107,6 +108,26 @@ def _nothing_lies_over_the_choices_of_a_split_view(d: Driver, group: int) -> Non
     assert d.exists("Viewport/##Left side")
     bar = d.engine.item_info("//Viewport/##Left side").rect_full
     assert d.engine.item_info("//Viewport/###Show all").rect_full.min.y >= bar.max.y
+
+
+def _titles_of_panels_are_whole(d: Driver) -> None:
+    """They were cut to "Came…"; the panel of the replay is there while there is a replay."""
+
+    def titles() -> list[str]:
+        nodes = [d.engine.get_window_by_ref(f"//{n}").dock_node for n in ("Objects", "Inspector")]
+        for node in nodes:
+            assert all(tab.width >= tab.content_width for tab in node.tab_bar.tabs)
+        return [window.name for node in nodes for window in node.windows]
+
+    shown = titles()
+    assert {"Objects", "Camera path", "Memory bank"} < set(shown)
+    assert "Timeline" not in shown
+    d.on_main(partial(commands.run, "view.timeline", d.session))
+    d.until(lambda: bank_timeline.timeline_of(d.session).is_open, "the growth is known")
+    d.frames(4)
+    d.click("Timeline/**/###Close replay")
+    d.frames(4)
+    assert titles() == shown
 
 
 def test_sheets_scroll_only_where_they_must(

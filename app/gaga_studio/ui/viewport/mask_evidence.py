@@ -24,6 +24,7 @@ from gaga_studio.ui.viewport.mask_menu import MaskMenuState
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
 _MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
+_HIGH_GROWING = 0.34  # share of its height
 _ABOVE = 0.4  # share of the height: an object below it has the card above
 
 
@@ -53,7 +54,7 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
     decision = state.decision
     if document is None or (decision is None and session.live is None):
         return
-    width = min(em(17), max(_MOST_GROWING * area.width, em(9)), area.width - em(1.6))
+    width = _growing_width(session, area)
     if decision is not None:
         width = _width(photo_textures.aspect(session, decision.view), area)
         if state.placed_for is not decision:
@@ -85,6 +86,13 @@ def _width(aspect: float, area: PictureArea) -> float:
     """Of the card of a mask: its pictures leave more than half of the height free."""
     high = _MOST_HIGH * area.height - em(_HEAD)
     return min(max(2 * high * aspect + em(2), em(_LEAST)), em(36), area.width - em(1.6))
+
+
+def _growing_width(session: Session, area: PictureArea) -> float:
+    """Of the card of a running association: it leaves most of the picture free."""
+    aspect = photo_textures.aspect(session, session.live.view) if session.live else 1.0
+    most = min(_MOST_GROWING * area.width, _HIGH_GROWING * area.height * aspect + em(2))
+    return min(em(17), max(most, em(9)), area.width - em(1.6))
 
 
 def _beside_cube(area: PictureArea) -> float:
