@@ -17,7 +17,8 @@ from tests.app.window.driver import Driver
 Opens = Literal["nothing", "photos", "masks", "objects", "guitar"]
 _MOST_BYTES = 450_000  # of a picture's file
 _COLORS = (256, 192, 128, 96, 64, 48)  # of its palette; the first that keeps to the size
-_FILM_WIDTH, _FILM_COLORS = 960, 96  # pixels; of its palette
+_FILM_WIDTH, _FILM_COLORS = 960, 160  # pixels; of its palette
+_REFINED = 2  # rounds that move the colors of a palette to where they are missed most
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Shot:
             return
         for colors in _COLORS:
             # Pillow diffuses the error only when it is given a palette.
-            small = image.quantize(palette=image.quantize(colors))
+            small = image.quantize(palette=image.quantize(colors, kmeans=_REFINED))
             file = io.BytesIO()
             small.save(file, "PNG", optimize=True)
             if file.tell() <= self._most_bytes:
@@ -91,7 +92,7 @@ class Film:
         strip = Image.new("RGB", (_FILM_WIDTH, sum(image.height for image in self.images)))
         for i, image in enumerate(self.images):
             strip.paste(image, (0, i * image.height))
-        palette = strip.quantize(_FILM_COLORS)
+        palette = strip.quantize(_FILM_COLORS, kmeans=_REFINED)
         # Without diffused errors: noise that changes from picture to picture packs badly.
         frames = [
             image.quantize(palette=palette, dither=Image.Dither.NONE) for image in self.images

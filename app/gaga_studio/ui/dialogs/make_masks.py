@@ -106,7 +106,7 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
         dialog.entries = masks.providers()
     entry = _entry(dialog)
     _introduction(session, dialog)
-    height, wants_model = body_height(em(36)), False
+    height, wants_model = body_height(em(37)), False
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
     if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
