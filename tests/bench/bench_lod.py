@@ -32,7 +32,15 @@ def figures() -> list[Figure]:
         Figure(f"{large}: CPU of a frame, per that of {small}", growth, "ratio", "<= 1.3"),
         Figure(f"{large}: CPU of a frame of {BUDGET:,} splats, 960x540", many.frame_ms, "ms"),
         Figure(f"{large}: most that a frame changes after half a turn", many.pop, "1/255", "<= 1"),
+        Figure(
+            f"{small}: CPU of a frame, per one of all splats", few.frame_ms / few.whole_ms, "ratio"
+        ),
         Figure(f"{large}: CPU of a click", many.pick_ms, "ms"),
+        Figure(
+            f"{large}: CPU of a click, per one among all splats",
+            many.pick_ms / many.whole_pick_ms,
+            "ratio",
+        ),
         Figure(f"{large}: peak of memory, textures included", many.peak_mib, "MiB", most),
     ]
 

@@ -33,6 +33,7 @@ from gaga_studio.session.view_state import ViewState
 
 BUDGET = 500_000
 _N_FRAMES = 8
+_MOST_WHOLE = 3_000_000  # splats of a scene that is drawn whole, too
 _SIDE = 8.0  # of the hall at 3M splats, scene units
 _SIZE = (960, 540)
 
@@ -49,7 +50,9 @@ class Cost:
     first_s: float  # to the first settled picture
     frame_ms: float  # of a settled frame of an orbit: cut, sort and picture
     drawn: int  # splats in the cut of the last frame
+    whole_ms: float  # of such a frame of all splats; 0 where it was not drawn
     pick_ms: float
+    whole_pick_ms: float  # among all splats
     pop: float  # most that nodes on their way change in one frame, in 1/255, after half a turn
     peak_mib: float
     tree_mib: float  # files of the tree
@@ -145,6 +148,13 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
     first_s = _cpu(lambda: settled(cameras[0]))
     frames = [_cpu(partial(settled, camera)) for camera in cameras[1:]]
     drawn = viewport.n_in_cut
+    whole_ms = 0.0
+    if n <= _MOST_WHOLE:
+        viewport.use_tree(None)
+        settled(cameras[0])
+        whole_ms = 1e3 * _cpu(lambda: settled(cameras[1]))
+        viewport.use_tree(tree)
+        settled(cameras[-1])
     boxes = PickBoxes(tree, scene)
 
     def click(v: float) -> None:
@@ -152,6 +162,7 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         pick(scene, cameras[0], 480.5, v, rows=rows)
 
     picks = [_cpu(partial(click, v)) for v in (200.5, 300.5, 400.5, 350.5, 250.5)]
+    whole_pick = _cpu(lambda: pick(scene, cameras[0], 480.5, 300.5))
     pop = max(_pop(viewport, scene, camera, view) for camera in (_turned(), cameras[-1]))
     viewport.release()
     return Cost(
@@ -163,7 +174,9 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         first_s=first_s,
         frame_ms=1e3 * float(np.median(frames)),
         drawn=drawn,
+        whole_ms=whole_ms,
         pick_ms=1e3 * float(np.median(picks)),
+        whole_pick_ms=1e3 * whole_pick,
         pop=pop,
         peak_mib=_peak_mib(),
         tree_mib=tree.file_bytes / (1 << 20),
