@@ -7,11 +7,11 @@ from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.color import rgb_from_dc
+from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.fill.config import FillConfig
-from gaga_core.scene.fill.smooth import continued
+from gaga_core.scene.fill.smooth import blurred, continued
 from gaga_core.scene.fill.surfaces import Plane
 from gaga_core.scene.fill.views import SeenView
 
@@ -22,6 +22,8 @@ _DOUBT = 0.2  # of the views that show the object there: so few may err at its o
 _OPENED = 0.5  # of these: so many must see deeper when it is gone
 _RIM = 2  # cells at the edge of a hole that the splats around it half cover
 _SELDOM = 0.25  # of the views in which the object hides a cell: seen by fewer, it is made again
+_GAP = 0.1  # share of light that a gap under the object lacks
+_WIDE, _NARROW = 3.0, 1.0  # cells over which the light around a gap and in it is averaged
 _CLOSE = 6  # cells between parts of one hole
 _FLAT = 0.12  # sine of the angle to the surface under which a view says nothing
 _LEAST_CELLS = 6  # of a hole
@@ -40,6 +42,7 @@ class Chart:
     height: DoubleArray  # (H, W) of the surface over the plane, where known
     known: BoolArray  # (H, W) seen surface
     hole: BoolArray  # (H, W) surface that the object hid from all views
+    again: BoolArray  # (H, W) cells of the hole that photos showed
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -97,7 +100,7 @@ def chart_of(
     )
     known = alpha > _COVERED
     empty = np.zeros((rows, columns), np.bool_)
-    chart = Chart(plane, corner, step, color, np.where(known, height, 0), known, empty)
+    chart = Chart(plane, corner, step, color, np.where(known, height, 0), known, empty, empty)
     return _with_hole(chart, alpha, views)
 
 
@@ -180,21 +183,37 @@ def _with_hole(chart: Chart, alpha: DoubleArray, views: tuple[SeenView, ...]) ->
     # What is next to it was seen by few views, and stood in the object's shadow: it is made again.
     rim = (behind > 0).reshape(chart.shape) & known & ~covered
     hole |= ndimage.binary_dilation(hole, iterations=_RIM, mask=rim | hole)
-    hole = _whole(hole, known, (seen < _SELDOM * behind).reshape(chart.shape))
-    return replace(chart, hole=hole, known=known & ~hole)
+    seldom = (seen < _SELDOM * behind).reshape(chart.shape)
+    hole = _whole(hole, known, darker(chart.color, known, known & (seldom | hole)))
+    return replace(chart, hole=hole, known=known & ~hole, again=known & hole)
 
 
-def _whole(hole: BoolArray, known: BoolArray, seldom: BoolArray) -> BoolArray:
-    """The hole (H, W) with the places in it that few views saw: they show the dark of a gap.
+def darker(color: DoubleArray, known: BoolArray, asked: BoolArray) -> BoolArray:
+    """Which of the cells ``asked`` (H, W) are darker than the other ``known`` ones (H, W) there.
 
-    ``seldom``: (H, W) seen by few of the views that look there.
+    What photos showed well stays as it is.
+    """
+    sure = known & ~asked
+    if not sure.any():
+        return asked
+    luma = (color @ LUMA)[:, :, None]
+    usual = continued(blurred(luma, sure.astype(float), _WIDE), sure, asked)
+    own = blurred(luma, known.astype(float), _NARROW)
+    result: BoolArray = asked & (own < (1 - _GAP) * usual)[:, :, 0]
+    return result
+
+
+def _whole(hole: BoolArray, known: BoolArray, gap: BoolArray) -> BoolArray:
+    """The hole (H, W) with the places in it that show the dark of a gap.
+
+    ``gap``: (H, W) known cells that few of the views that look there saw, and saw dark.
     """
     if not hole.any():
         return hole
     inside = ndimage.binary_closing(np.pad(hole, _CLOSE), iterations=_CLOSE)
     inside = ndimage.binary_fill_holes(inside)[_CLOSE:-_CLOSE, _CLOSE:-_CLOSE]
-    result = hole | (inside & known & seldom)
-    result = ndimage.binary_dilation(result, iterations=_CLOSE, mask=result | (known & seldom))
+    result = hole | (inside & gap)
+    result = ndimage.binary_dilation(result, iterations=_CLOSE, mask=result | gap)
     # Cells between it and the known surface, of which no view could tell.
     gaps = ndimage.binary_closing(np.pad(result | known, _RIM), iterations=_RIM)
     gaps = gaps[_RIM:-_RIM, _RIM:-_RIM] & ~known

@@ -13,11 +13,12 @@ from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import OPAQUE, Chart, above_surface, tolerance_of
 from gaga_core.scene.fill.views import SeenView
 
-_VIEWS = 10  # of those that show most of the hole
+_VIEWS = 16  # of those that show most of the hole
 _ROUNDS = 3  # of taking splats out
-_CHANGE = 0.04  # of a color (0..1): what changes more outside the hole is wrong
+_CHANGE = 0.03  # of a color (0..1): what changes more outside the hole is wrong
 _FALL = 0.02  # of alpha: what loses more is wrong
-_WRONG = 0.3  # of a splat's weight: it goes when so much is in wrong pixels
+_WRONG = 0.2  # of a splat's weight: it goes when so much is in wrong pixels
+_LEAST_KEPT = 0.8  # share of the splats under which the hole is none, and nothing is kept
 _MOST_WRONG = 0.1  # wrong pixels for each one that gains, above which nothing is kept
 _SHOWS = 0.075  # root mean square of a color's change (0..1): a hole changed less hardly shows
 _EDGE = 2  # pixels by which an outline may err
@@ -42,10 +43,11 @@ def accepted(
     """Which of the new splats ``fresh`` (K,) are kept; none when the others still do harm.
 
     ``rest``: (N,) what is left of the scene; ``without`` (N,): rows that go when the hole is
-    filled. Compared are pictures before and after: outside the hole's pixels no color may change,
-    inside them the surface may not get thinner, and nothing may stand above it. Where the picture
-    in the hole hardly changes, large neighbours show through in about the right color already:
-    nothing is kept.
+    filled. Compared are pictures before and after. Outside the hole's pixels no color may change,
+    nor where a photo showed the surface, but for the dark of a gap; inside them the surface may
+    not get thinner, and nothing may stand above it. Nothing is kept where too few splats would be
+    left, which looks spotty, and where the picture in the hole hardly changes: large neighbours
+    show through in about the right color already.
     """
     kept = np.ones(len(fresh), np.bool_)
     looks = _looks(rest, chart, views, rasterizer)
@@ -66,13 +68,16 @@ def accepted(
             wrong, gained = wrong + int(bad.sum()), gained + int(good.sum())
         if change <= _SHOWS**2 * gained:
             break
-        if wrong <= _MOST_WRONG * gained:
-            return kept
-        if last:
-            break
         own = weights[len(stay) :]
-        kept[rows[own[:, 1] > _WRONG * own.sum(axis=1)]] = False
-    return np.zeros(len(fresh), np.bool_)
+        harmful = own[:, 1] > _WRONG * own.sum(axis=1)
+        if last or not harmful.any():
+            if wrong > _MOST_WRONG * gained:
+                break
+            return kept
+        kept[rows[harmful]] = False
+        if kept.mean() < _LEAST_KEPT:
+            break
+    return np.zeros_like(kept)
 
 
 def _judged(look: _Look, after: Frame, chart: Chart) -> tuple[BoolArray, BoolArray]:
@@ -110,6 +115,10 @@ def _looks(
         above = above_surface(view.camera, frame.median_depth.ravel(), points, chart.plane)
         shows = above < tolerance_of(chart)  # nothing that stays stands before it
         hole = ndimage.binary_dilation((hits & shows).reshape(frame.alpha.shape), iterations=_EDGE)
+        # What the photo showed stays, but for the dark of a gap.
+        row, column, _ = chart.cells(chart.plane.local(points))
+        gap = (hits & shows & chart.again[row, column]).reshape(hole.shape)
+        hole &= ~view.is_clear | ndimage.binary_dilation(gap)
         looks.append(_Look(view.camera, frame, hole, points))
     return looks
 

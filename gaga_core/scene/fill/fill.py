@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
@@ -15,7 +16,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.edits.append_values import joined
-from gaga_core.scene.fill.chart import Chart, chart_of
+from gaga_core.scene.fill.chart import Chart, chart_of, tolerance_of
 from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.smooth import smooth_base
@@ -167,17 +168,20 @@ class _Work:
         """Fill behind the splats ``part`` (N,) of the object, surface by surface."""
         own = self.points[part]
         hidden = ~self.is_object & ~self.is_known
-        buried = (hidden | (self.seen.buried & ~self.is_thing)) & ~self.is_object & ~self.locked
-        within = buried & _inside(own, self.points)
-        self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
         usable = self.is_known & ~self.is_object
+        charts = [
+            chart_of(self.gaussians, plane, own, self.seen.views, self.rasterizer, self.config)
+            for plane in surfaces_around(self.gaussians, self.labels, part, usable, self.config)
+        ]
+        within = hidden & ~self.locked & _inside(own, self.points)
+        for chart in charts:  # what lies on a surface is not in the object
+            within &= ~_on_surface(chart, self.points)
+        self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
         n_filled = 0
-        for plane in surfaces_around(self.gaussians, self.labels, part, usable, self.config):
-            chart = chart_of(
-                self.gaussians, plane, own, self.seen.views, self.rasterizer, self.config
-            )
+        for chart in charts:
             if not chart.hole.any():
                 continue
+            plane = chart.plane
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * plane.spacing
             goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
@@ -272,6 +276,16 @@ def _under(chart: Chart, points: DoubleArray) -> BoolArray:
     row, column, inside = chart.cells(local)
     near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
     result: BoolArray = inside & near & chart.hole[row, column]
+    return result
+
+
+def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
+    """Which of ``points`` (N, 3) lie on the chart's surface, whether photos showed it or not."""
+    local = chart.plane.local(points)
+    row, column, inside = chart.cells(local)
+    surface = ndimage.binary_fill_holes(chart.known | chart.hole)
+    near = np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart)
+    result: BoolArray = inside & near & surface[row, column]
     return result
 
 

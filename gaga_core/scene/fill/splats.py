@@ -13,7 +13,8 @@ from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import Chart, drawn
 
 _PIECE = 5.0  # side of a copied piece, spacings of the splats
-_SMALL, _INWARD = 0.7, 0.7  # largest deviation: in spacings, and in ways to the hole's edge
+_SMALL, _INWARD = 0.4, 0.5  # largest deviation: in spacings, and in ways to the hole's edge
+_UNDER = 0.5  # spacings under the surface, so that what is there already is drawn over them
 _ROUNDS = 3  # of correcting colors by what is drawn
 _GAP_ROUNDS = 5  # of splats for what the pieces leave open
 _THIN = 0.9  # alpha under which a cell gets a splat more
@@ -53,11 +54,12 @@ def _placed(
     donors: LongArray,
     places: DoubleArray,
 ) -> Gaussians:
-    """Copies of ``donors`` (K,) at ``places`` (K, 2) on the surface, as far above it as there."""
+    """Copies of ``donors`` (K,) at ``places`` (K, 2) under the surface, as uneven as there."""
     local = chart.plane.local(gaussians.means[donors].astype(np.float64))
     most = 3 * chart.plane.thickness
     lift = np.clip(local[:, 2] - chart.at(chart.height, local), -most, most)
-    target = np.column_stack([places, chart.at(height, places) + lift])
+    under = _UNDER * chart.plane.spacing
+    target = np.column_stack([places, chart.at(height, places) + lift - under])
     # Large splats would lie over what is known next to the hole.
     inward = chart.at(ndimage.distance_transform_edt(chart.hole) * chart.step, places)
     largest = np.log(np.maximum(_SMALL * chart.plane.spacing, _INWARD * inward))

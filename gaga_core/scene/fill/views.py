@@ -16,7 +16,7 @@ from gaga_core.scene.fill.config import FillConfig
 _AROUND = 32  # cameras where there are no photos
 _FROM = 3.0  # radii of the object: how far away they stand
 _UP = np.array([0.0, 0.0, 1.0])  # any: only what is in the picture counts
-_BURIED = 0.5  # of a splat's weight without the object
+_CLEAR = 0.02  # weight of the object under which a pixel does not show it
 _MOST_POINTS = 2000  # of the object, projected to find the views that show it
 
 
@@ -27,6 +27,7 @@ class SeenView:
     camera: Camera
     depth: FloatArray  # (H, W) camera depth of the surface; 0 where there is none
     is_object: BoolArray  # (H, W) the surface is the object
+    is_clear: BoolArray  # (H, W) nothing of the object shows
     after: FloatArray  # (H, W) depth of the surface that is left without it; 0 where there is none
     after_alpha: FloatArray  # (H, W) of what is left without it
 
@@ -37,7 +38,6 @@ class Seen:
 
     views: tuple[SeenView, ...]
     known: BoolArray  # (N,) shown by the photos; what only shimmers through the object is not
-    buried: BoolArray  # (N,) the object takes most of what they would show
 
 
 def seen_stage(
@@ -72,21 +72,25 @@ def seen_stage(
         rasterizer.vote(bare, camera, np.zeros((camera.height, camera.width), np.int32), alone)
     known = total[:, 0] > config.seen
     known[others] &= total[others, 0] > config.seen_share * alone[:, 0]
-    buried = np.zeros(len(gaussians), np.bool_)
-    buried[others] = total[others, 0] < _BURIED * alone[:, 0]
     if made is not None:
         known |= made
-        buried &= ~made
     rest = gaussians.take(~is_object & known)
     views = []
     for i, (camera, frame) in enumerate(zip(chosen, frames, strict=True)):
         yield Progress("Look behind the object", 2 * n + i, 3 * n, camera.name)
         after = rasterizer.render(rest, camera)
-        on_object = frame.image[:, :, 0] > 0.5
+        share = frame.image[:, :, 0]
         views.append(
-            SeenView(camera, frame.median_depth, on_object, after.median_depth, after.alpha)
+            SeenView(
+                camera=camera,
+                depth=frame.median_depth,
+                is_object=share > 0.5,
+                is_clear=share < _CLEAR,
+                after=after.median_depth,
+                after_alpha=after.alpha,
+            )
         )
-    return Seen(tuple(views), known, buried)
+    return Seen(tuple(views), known)
 
 
 def _views_of(

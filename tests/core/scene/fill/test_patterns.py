@@ -35,7 +35,8 @@ def chart(color: DoubleArray) -> Chart:
     plane = Plane(np.zeros(3), np.eye(3), np.zeros(0, np.int64), 2.0, 0.01, 1)
     hole = disc(12)
     height = np.zeros((SIDE, SIDE))
-    return Chart(plane, np.array([0.0, SIDE]), 1.0, color, height, ~hole, hole)
+    again = np.zeros_like(hole)
+    return Chart(plane, np.array([0.0, SIDE]), 1.0, color, height, ~hole, hole, again)
 
 
 def test_stripes_go_on_through_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
