@@ -18,7 +18,8 @@ _ROUNDS = 3  # of taking splats out
 _CHANGE = 0.03  # of a color (0..1): what changes more outside the hole is wrong
 _FALL = 0.02  # of alpha: what loses more is wrong
 _WRONG = 0.2  # of a splat's weight: it goes when so much is in wrong pixels
-_LEAST_KEPT = 0.8  # share of the splats under which the hole is none, and nothing is kept
+_LEAST_KEPT = 0.8  # share of the splats under which a hole that hardly shows is left as it is
+_GAPES = 0.2  # root mean square of a color's change (0..1) from which on a hole shows clearly
 _MOST_WRONG = 0.1  # wrong pixels for each one that gains, above which nothing is kept
 _SHOWS = 0.075  # root mean square of a color's change (0..1): a hole changed less hardly shows
 _EDGE = 2  # pixels by which an outline may err
@@ -45,9 +46,9 @@ def accepted(
     ``rest``: (N,) what is left of the scene; ``without`` (N,): rows that go when the hole is
     filled. Compared are pictures before and after. Outside the hole's pixels no color may change,
     nor where a photo showed the surface, but for the dark of a gap; inside them the surface may
-    not get thinner, and nothing may stand above it. Nothing is kept where too few splats would be
-    left, which looks spotty, and where the picture in the hole hardly changes: large neighbours
-    show through in about the right color already.
+    not get thinner, and nothing may stand above it. Nothing is kept where the picture in the hole
+    hardly changes: large neighbours show through in about the right color already. Nor where it
+    changes little and many splats would have to go, which looks spotty.
     """
     kept = np.ones(len(fresh), np.bool_)
     looks = _looks(rest, chart, views, rasterizer)
@@ -75,7 +76,7 @@ def accepted(
                 break
             return kept
         kept[rows[harmful]] = False
-        if kept.mean() < _LEAST_KEPT:
+        if kept.mean() < _LEAST_KEPT and change <= _GAPES**2 * gained:
             break
     return np.zeros_like(kept)
 
