@@ -19,6 +19,7 @@ from gaga_core.grouping.hierarchy.borders import (
     in_one_plane,
     is_calm,
 )
+from gaga_core.grouping.hierarchy.enclosed import keep_enclosed
 from gaga_core.grouping.hierarchy.linkage import Clusters
 from gaga_core.grouping.hierarchy.pieces import Neighbourhood
 from gaga_core.grouping.hierarchy.surfels import Surfels
@@ -55,15 +56,25 @@ class Judge:
         return Clusters(now.cluster, replace(now.graph, evidence=evidence))
 
     def parts(
-        self, cluster: LongArray, least_evidence: tuple[float, ...], least_size: float
+        self,
+        cluster: LongArray,
+        least_evidence: tuple[float, ...],
+        least_size: float,
+        least_thing: float,
     ) -> list[Clusters]:
         """Levels of parts that grow from clusters (S,): one a number of ``least_evidence``, which
-        descends; the smallest part has ``least_size`` where it has neighbours."""
+        descends.
+
+        The smallest part has ``least_size`` where it has neighbours; enclosed things of at least
+        ``least_thing`` stay apart (`keep_enclosed`).
+        """
         levels: list[Clusters] = []
         now = self.judged(cluster)
         for evidence in least_evidence:
             if levels and is_calm(self.noise):
                 now = self.again(now)
+            if levels:
+                now = keep_enclosed(self.surfels, self.near, now, least_thing)
             now = now.joined(evidence)
             now = now if levels else now.joined(-np.inf, least_size)
             levels.append(now)

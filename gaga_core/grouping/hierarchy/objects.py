@@ -11,8 +11,8 @@ from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.hierarchy.background import is_background
 from gaga_core.grouping.hierarchy.borders import Agreement, fine_graph, noise_of
+from gaga_core.grouping.hierarchy.enclosed import is_outside, keep_enclosed
 from gaga_core.grouping.hierarchy.held import held_together
 from gaga_core.grouping.hierarchy.judging import Judge
 from gaga_core.grouping.hierarchy.linkage import joined
@@ -185,16 +185,17 @@ def _nested_clusters(
     fine = joined(fine_graph(surfels, near, piece, agreement), config.pieces)[piece]
     noise = noise_of(surfels, near, plane, fine)
     judge = Judge(surfels, near, plane, piece, surfels.n_views / len(views), noise)
-    parts = judge.parts(fine, config.finer, config.least_part)
+    parts = judge.parts(fine, config.finer, config.least_part, config.least_object)
     fine_to_coarse = [level.cluster for level in parts]
     yield Progress(STAGE, 3, 4, "objects")
-    now = judge.again(parts[-1]).joined(config.objects).joined(-np.inf, config.least_object)
+    now = keep_enclosed(surfels, near, judge.again(parts[-1]), config.least_object)
+    now = now.joined(config.objects).joined(-np.inf, config.least_object)
     now = now.merged(held_together(near, plane, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
     crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
     outside = crumbs
     if config.background:
-        outside = crumbs | is_background(surfels, views, now.cluster)
+        outside = crumbs | is_outside(surfels, near, views, now, config.least_object)
     background = outside[now.cluster]
     now = now.set_apart(outside)
     fine_to_coarse.append(now.cluster)

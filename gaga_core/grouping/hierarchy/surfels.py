@@ -40,12 +40,20 @@ class Surfels:
     normals: DoubleArray  # (S, 3) unit, towards the cameras; 0 = unknown
     regions: IntArray  # (S, V) dense mask id that each view shows there, 0 = none or hidden
     n_views: IntArray  # (S,) views that see it
-    further: IntArray  # (S, F) the same for label maps of the views at other levels of detail
+    further: IntArray  # (S, F) the same at other levels of detail, view by view
 
     @property
     def all_regions(self) -> IntArray:
         """Regions (S, V + F) at all levels of detail."""
         return np.concatenate([self.regions, self.further], axis=1)
+
+    def maps_of(self, v: int) -> IntArray:
+        """Regions (S, 1 + F / V) of one view at all levels of detail, where views have equally
+        many."""
+        levels, odd = divmod(self.further.shape[1], self.regions.shape[1])
+        levels = 0 if odd else levels
+        further = self.further[:, v * levels : (v + 1) * levels]
+        return np.concatenate([self.regions[:, v : v + 1], further], axis=1)
 
 
 def sample_surfels(

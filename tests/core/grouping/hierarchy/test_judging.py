@@ -60,7 +60,7 @@ def test_parts_are_judged_at_each_level_only_where_splats_are_calm(judge: Judge)
     for noise, expected, other in ((_CALM, _at_each, _once), (_ROUGH, _once, _at_each)):
         noisy = replace(judge, noise=noise)
         assert is_calm(noise) == (noise is _CALM)
-        found = noisy.parts(noisy.piece, _EVIDENCE, 1.5)
+        found = noisy.parts(noisy.piece, _EVIDENCE, 1.5, np.inf)
         pairs = zip(found, expected(noisy, noisy.piece), strict=True)
         assert all(np.array_equal(level.cluster, wanted.cluster) for level, wanted in pairs)
         pairs = zip(found, other(noisy, noisy.piece), strict=True)
@@ -81,3 +81,15 @@ def test_the_better_judgement_counts_within_a_plane_only_where_splats_are_rough(
         if noise is _ROUGH:
             expected[better] = before.graph.evidence[better]
         assert np.array_equal(again.graph.evidence, expected)
+
+
+def test_an_enclosed_part_stays_apart(judge: Judge) -> None:
+    """Evidence joins all of the floor, unless a disc on it is one region of every view."""
+    disc = np.linalg.norm(judge.surfels.points[:, :2], axis=1) < 0.3
+    regions = np.repeat(1 + disc[:, None], 6, axis=1).astype(np.int32)
+    seen = replace(judge, surfels=replace(judge.surfels, regions=regions), noise=_ROUGH)
+    cluster = disc.astype(np.int64)
+    seen = replace(seen, piece=cluster)
+    for least_thing, n_parts in ((6.0, 2), (np.inf, 1)):
+        parts = seen.parts(cluster, (np.inf, -1000.0), 1.5, least_thing)
+        assert parts[-1].cluster.max() + 1 == n_parts
