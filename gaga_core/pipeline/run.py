@@ -199,7 +199,7 @@ def _has_wanted_groups(work: Work) -> bool:
     if not _labels(work.folder).is_file():
         return False
     wanted = work.config.masks_from if work.config.masks is None else ""
-    if wanted and _associated_masks(work.folder) != wanted:
+    if wanted and _masks_name(work.folder) != wanted:
         return False
     return work.config.keeps_groups or _preset_of(work) == work.config.associate.preset
 
@@ -215,7 +215,7 @@ def _mode(work: Work) -> Mode:
     return work.config.mode or mode_of_preset(_preset_of(work) or work.config.associate.preset)
 
 
-def _associated_masks(folder: SceneFolder) -> str:
+def _masks_name(folder: SceneFolder) -> str:
     """Name of the mask folder that the groups were made of; "" when it is not known."""
     entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
     return "" if entry is None else Path(entry.mask_folder).name
