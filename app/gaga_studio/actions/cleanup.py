@@ -84,7 +84,7 @@ def isolate_selected(session: Session) -> None:
     def build(scene: Scene, groups: Sequence[int], labels: IntArray, title: str) -> Edit | None:
         return edits.isolate_cleaned(scene, groups, labels, title, also)
 
-    _clean_then(session, "Isolate", build, objects.isolate)
+    _clean_then(session, "Isolate", build, objects.isolate, with_locked=True)
 
 
 def delete_selected(session: Session) -> None:
@@ -124,15 +124,24 @@ def export(
 
 
 def _clean_then(
-    session: Session, verb: str, build: Build, plain: Callable[[Session], bool]
+    session: Session,
+    verb: str,
+    build: Build,
+    plain: Callable[[Session], bool],
+    *,
+    with_locked: bool = False,
 ) -> None:
+    """Clean, then ``build``; ``plain`` instead where nothing is to be cleaned.
+
+    ``with_locked`` objects that go along are named, too: `children.along`.
+    """
     groups = _to_clean(session)
     if not groups:
         plain(session)
         return
     document = session.need()
-    own = session.selected_groups()
-    title = children.title_along(document, verb, [g for g in groups if g not in own])
+    under = children.along(session, with_locked=with_locked).groups
+    title = children.title_along(document, verb, under)
     stage = edits.clean_objects_stage(document.settled().scene, groups)
     is_same = _watch(session, document)
 
