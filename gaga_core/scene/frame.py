@@ -4,7 +4,8 @@ Splats move by their placements. What is kept apart from them, cameras of photos
 camera path, stays in the frame in which the scene was opened and is carried when it is read.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -80,6 +81,18 @@ def carried_camera(camera: Camera, world: DoubleArray) -> Camera:
 def carried_cameras(cameras: Iterable[Camera], world: DoubleArray) -> tuple[Camera, ...]:
     """`carried_camera` of each."""
     return tuple(carried_camera(camera, world) for camera in cameras)
+
+
+def lengths_text(lengths: Sequence[float], *, is_metric: bool) -> str:
+    """Lengths next to each other: "0.527 × 0.220 × 0.176 units", in the digits of the longest."""
+    unit, factor, decimals = "units", 1.0, 1
+    longest = max(map(abs, lengths), default=0.0)
+    if is_metric:
+        named = (("km", 1e-3, 2, 1e3), ("m", 1.0, 2, 1.0), ("cm", 1e2, 1, 1e-2), ("mm", 1e3, 1, 0))
+        unit, factor, decimals = next(n[:3] for n in named if longest >= n[3])
+    elif 0 < longest < 100:
+        decimals = 2 - math.floor(math.log10(longest))
+    return " × ".join(f"{factor * value:,.{decimals}f}" for value in lengths) + f" {unit}"
 
 
 def length_text(length: float, *, is_metric: bool) -> str:

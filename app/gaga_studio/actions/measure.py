@@ -1,5 +1,6 @@
 """Measure between points of the surface, and set the scale from a length that is known."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
-from gaga_core.scene.frame import inverse, length_text
+from gaga_core.scene.frame import inverse, length_text, lengths_text
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName
@@ -85,8 +86,16 @@ def reading(session: Session) -> Reading:
 
 def length(session: Session, value: float) -> str:
     """A length in words, in the unit of the open scene."""
-    document = session.document
-    return length_text(value, is_metric=document is not None and document.scene.frame.is_metric)
+    return length_text(value, is_metric=_is_metric(session))
+
+
+def lengths(session: Session, values: Sequence[float] | DoubleArray) -> str:
+    """Lengths (K,) next to each other, in the unit of the open scene."""
+    return lengths_text([float(value) for value in values], is_metric=_is_metric(session))
+
+
+def _is_metric(session: Session) -> bool:
+    return session.document is not None and session.document.scene.frame.is_metric
 
 
 @notifies

@@ -15,7 +15,14 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot, carried_shot
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.frame import Frame, carried_camera, inverse, length_text, scale_of
+from gaga_core.scene.frame import (
+    Frame,
+    carried_camera,
+    inverse,
+    length_text,
+    lengths_text,
+    scale_of,
+)
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.script.run import run_script
 from gaga_core.scene.selection.algebra import world_means
@@ -126,6 +133,25 @@ def test_lengths_are_told_in_the_unit_that_is_known() -> None:
     told = [length_text(m, is_metric=True) for m in (0.0031, 0.123, 2.4, 2400.0)]
     assert told == ["3.1 mm", "12.3 cm", "2.40 m", "2.40 km"]
     assert length_text(0.8174, is_metric=False) == "0.817 units"
+
+
+@pytest.mark.parametrize(
+    ("sides", "is_metric", "told"),
+    [
+        ((0.527, 0.22, 0.1758), False, "0.527 × 0.220 × 0.176 units"),
+        ((12.34, 0.5, 0.04), False, "12.3 × 0.5 × 0.0 units"),
+        ((0.99999, 0.5), False, "1.000 × 0.500 units"),
+        ((250.0, 3.26), False, "250.0 × 3.3 units"),
+        ((1.2, 0.45, 0.009), True, "1.20 × 0.45 × 0.01 m"),
+        ((0.12, 0.007), True, "12.0 × 0.7 cm"),
+        ((0.004, 0.0), True, "4.0 × 0.0 mm"),
+        ((0.0, 0.0), False, "0.0 × 0.0 units"),
+    ],
+)
+def test_sides_of_a_box_have_one_unit_and_the_same_decimals(
+    sides: tuple[float, ...], is_metric: bool, told: str
+) -> None:
+    assert lengths_text(sides, is_metric=is_metric) == told
 
 
 def test_a_frame_of_a_damaged_file_is_refused() -> None:

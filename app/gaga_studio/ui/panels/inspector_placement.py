@@ -48,12 +48,10 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
     sizes = document.selected_sizes(local=session.view.local_axes)
     if sizes is None:
         return
-    names = " × ".join(measure.length(session, float(size)) for size in sizes)
-    widgets.dim(f"Size  {names.replace(' units', '', 2)}", wrap=True)
+    widgets.dim(f"Size  {measure.lengths(session, sizes)}", wrap=True)
     widgets.tooltip("Sides of its box along these axes, without the outermost 2 percent of splats")
     if session.view.show_box and (turned := document.selected_oriented_box()) is not None:
-        names = " × ".join(measure.length(session, float(size)) for size in turned.size)
-        widgets.dim(f"Turned box  {names.replace(' units', '', 2)}", wrap=True)
+        widgets.dim(f"Turned box  {measure.lengths(session, turned.size)}", wrap=True)
         widgets.tooltip("The smallest box around it, turned as it lies")
     changed, local = widgets.checkbox("Own axes", session.view.local_axes)
     widgets.tooltip("Numbers and handles along the object's own axes, else the world's")
