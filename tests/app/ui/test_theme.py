@@ -1,10 +1,13 @@
 """Colors of both themes: none is left to the toolkit, words stand out from what is behind them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+import numpy as np
 import pytest
 from imgui_bundle import ImVec4, imgui
 
+from gaga_core.scene.folders import Folders
+from gaga_core.scene.objects import folder_colors, group_colors
 from gaga_studio.ui.kit import theme
 
 
@@ -51,3 +54,31 @@ def test_values_are_read_over_the_knobs_of_sliders(is_light: bool) -> None:
         ground, over = (values(theme._COLORS[name])[is_light] for name in (field, knob))
         seen = [a * over[3] + b * (1 - over[3]) for a, b in zip(over[:3], ground[:3], strict=True)]
         assert contrast(text, seen) >= 4.5, f"value over {knob} on {field}"
+
+
+@pytest.fixture
+def either(request: pytest.FixtureRequest) -> Iterator[bool]:
+    """Whether the panels are those of the light theme."""
+    held = theme.PANEL
+    held.x, held.y, held.z, _ = values(held)[request.param]
+    yield request.param
+    held.x, held.y, held.z, _ = values(held)[False]
+
+
+@pytest.mark.parametrize("either", [False, True], ids=["dark", "light"], indirect=True)
+def test_dots_of_objects_are_seen(either: bool) -> None:
+    """A rim of 3 to 1 around those that the panel hides: in no folder, or of a chosen color."""
+    panel = values(theme.PANEL)[either]
+    rims = []
+    for color in (
+        folder_colors(Folders(), np.array([1], np.int32))[0],
+        (0, 0, 0),
+        (1, 1, 1),
+        panel[:3],
+    ):
+        rims.append(theme.rim(color))
+        seen = values(rims[-1])[either] if rims[-1] is not None else color
+        assert contrast(seen, panel) >= 3, color
+    assert rims[-1] is not None
+    for color in group_colors(np.arange(1, 300, dtype=np.int32)):
+        assert theme.rim(color) is None, "the palette is seen as it is"

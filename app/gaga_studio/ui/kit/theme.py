@@ -4,7 +4,7 @@ Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
 """
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
@@ -12,12 +12,14 @@ from typing import ClassVar
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
 from gaga_core.assets import assets
+from gaga_core.color import LUMA
 from gaga_studio.system.fonts import fonts_with, foreign_letters
 from gaga_studio.ui.kit.right_to_left import visual
 
 _LOG = logging.getLogger(__name__)
 
 BASE_SIZE = 15.0  # pixels of a line of text at 96 dpi
+_SEEN = 1.9  # contrast of a dot with what is behind it: all colors of groups have more
 
 Rgba = tuple[float, float, float, float]
 
@@ -285,6 +287,18 @@ def scaled(pixels: float) -> float:
 def u32(color: ImVec4, alpha: float = 1.0) -> int:
     """A color for draw lists."""
     return imgui.get_color_u32(ImVec4(color.x, color.y, color.z, color.w * alpha))
+
+
+def rim(color: Sequence[float]) -> ImVec4 | None:
+    """What a dot of ``color`` (3,) needs around it to be seen on a panel; None: nothing."""
+    low, high = sorted((_luminance(color), _luminance((PANEL.x, PANEL.y, PANEL.z))))
+    return DIM if (high + 0.05) / (low + 0.05) < _SEEN else None
+
+
+def _luminance(rgb: Sequence[float]) -> float:
+    """Relative luminance of sRGB (3,) (WCAG 2.2)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
+    return float(LUMA @ linear)
 
 
 @contextmanager

@@ -286,6 +286,15 @@ def rgba(color: Sequence[float], alpha: float = 1.0) -> ImVec4:
     return ImVec4(float(color[0]), float(color[1]), float(color[2]), alpha)
 
 
+def dot(centre: ImVec2, radius: float, color: Sequence[float], alpha: float = 1.0) -> None:
+    """A dot in the color (3,) of an object, with a rim where the panel hides that color."""
+    drawing = imgui.get_window_draw_list()
+    drawing.add_circle_filled(centre, radius, imgui.get_color_u32(rgba(color, alpha)), 20)
+    rim = theme.rim(color)
+    if rim is not None:
+        drawing.add_circle(centre, radius, theme.u32(rim, alpha), 20, theme.scaled(1.2))
+
+
 def escape_closes() -> None:
     """Inside a popup: Escape closes it (without keyboard navigation nobody else sees to that)."""
     if imgui.is_key_pressed(imgui.Key.escape, False):

@@ -246,18 +246,15 @@ class _Row:
         """A dot in the color of the object; a click changes it."""
         side, corner = em(1.0), imgui.get_cursor_screen_pos()
         centre = ImVec2(corner.x + side * 0.5, corner.y + self.height * 0.5)
-        color = widgets.rgba(self.color, 0.35 if self.is_hidden else 1.0)
-        drawing = imgui.get_window_draw_list()
+        alpha = 0.35 if self.is_hidden else 1.0
         if not self.group:
-            drawing.add_circle_filled(centre, side * 0.33, imgui.get_color_u32(color), 20)
+            widgets.dot(centre, side * 0.33, self.color, alpha)
             imgui.dummy(ImVec2(side, self.height))
             return
         if imgui.invisible_button("Color", ImVec2(side, self.height)):
             imgui.open_popup("List color")
         is_over = imgui.is_item_hovered()
-        drawing.add_circle_filled(
-            centre, side * (0.42 if is_over else 0.33), imgui.get_color_u32(color), 20
-        )
+        widgets.dot(centre, side * (0.42 if is_over else 0.33), self.color, alpha)
         widgets.tooltip("Color in this list and in Groups: click to change it")
         if imgui.begin_popup("List color"):
             self._picker()
