@@ -86,7 +86,8 @@ def test_full_quality_comes_back_after_the_rest_and_not_before() -> None:
 
 def test_software_begins_with_few_splats_and_half_the_pixels() -> None:
     machine = _Machine(Pacing(is_software=True), 1_000_000, 1500)
-    view, _ = machine.frame(moves=False)
+    for _ in range(2):  # the first is coarse
+        view, _ = machine.frame(moves=False)
     assert view.splat_budget == 0
     view, _ = machine.frame(moves=True)
     assert 50_000 <= view.splat_budget <= 100_000
@@ -125,3 +126,17 @@ def test_another_scene_begins_again() -> None:
     machine.n = 100_000
     view, _ = machine.frame(moves=True)
     assert (view.splat_budget, view.resolution_scale) == (0, 1.0)
+
+
+def test_the_processor_begins_every_scene_with_a_coarse_picture() -> None:
+    machine = _Machine(Pacing(is_software=True), 1_000_000, 3000)
+    for n in (1_000_000, 3_000_000):  # the second is another scene
+        machine.n = n
+        first, first_ms = machine.frame(moves=False)
+        assert not machine.pacing.is_settled
+        second, second_ms = machine.frame(moves=False)
+        assert machine.pacing.is_settled
+        assert (second.splat_budget, second.resolution_scale) == (0, 1.0)
+        assert first.resolution_scale < 1
+        assert 0 < first.splat_budget < n
+        assert first_ms < 0.2 * second_ms

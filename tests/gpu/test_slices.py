@@ -56,6 +56,14 @@ def test_the_last_picture_stays_until_the_next_is_whole(viewport: Viewport, scen
     assert viewport.n_draws == n + 1
 
 
+def test_an_empty_picture_is_none_that_was_drawn(viewport: Viewport) -> None:
+    """What it takes says nothing of what pictures of splats take."""
+    n = viewport.n_draws
+    viewport.draw(None, OTHER_CAMERA, VIEW, frame_s=FRAME_S)
+    assert viewport.settled
+    assert viewport.n_draws == n
+
+
 def test_a_draft_is_finished_although_the_camera_goes_on(viewport: Viewport, scene: Scene) -> None:
     viewport.draw(scene, OTHER_CAMERA, VIEW, wait=True)
     n = viewport.n_draws

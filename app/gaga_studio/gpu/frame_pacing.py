@@ -37,6 +37,7 @@ class Pacing:
     _motion: object = None
     _moved_at: float = -1e9
     _is_moving: bool = False
+    _is_first: bool = True  # nothing of this scene was drawn yet
     _is_coarse: bool = False
 
     @property
@@ -60,20 +61,22 @@ class Pacing:
     def view_for(self, view: ViewState, motion: object, n_splats: int) -> ViewState:
         """The settings to draw this frame with: coarser while ``motion`` (any value) changes.
 
-        ``n_splats`` of the scene. Twice or half as many are another scene: it begins again.
+        ``n_splats`` of the scene. Twice or half as many are another scene: it begins again. Where
+        the processor draws, its first picture is a coarse one: the full one takes seconds.
         """
         now = self.clock()
         if not self._n_splats < 2 * n_splats < 4 * self._n_splats:
-            self._full_ms, self.saved, self._step = 0.0, -1.0, 0.0
+            self._full_ms, self.saved, self._step, self._is_first = 0.0, -1.0, 0.0, True
         self._n_splats = n_splats
         if motion != self._motion:
             self._moved_at = now if self._motion is not None else -1e9
             self._motion = motion
         is_moving = now - self._moved_at < REST_S
-        if is_moving and not self._is_moving and self.saved < 0:
+        is_draft = is_moving or (self._is_first and self.is_software)
+        if is_draft and not self._is_moving and self.saved < 0:
             self._begin()
         self._is_moving = is_moving
-        self._is_coarse = is_moving and self._step > 0
+        self._is_coarse = is_draft and self._step > 0
         if not self._is_coarse:
             return replace(view, coarse_budget=_least(view.splat_budget, self.budget))
         return replace(
@@ -85,6 +88,8 @@ class Pacing:
     def drew(self, milliseconds: float) -> None:
         """A picture took this long: one that was drawn while moving adjusts the next."""
         self.frame_ms = milliseconds
+        if self._is_first:  # what the full one takes tells more
+            self._is_first, self.saved, self._step = False, -1.0, 0.0
         if not self._is_coarse:
             self._full_ms = milliseconds
         if not self._is_moving:

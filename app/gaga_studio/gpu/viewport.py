@@ -67,7 +67,7 @@ class Viewport:
         self._tree: LodTree | None = None  # of the scene
         self._lod: LodView | None = None
         self.slices = Slices(ctx.finish)
-        self.n_draws = 0  # pictures drawn so far
+        self.n_draws = 0  # pictures of splats drawn so far
 
     @property
     def settled(self) -> bool:
@@ -276,7 +276,7 @@ class Viewport:
         slices.leave(start, is_done=is_done)
         if is_done:
             self._parts, self._drawn = None, self._begun
-            self.n_draws += 1
+            self.n_draws += self._order is not None  # before the first order it is empty
 
     def _render(
         self, camera: Camera, view: ViewState, overlays: Overlays
