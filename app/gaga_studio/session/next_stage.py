@@ -40,6 +40,11 @@ class StageOffer:
         """ "Make masks (now, without a model, about 20 s)", "Find objects, about 20 s"."""
         if self.note:
             return f"{self.action} ({', '.join(filter(None, (self.note, self.duration)))})"
+        return self.short_label
+
+    @property
+    def short_label(self) -> str:
+        """ "Make masks, about 20 s": where there is little room."""
         return ", ".join(filter(None, (self.action, self.duration)))
 
     @property

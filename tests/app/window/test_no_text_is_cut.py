@@ -71,3 +71,24 @@ def test_no_text_is_cut_at_any_size(
     drive(walk, path=folder, size=_SMALLEST)
     assert watch.n_seen > 1000, "the texts were looked at"
     assert not wrong, "\n".join(wrong)
+
+
+def test_what_an_empty_list_offers_fits_its_panel(
+    display: str, scene_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ "Make masks (now, without a mo" in a window of 1440x900."""
+    shutil.rmtree(scene_folder / "masks")
+    watch = TextWatch()
+
+    def walk(d: Driver) -> None:
+        monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
+        monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
+        for size in ((1440, 900), (800, 500)):
+            d.resize(*size)
+            d.focus("Objects")
+            watch.frame(d)
+            assert d.exists("Objects/###Make masks"), size
+        monkeypatch.undo()
+
+    drive(walk, path=scene_folder)
+    assert not watch.found, list(watch.found)

@@ -91,10 +91,14 @@ def _nothing_yet(session: Session) -> None:
     reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
     if offer is not None and offer.command:
-        width = min(em(14), imgui.get_content_region_avail().x)
-        room = imgui.get_content_region_avail().x - width
-        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room / 2)
-        if widgets.button(offer.action, Face(offer.label, icons.RUN, width=width)):
+        room, padding = imgui.get_content_region_avail().x, 2 * imgui.get_style().frame_padding.x
+        texts = (offer.label, offer.short_label, offer.action)
+        wide = {text: imgui.calc_text_size(f"{icons.RUN}  {text}").x + padding for text in texts}
+        shown = next((text for text in texts if wide[text] <= room), offer.action)
+        width = min(max(wide[shown], em(14)), room)
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + (room - width) / 2)
+        hint = "" if shown == offer.label else offer.label
+        if widgets.button(offer.action, Face(shown, icons.RUN, width=width), hint=hint):
             commands.run(offer.command, session)
 
 
