@@ -1,11 +1,13 @@
 """Delete and fill: a removed object's hole is filled, in a preview to apply or cancel."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.fill import inpaint
 from gaga_core.scene.scene import State
 from gaga_studio.actions import children, history, unchanged
 from gaga_studio.session.notices import Level, notifies
@@ -52,7 +54,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
     taken = children.along(session) if len(session.selected_indices()) else None
     named = children.title_along(document, "Delete and fill", taken.groups) if taken else ""
     scene, views = replace(project.scene), project.training_views
-    before = document.history.state_id
+    before, model = document.history.state_id, session.settings.inpainting_model
 
     def stage() -> "Stage[tuple[Filling, Edit | None]]":
         yield Progress("Look behind the object", 0, 0)
@@ -63,7 +65,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
         from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
 
         splats = fillable(scene) if taken is None else taken.splats
-        config = FillConfig(lighten=lighten)
+        config = FillConfig(lighten=lighten, model=model)
         found = yield from fill_stage(scene, splats, views, choose(), config)
         is_alone = taken is None or not taken.groups
         done_title = fill_title(scene, splats) if is_alone else named
@@ -92,10 +94,55 @@ def switch_lighten(session: Session) -> None:
     found = shown(session)
     if found is None:
         raise GagaError("There is no preview of a filling. Use Delete and fill first.")
-    if (job := session.jobs.running) is not None:  # or the preview would be lost
-        raise GagaError(f"{job.title} is still running.")
+    _need_no_job(session)  # or the preview would be lost
     cancel(session)
     start(session, lighten=not found.lighten)
+
+
+def why_no_model(session: Session) -> str:
+    """Needs PyTorch, and the job runner."""
+    job = session.jobs.running
+    return inpaint.why_no_model() or (f"{job.title} is still running." if job is not None else "")
+
+
+@notifies
+def choose_model(session: Session, path: Path) -> None:
+    """Let the inpainting model in the file ``path`` color holes from now on, after a trial.
+
+    A preview that is shown is computed again. A file that fails changes nothing.
+    """
+    _need_no_job(session)
+
+    def stage() -> Stage[None]:
+        yield Progress("Try the inpainting model", 0, 0)
+        inpaint.check_inpainter(path)
+
+    def done(_: None) -> None:
+        _use_model(session, str(path.resolve()))
+
+    session.jobs.start("Try the inpainting model", stage(), on_done=done)
+
+
+@notifies
+def continue_colors(session: Session) -> None:
+    """Let the colors of holes continue the surroundings from now on, without a model."""
+    _need_no_job(session)
+    if session.settings.inpainting_model:
+        _use_model(session, "")
+
+
+def _use_model(session: Session, model: str) -> None:
+    """Keep the choice of a model ("": none), and compute the preview that is shown again."""
+    session.change_settings(replace(session.settings, inpainting_model=model))
+    found = shown(session)
+    if found is not None:
+        cancel(session)
+        start(session, lighten=found.lighten)
+
+
+def _need_no_job(session: Session) -> None:
+    if (job := session.jobs.running) is not None:
+        raise GagaError(f"{job.title} is still running.")
 
 
 @notifies

@@ -222,6 +222,19 @@ OBJECTS_COMMANDS: tuple[Command, ...] = (
         enabled=no_filling,
         is_on=lambda s: (found := fill.shown(s)) is not None and found.lighten,
     ),
+    Command(
+        "object.fill_continue",
+        "Color holes from their surroundings",
+        fill.continue_colors,
+        is_on=lambda s: not s.settings.inpainting_model,
+    ),
+    Command(
+        "object.fill_model",
+        "Color holes by an inpainting model…",
+        ask(Request.INPAINTING_MODEL),
+        enabled=fill.why_no_model,
+        is_on=lambda s: bool(s.settings.inpainting_model),
+    ),
     Command("object.clean", "Clean up", cleanup.start, enabled=not_cleanable),
     Command("object.clean_apply", "Apply the cleaning", cleanup.apply, enabled=no_cleaning),
     Command(

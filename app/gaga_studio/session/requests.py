@@ -42,5 +42,6 @@ class Request(Enum):
     EXPORT_MESHES = auto()
     EXPORT_SELECTED = auto()
     EXPORT_CAMERAS = auto()
+    INPAINTING_MODEL = auto()
     OPEN_PATH = auto()  # of the camera
     SAVE_PATH = auto()

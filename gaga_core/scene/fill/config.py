@@ -16,9 +16,13 @@ class FillConfig:
     most_cells: int = 200  # of a side of a chart
     reach: float = 0.6  # of the object's size: how far around it a surface is looked at
     seed: int = 0  # of the choice of donors
+    model: str = ""  # file of an inpainting model that colors the hole; "" = continue its rim
+    model_sha256: str = ""  # of that file, hexadecimal; "" = any
 
     def __post_init__(self) -> None:
         if self.most_views < 1 or self.view_pixels < 16 or self.most_cells < 16:
             raise ValueError("most_views, view_pixels, most_cells: too small")
+        if self.model_sha256 and not self.model:
+            raise ValueError("model_sha256: there is no model that it could be of")
         if self.reach <= 0 or self.seen < 0 or self.most_surfaces < 1:
             raise ValueError("reach, seen, most_surfaces: too small")

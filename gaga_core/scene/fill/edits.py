@@ -21,6 +21,8 @@ def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
 
     ``scene``: as it was when ``found`` was computed.
     """
+    if found.model:
+        title = f"{title}, colors by {found.model}"
     scratch = replace(scene, revision=Revision())
     parts: list[Edit] = []
 

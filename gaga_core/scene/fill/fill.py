@@ -1,7 +1,8 @@
 """Find what a removed object hid, and make the splats and colors that fill it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
@@ -19,6 +20,7 @@ from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import Chart, chart_of, tolerance_of
 from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
+from gaga_core.scene.fill.inpaint import load_inpainter
 from gaga_core.scene.fill.smooth import smooth_base
 from gaga_core.scene.fill.splats import new_splats
 from gaga_core.scene.fill.stains import gains, splat_gains, taken_cells
@@ -47,6 +49,7 @@ class Filling:
     stained: LongArray  # (S,) rows to be lightened
     gains: FloatArray  # (S, 3) by these factors
     lighten: bool  # whether stains were looked for
+    model: str = ""  # name of the inpainting model's file; "" = colors continue the surroundings
 
     def __bool__(self) -> bool:
         return len(self.splats) > 0 or len(self.stained) > 0 or len(self.unseen) > 0
@@ -84,9 +87,14 @@ def fill_stage(
     """Find what the splats ``indices`` (K,) hide from ``cameras``, and what would fill it.
 
     Deleted splats may be among them: what they left is filled. Locked ones that they hid stay.
-    Without cameras that show the object, views from all around it are taken.
+    Without cameras that show the object, views from all around it are taken. Raises ``GagaError``
+    when an inpainting model is asked for that cannot be used.
     """
     settings = FillConfig() if config is None else config
+    inpainter = None
+    if settings.model:
+        yield Progress(_STAGE, 0, 0, "load the inpainting model")
+        inpainter = load_inpainter(Path(settings.model), settings.model_sha256)
     chosen = np.zeros(len(scene), np.bool_)
     chosen[sorted_indices(indices, len(scene))] = True
     # What has no place in space is never drawn: it hides nothing.
@@ -100,6 +108,8 @@ def fill_stage(
     made = _made(scene)[rows] & ~is_object
     seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
     work = _Work(gaussians, labels, is_object, seen, rasterizer, settings)
+    if inpainter is not None:
+        work.color_of = inpainter.painted
     work.locked |= (scene.state[rows] & np.uint8(State.LOCKED)) != 0
     parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
     for i, part in enumerate(parts):
@@ -117,6 +127,7 @@ def fill_stage(
         stained=rows[stained],
         gains=work.gain[stained].astype(np.float32),
         lighten=settings.lighten,
+        model=inpainter.name if inpainter is not None and len(splats) else "",
     )
 
 
@@ -158,6 +169,7 @@ class _Work:
         self.size = float(sizes[is_object].max())
         # Other things that the photos showed.
         self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
+        self.color_of: Callable[[DoubleArray, BoolArray, BoolArray], DoubleArray] = continued_color
         self.made: list[Gaussians] = []
         self.groups: list[IntArray] = []
         self.gain = np.ones((len(gaussians), 3))
@@ -194,7 +206,8 @@ class _Work:
         """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
         plane = chart.plane
         chart, factors = self._lightened(chart)
-        color, height = _continued(chart)
+        color = np.clip(self.color_of(chart.color, chart.known, chart.hole), 0, 1.5)
+        height = _continued_height(chart)
         fresh = new_splats(self.gaussians, chart, color, height, self.rasterizer, self.config.seed)
         # What no photo showed is no surface to compare with.
         left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
@@ -263,11 +276,11 @@ def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
     return replace(gaussians, sh=sh)
 
 
-def _continued(chart: Chart) -> tuple[DoubleArray, DoubleArray]:
-    """Color (H, W, 3) and height (H, W) with the hole filled."""
-    color = continued_color(chart.color, chart.known, chart.hole)
+def _continued_height(chart: Chart) -> DoubleArray:
+    """Height (H, W) with the hole filled."""
     height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
-    return np.clip(color, 0, 1.5), np.where(chart.hole, height, chart.height)
+    result: DoubleArray = np.where(chart.hole, height, chart.height)
+    return result
 
 
 def _under(chart: Chart, points: DoubleArray) -> BoolArray:

@@ -10,7 +10,7 @@ from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.base import OnGroups, OnSplats, Views, groups_of
-from gaga_core.scene.script.fields import Flag, Share
+from gaga_core.scene.script.fields import Digest, FilePath, Flag, Share
 
 
 class Clean(OnGroups, frozen=True):
@@ -27,6 +27,8 @@ class Fill(OnSplats, frozen=True):
     """Delete and fill what was hidden; without groups and selection: fill where was deleted."""
 
     lighten: Flag = True  # take its shadow off what it stood on
+    model: FilePath = ""  # of an inpainting model that colors the hole
+    sha256: Digest = ""  # of that file; another one is refused
 
     def edit(self, scene: Scene) -> Edit | None:
         return self.edit_seen(scene, tuple)
@@ -39,7 +41,9 @@ class Fill(OnSplats, frozen=True):
         from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
 
         splats = fillable(scene) if self.groups is UNSET else self.splats(scene)
-        config = FillConfig(lighten=self.lighten)
+        if self.sha256 and not self.model:
+            raise GagaError('"sha256" is that of a model: give "model", too.')
+        config = FillConfig(lighten=self.lighten, model=self.model, model_sha256=self.sha256)
         found = run_stage(fill_stage(scene, splats, views(), choose(), config))
         return filled_edit(scene, found, fill_title(scene, splats))
 

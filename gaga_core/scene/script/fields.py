@@ -18,6 +18,10 @@ SignedShare = Annotated[float, Meta(ge=-1, le=1, description="a number between -
 Count = Annotated[int, Meta(ge=1, description="a whole number of at least 1")]
 Flag = Annotated[bool, Meta(description="true or false")]
 Name = Annotated[str, Meta(max_length=200, description="a text of at most 200 characters")]
+FilePath = Annotated[str, Meta(max_length=4096, description="the path of a file")]
+Digest = Annotated[
+    str, Meta(pattern="^([0-9a-fA-F]{64})?$", description="64 hexadecimal digits (SHA-256)")
+]
 How = Annotated[  # a way to change the selection
     Literal["set", "add", "remove", "intersect"], Meta(description="set, add, remove or intersect")
 ]

@@ -1,5 +1,6 @@
 """Delete and fill in the window: a preview to apply or cancel, and the shadow on request."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event
@@ -7,6 +8,7 @@ from threading import Event
 import numpy as np
 import pytest
 
+from gaga_core.color import rgb_from_dc
 from gaga_core.io.ply import write_ply
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
@@ -14,8 +16,10 @@ from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import children, fill, history, selection
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, snapshot
+from tests.core.scene.fill import models
 from tests.core.scene.fill.tables import BOX, TABLE, table_with_box
 
 
@@ -67,6 +71,60 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert fill.shown(session) is None
     assert snapshot(scene) == before
     assert session.need().history.cursor == entries
+
+
+def test_an_inpainting_model_colors_the_hole_until_it_is_switched_off(
+    at_table: Session, tmp_path: Path
+) -> None:
+    session = at_table
+    run("object.fill", session)
+    assert session.jobs.wait()
+    shown = fill.shown(session)
+    assert command("object.fill_model").enabled(session) == ""
+    run("object.fill_model", session)
+    assert session.take_request() is Request.INPAINTING_MODEL, "the window asks for the file"
+
+    odd = models.saved(models.Half(), tmp_path / "odd.pt")
+    fill.choose_model(session, odd)
+    assert session.jobs.wait()
+    assert "odd.pt returned" in session.notices[-1].text
+    assert fill.shown(session) is shown, "a file that fails changes nothing"
+    assert session.settings.inpainting_model == ""
+
+    red = models.saved(models.Red(), tmp_path / "red.pt")
+    fill.choose_model(session, red)
+    assert session.jobs.wait()
+    found = fill.shown(session)
+    assert found is not None
+    assert found.model == "red.pt"
+    assert np.median(rgb_from_dc(found.splats.sh[:, 0]), axis=0) == pytest.approx(
+        [1, 0, 0], abs=0.1
+    )
+    assert session.settings.inpainting_model == str(red)
+    assert command("object.fill_model").is_on is not None
+    run("edit.confirm", session)
+    assert (session.need().history.undo_title or "").endswith(", colors by red.pt")
+
+    red.unlink()
+    history.undo(session)
+    run("object.fill", session)
+    assert session.jobs.wait()
+    assert fill.shown(session) is None
+    assert "red.pt is not there" in session.notices[-1].text
+    run("object.fill_continue", session)
+    assert session.settings.inpainting_model == ""
+    run("object.fill", session)
+    assert session.jobs.wait()
+    found = fill.shown(session)
+    assert found is not None
+    assert found.model == ""
+
+
+def test_without_torch_no_model_can_be_chosen(
+    at_table: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert "needs PyTorch" in command("object.fill_model").enabled(at_table)
 
 
 def test_what_was_deleted_is_filled_later_in_one_step(at_table: Session) -> None:

@@ -31,6 +31,8 @@ _ALWAYS = {
     "camera.faster",
     "camera.slower",
     "object.clean_first",
+    "object.fill_continue",
+    "object.fill_model",
     "object.children_go_along",
     "tool.splats",
     "tool.visible_only",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gaga_core.io.splat_files import READ_SUFFIXES
 from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
-from gaga_studio.actions import camera_path, files, masks
+from gaga_studio.actions import camera_path, files, fill, masks
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
@@ -17,6 +17,7 @@ def register(table: RequestTable, picker: FilePicker) -> None:
     """Answer every request for a path; but for opening there must be a scene."""
     table.register(Request.OPEN_FOLDER, partial(_open_folder, picker))
     table.register(Request.OPEN_FILE, partial(_open_file, picker))
+    table.register(Request.INPAINTING_MODEL, partial(_inpainting_model, picker))
     for request, opener in (
         (Request.ADD_SPLATS, _add_splats),
         (Request.IMPORT_MASK_FOLDER, _import_mask_folder),
@@ -84,6 +85,11 @@ def _import_mask_file(picker: FilePicker, session: Session) -> None:
     title = "Import masks from a file"
     dialog = _reading(title, session, (".json", ".npz", ".npy"), "Import")
     picker.ask(dialog, lambda path: masks.import_from(session, path))
+
+
+def _inpainting_model(picker: FilePicker, session: Session) -> None:
+    dialog = _reading("Choose an inpainting model", session, (".pt", ".pth", ".ts"), "Use")
+    picker.ask(dialog, lambda path: fill.choose_model(session, path))
 
 
 def _save_as(picker: FilePicker, session: Session) -> None:

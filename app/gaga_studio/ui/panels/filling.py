@@ -1,4 +1,6 @@
-"""Delete and fill in the inspector: what is new, the shadow, and the two ways to end it."""
+"""Delete and fill in the inspector: what is new, the choices, and the two ways to end it."""
+
+from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
@@ -27,6 +29,7 @@ def draw(session: Session) -> bool:
     if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
         commands.run(command.id, session)
     widgets.tooltip("Lighten what is darker where the object stood, as its surroundings are")
+    _colors(session)
     imgui.dummy(ImVec2(0, em(0.2)))
     gap = theme.scaled(5)
     width = (imgui.get_content_region_avail().x - gap) / 2
@@ -36,3 +39,22 @@ def draw(session: Session) -> bool:
     if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
         fill.cancel(session)
     return True
+
+
+def _colors(session: Session) -> None:
+    """Where the colors of the hole come from; the file of a model is asked for."""
+    widgets.dim("Colors of the hole")
+    model = Path(session.settings.inpainting_model).name
+    room = imgui.get_content_region_avail().x - imgui.get_frame_height() - em(1)
+    by_model = widgets.elided(model, room) if model else "Inpainting model…"
+    for id_, label, is_on in (
+        ("object.fill_continue", "Continue the surroundings", not model),
+        ("object.fill_model", by_model, bool(model)),
+    ):
+        command = commands.command(id_)
+        why_not = command.enabled(session)
+        imgui.begin_disabled(bool(why_not))
+        if widgets.radio_button(f"{label}###{id_}", is_on):
+            commands.run(id_, session)
+        imgui.end_disabled()
+        widgets.tooltip(why_not or command.title)

@@ -1,0 +1,133 @@
+"""Colors of a hole by an inpainting model that the user has: LaMa as TorchScript, or one like it.
+
+LaMa (Suvorov et al. 2022, "Resolution-robust Large Mask Inpainting with Fourier Convolutions") is
+published as ``big-lama.pt``: it takes an image (1, 3, H, W) and a mask (1, 1, H, W), 1 where it is
+to paint, both float32 0..1 with sides that 8 divides, and returns the image (1, 3, H, W), 0..1.
+Only torch reads it, which is imported when a model is loaded. Nothing is ever downloaded.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.errors import GagaError
+
+if TYPE_CHECKING:
+    from torch.jit import ScriptModule
+
+_MULTIPLE, _LEAST = 8, 64  # of the sides that a model gets, cells
+_SLACK = 0.5  # beyond 0..1: a result farther out has another range
+_TRIAL = 64  # side of the picture that a model is tried on
+
+
+def why_no_model() -> str:
+    """Why no inpainting model can be used here; "" when one can."""
+    if find_spec("torch") is None:
+        return "An inpainting model needs PyTorch, which is not installed here."
+    return ""
+
+
+@dataclass(frozen=True)
+class Inpainter:
+    """A loaded model."""
+
+    name: str  # of its file
+    model: "ScriptModule"
+
+    def painted(self, color: DoubleArray, known: BoolArray, hole: BoolArray) -> DoubleArray:
+        """``color`` (H, W, 3) with the cells of ``hole`` (H, W) as the model paints them.
+
+        What is neither known nor hole is masked, too: the model paints it, and it is not used.
+        Raises ``GagaError`` when the model fails, or returns anything but such a picture.
+        """
+        rows, columns = known.shape
+        pad = ((0, _padding(rows)), (0, _padding(columns)))
+        image = np.clip(np.where(known[:, :, None], color, 0), 0, 1)
+        image = np.pad(image, (*pad, (0, 0)), mode="symmetric")
+        mask = np.pad(~known | hole, pad, mode="symmetric")
+        result = self._run(image, mask)[:rows, :columns]
+        return np.where(hole[:, :, None], np.clip(result, 0, 1), color)
+
+    def _run(self, image: DoubleArray, mask: BoolArray) -> DoubleArray:
+        """What the model makes (H, W, 3) of ``image`` (H, W, 3) and ``mask`` (H, W)."""
+        import torch
+
+        planes = torch.from_numpy(image.transpose(2, 0, 1)[None].astype(np.float32))
+        wanted = torch.from_numpy(mask[None, None].astype(np.float32))
+        try:
+            with torch.inference_mode():
+                made = self.model(planes, wanted)
+        except RuntimeError as error:  # of torch, whatever is wrong with the model
+            raise GagaError(
+                f"The inpainting model {self.name} failed: {_last_line(error)}"
+            ) from error
+        if not isinstance(made, torch.Tensor) or made.shape != planes.shape:
+            got = tuple(made.shape) if isinstance(made, torch.Tensor) else type(made).__name__
+            raise GagaError(
+                f"The inpainting model {self.name} returned {got} for an image of "
+                f"{tuple(planes.shape)}: a picture of the same size was expected."
+            )
+        result: DoubleArray = made[0].permute(1, 2, 0).double().numpy()
+        if not np.isfinite(result).all():
+            raise GagaError(
+                f"The inpainting model {self.name} returned values that are not finite."
+            )
+        if result.min() < -_SLACK or result.max() > 1 + _SLACK:
+            raise GagaError(
+                f"The inpainting model {self.name} returned colors from {result.min():.3g} to "
+                f"{result.max():.3g}: 0 to 1 was expected."
+            )
+        return result
+
+
+def load_inpainter(path: Path, sha256: str = "") -> Inpainter:
+    """Load the TorchScript file at ``path`` onto the CPU.
+
+    TorchScript holds no Python, but it can run any operator of torch: only files of a trusted
+    source are to be loaded. ``sha256``: of the file that is expected, hexadecimal; "" = any.
+    Raises ``GagaError``: no torch, no such file, another file, no TorchScript.
+    """
+    if why := why_no_model():
+        raise GagaError(why)
+    if not path.is_file():
+        raise GagaError(f"The inpainting model {path} is not there.")
+    if sha256:
+        with path.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+        if found != sha256.lower():
+            raise GagaError(
+                f"The inpainting model {path} is another file: its SHA-256 is {found}, "
+                f"not {sha256.lower()}."
+            )
+    import torch
+
+    try:
+        model = torch.jit.load(path, map_location="cpu")  # type: ignore[no-untyped-call]
+    except (RuntimeError, ValueError, OSError) as error:
+        raise GagaError(
+            f"{path} is no inpainting model: it must be a TorchScript file, such as big-lama.pt."
+        ) from error
+    return Inpainter(path.name, model.eval())
+
+
+def check_inpainter(path: Path) -> None:
+    """Load the model at ``path`` and try it on a small picture; ``GagaError`` when that fails."""
+    hole = np.zeros((_TRIAL, _TRIAL), np.bool_)
+    hole[_TRIAL // 4 : _TRIAL // 2, _TRIAL // 4 : _TRIAL // 2] = True
+    load_inpainter(path).painted(np.full((_TRIAL, _TRIAL, 3), 0.5), ~hole, hole)
+
+
+def _padding(side: int) -> int:
+    """Cells to add so that a model takes this side."""
+    return max(_LEAST, -(-side // _MULTIPLE) * _MULTIPLE) - side
+
+
+def _last_line(error: Exception) -> str:
+    """The sentence of an error of TorchScript, without the code that it quotes."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__

@@ -1,0 +1,166 @@
+"""Colors of a hole by an inpainting model: real TorchScript files, and files that are none."""
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from gaga_core.color import rgb_from_dc
+from gaga_core.errors import GagaError
+from gaga_core.io.ply import write_ply
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.fill.config import FillConfig
+from gaga_core.scene.fill.edits import filled_edit
+from gaga_core.scene.fill.fill import Filling, fill_stage
+from gaga_core.scene.fill.inpaint import check_inpainter, load_inpainter, why_no_model
+from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.script.run import run_script
+from tests.core.scene.edits.edit_walk import snapshot
+from tests.core.scene.fill import models
+from tests.core.scene.fill.tables import BOX, HALF, STEP, Table, table_with_box
+
+CPU = choose("cpu")
+
+
+@pytest.fixture(scope="module")
+def table() -> Table:
+    return table_with_box()
+
+
+@pytest.fixture(scope="module")
+def red(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return models.saved(models.Red(), tmp_path_factory.mktemp("models") / "red.pt")
+
+
+@pytest.fixture(scope="module")
+def found(table: Table, red: Path) -> Filling:
+    scene = Scene.of(table.gaussians, table.labels)
+    config = FillConfig(lighten=False, model=str(red))
+    return run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU, config))
+
+
+def test_the_hole_is_as_the_model_paints_it_and_nothing_else_changes(
+    table: Table, found: Filling
+) -> None:
+    rgb = rgb_from_dc(found.splats.sh[:, 0])
+    inner = np.abs(found.splats.means[:, :2]).max(axis=1) < HALF - 2 * STEP
+    assert inner.sum() > 50
+    assert rgb[inner].mean(axis=0) == pytest.approx([1, 0, 0], abs=0.03)
+    assert len(found.stained) == 0, "what views saw keeps its color"
+    assert np.array_equal(found.removed, np.flatnonzero(table.labels == BOX))
+    assert found.model == "red.pt"
+
+
+def test_cells_that_are_known_keep_their_colors_and_sides_are_what_a_model_takes(
+    tmp_path: Path,
+) -> None:
+    rng = np.random.default_rng(0)
+    color = rng.random((37, 90, 3))
+    known, hole = np.ones((37, 90), np.bool_), np.zeros((37, 90), np.bool_)
+    hole[10:20, 30:50] = True
+    known[10:20, 30:50] = known[30:] = False  # a hole, and what is no surface
+    color[30:] = 0.9
+    model = load_inpainter(models.saved(models.Mean(), tmp_path / "mean.pt"))
+    painted = model.painted(color, known, hole)
+    assert np.array_equal(painted[~hole], color[~hole])
+    assert painted[hole] == pytest.approx(np.full((200, 3), 0.5), abs=0.03)
+    check_inpainter(tmp_path / "mean.pt")
+
+
+def test_the_title_names_it_undo_is_exact_and_the_recording_needs_no_model(
+    table: Table, found: Filling, tmp_path: Path
+) -> None:
+    write_ply(tmp_path / "table.ply", table.gaussians)
+    scene = run_stage(open_path_stage(tmp_path / "table.ply")).scene
+    history = History(scene)
+    history.do(edits.set_labels(scene, np.arange(len(scene)), table.labels, "Groups"))
+    before = snapshot(scene)
+    assert history.do(filled_edit(scene, found, "Delete and fill box"))
+    assert history.undo_title == "Delete and fill box, colors by red.pt"
+    after = snapshot(scene)
+    history.undo()
+    assert snapshot(scene) == before
+    history.redo()
+    other = run_stage(open_path_stage(tmp_path / "table.ply")).scene
+    run_script(other, json.loads(json.dumps(history.recorded())))
+    assert snapshot(other) == after
+
+
+def test_a_script_names_the_file_and_its_digest(
+    table: Table, found: Filling, red: Path, tmp_path: Path
+) -> None:
+    digest = hashlib.sha256(red.read_bytes()).hexdigest()
+
+    def run(**fields: str) -> Scene:
+        scene = Scene.of(table.gaussians, table.labels)
+        scene.names = {BOX: "box"}
+        before, history = snapshot(scene), History(scene)
+        script = [{"op": "fill", "groups": ["box"], "lighten": False, **fields}]
+        try:
+            titles = run_script(scene, script, history, views=lambda: table.cameras)
+        except GagaError:
+            assert snapshot(scene) == before
+            raise
+        assert titles == ("Delete and fill box, colors by red.pt",)
+        return scene
+
+    first, again = (run(model=str(red), sha256=d) for d in (digest, digest.upper()))
+    assert snapshot(first) == snapshot(again)
+    assert len(first) - len(table.labels) == len(found.splats)
+    with pytest.raises(GagaError, match=rf"red.pt is another file: its SHA-256 is {digest}, not 0"):
+        run(model=str(red), sha256="0" * 64)
+    with pytest.raises(GagaError, match=r"The inpainting model .*gone\.pt is not there"):
+        run(model=str(tmp_path / "gone.pt"))
+    with pytest.raises(GagaError, match='give "model", too'):
+        run(sha256=digest)
+    with pytest.raises(GagaError, match='"sha256" must be 64 hexadecimal digits'):
+        run(model=str(red), sha256="abc")
+
+
+@pytest.mark.parametrize(
+    ("model", "sentence"),
+    [
+        (models.NotANumber(), "returned values that are not finite"),
+        (models.Half(), r"returned \(1, 3, 32, 32\) for an image of \(1, 3, 64, 64\)"),
+        (models.Bytes(), "returned colors from 255 to 255: 0 to 1 was expected"),
+        (models.Pair(), "returned tuple for an image"),
+        (models.ImageOnly(), "failed: .*expected at most 2 argument"),
+    ],
+)
+def test_a_model_of_another_kind_is_one_sentence(
+    model: torch.nn.Module, sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(GagaError, match=f"The inpainting model odd.pt {sentence}") as caught:
+        check_inpainter(models.saved(model, tmp_path / "odd.pt"))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_none_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "text.pt").write_text("weights")
+    torch.save({"weights": torch.zeros(3)}, tmp_path / "state.pt")
+    for name in ("text.pt", "state.pt"):
+        with pytest.raises(GagaError, match=f"{name} is no inpainting model: it must be a Torch"):
+            load_inpainter(tmp_path / name)
+    with pytest.raises(GagaError, match="is not there"):
+        load_inpainter(tmp_path)
+
+
+def test_without_torch_it_says_so(red: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert why_no_model() == ""
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert "needs PyTorch" in why_no_model()
+    with pytest.raises(GagaError, match="needs PyTorch"):
+        load_inpainter(red)
+
+
+def test_a_digest_needs_a_model() -> None:
+    with pytest.raises(ValueError, match="model_sha256"):
+        FillConfig(model_sha256="0" * 64)
