@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from gaga_core.scene.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
-_NOTHING = "There is nothing to fill: what is behind is covered or not continued. Use Delete."
+_WHY = "the place is covered already, or nothing around it continues well there."
+_NOTHING = f"There is nothing to fill: {_WHY}"
 
 
 def shown(session: Session) -> "Filling | None":
@@ -39,6 +40,20 @@ def title(session: Session) -> str:
     """Return what the command is called: nothing selected means to fill what was deleted."""
     chosen = session.document is None or len(session.selected_indices()) > 0
     return "Delete and fill" if chosen else "Fill what was deleted"
+
+
+def summary(found: "Filling") -> tuple[str, ...]:
+    """Return sentences on what the preview changes, and on what it leaves as it is."""
+    lines = [f"{len(found.removed):,} splats removed, {len(found.splats):,} new"]
+    if len(found.splats) == 0:
+        lines.append(f"No new splats: {_WHY} What is open now stays open.")
+    if len(found.unseen):
+        lines.append(f"{len(found.unseen):,} removed that no photo had seen")
+    if len(found.stained):
+        lines.append(f"{len(found.stained):,} splats in its shadow lightened")
+    elif found.lighten:
+        lines.append("No shadow was found")
+    return tuple(lines)
 
 
 def start(session: Session, *, lighten: bool = True) -> None:
@@ -81,7 +96,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
         if not check():
             return
         if edit is None or not found:
-            session.notify(Level.INFO, _NOTHING)
+            session.notify(Level.INFO, _NOTHING, "edit.delete" if taken is not None else "")
             return
         document.show_filling(found, edit)
 

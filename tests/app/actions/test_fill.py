@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -18,6 +19,7 @@ from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
+from gaga_studio.ui.viewport.viewport import preview_badge
 from tests.app.looks import finish, snapshot
 from tests.core.scene.fill import models
 from tests.core.scene.fill.tables import BOX, TABLE, table_with_box
@@ -46,6 +48,14 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert found is not None
     assert found.lighten
     assert len(found.splats) > 50
+    assert fill.summary(found)[0].endswith(f", {len(found.splats):,} new")
+    assert "stays open" not in " ".join(fill.summary(found))
+    bare = replace(
+        found, splats=found.splats.take(np.zeros(0, np.int64)), stained=found.stained[:0]
+    )
+    assert "What is open now stays open." in " ".join(fill.summary(bare))
+    assert fill.summary(bare)[-1] == "No shadow was found"
+    assert preview_badge(session) == "Preview of Delete and fill"
     assert scene.has(State.DELETED)[found.removed].all(), "the preview is in the picture"
     assert command("object.fill_apply").enabled(session) == ""
 
@@ -178,6 +188,13 @@ def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
     finish(session)
     assert fill.shown(session) is None
     assert "nothing to fill" in session.notices[-1].text
+    assert session.notices[-1].command == "", "it is deleted"
+    history.undo(session)
+    selection.select_all(session)
+    run("object.fill", session)
+    finish(session)
+    assert fill.shown(session) is None
+    assert session.notices[-1].command == "edit.delete"
 
 
 def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Session) -> None:

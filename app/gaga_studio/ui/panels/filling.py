@@ -20,11 +20,8 @@ def draw(session: Session) -> bool:
         return False
     imgui.text_unformatted("Delete and fill")
     imgui.dummy(ImVec2(0, em(0.2)))
-    widgets.dim(f"{len(found.removed):,} splats removed, {len(found.splats):,} new", wrap=True)
-    if len(found.unseen):
-        widgets.dim(f"{len(found.unseen):,} removed that no photo had seen", wrap=True)
-    if len(found.stained):
-        widgets.dim(f"{len(found.stained):,} splats in its shadow lightened", wrap=True)
+    for line in fill.summary(found):
+        widgets.dim(line, wrap=True)
     command = commands.command("object.fill_lighten")
     if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
         commands.run(command.id, session)

@@ -28,8 +28,11 @@ def draw(session: Session, state: OfferState, area: PictureArea) -> None:
     """
     offer = session.stage_offer()
     area.offer_top = float("inf")
-    if offer is None or session.document is None or state.is_closed:
+    document = session.document
+    if offer is None or document is None or state.is_closed:
         return
+    if document.cleaning is not None or document.filling is not None:
+        return  # it would cover a preview that is to be looked at
     if not offer.command and session.tool is ToolName.OBJECT:
         return  # it only advises what is being done
     width = min(em(34), area.width - em(2))

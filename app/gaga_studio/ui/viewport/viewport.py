@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import align_ground, cleanup, objects
+from gaga_studio.actions import align_ground, cleanup, fill, objects
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
@@ -213,8 +213,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top = corner.y + em(0.7)
-    if cleanup.shown(session) is not None:
-        top = _badge("Preview of Clean up", corner)
+    if preview_badge(session):
+        top = _badge(preview_badge(session), corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
         top = _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
     elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
@@ -240,6 +240,13 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> flo
     if widgets.button(action, face, hint="Show what is hidden; hidden splats are not exported"):
         objects.show_all(session)
     return imgui.get_item_rect_max().y
+
+
+def preview_badge(session: Session) -> str:
+    """What is shown while it waits to be applied; "" while nothing does."""
+    if fill.shown(session) is not None:
+        return "Preview of Delete and fill"
+    return "Preview of Clean up" if cleanup.shown(session) is not None else ""
 
 
 def mode_badge(session: Session) -> str:
