@@ -95,7 +95,7 @@ def load_inpainter(path: Path, sha256: str = "") -> Inpainter:
     if why := why_no_model():
         raise GagaError(why)
     if not path.is_file():
-        raise GagaError(f"The inpainting model {path} is not there.")
+        raise GagaError(f"The inpainting model {path} is not there. Take another file, or none.")
     if sha256:
         with path.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").hexdigest()
