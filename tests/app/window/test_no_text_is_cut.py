@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 
 from gaga_studio import commands
 from gaga_studio.actions import camera_path, selection
+from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
@@ -90,5 +91,5 @@ def test_what_an_empty_list_offers_fits_its_panel(
             assert d.exists("Objects/###Make masks"), size
         monkeypatch.undo()
 
-    drive(walk, path=scene_folder)
+    drive(walk, path=scene_folder, settings=Settings(first_steps_done=True, ui_scale=1.5))
     assert not watch.found, list(watch.found)
