@@ -1,7 +1,7 @@
 """Association of many small views with 768 masks each: whether its cost is linear in the views.
 
-Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000 views: some 150
-CPU-seconds in all. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
+Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000, 2,000 and
+5,000 views: some 670 CPU-seconds in all. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
 """
 
 import os
@@ -10,7 +10,7 @@ from tests.bench.before import Costs, checkout, run_worker
 from tests.bench.figures import Figure
 from tests.bench.growth import Line
 
-_VIEWS, _LONG = (100, 250, 500), (1000,)
+_VIEWS, _LONG = (100, 250, 500), (1000, 2000, 5000)
 _COMPARED = 100  # views
 
 
@@ -29,7 +29,7 @@ def figures() -> list[Figure]:
         Figure(f"{name}: recall", last["recall"], ""),
         Figure("small views: one view more", 1e3 * line.by_step, "CPU-ms"),
         Figure("small views: memory that one view more takes", memory.by_step, "MiB"),
-        Figure("small views: largest miss of the line", line.largest_miss, "", "<= 0.05"),
+        Figure("small views: largest miss of the line", line.largest_miss, "", "<= 0.1"),
         Figure(
             f"small views: one more between {views[-2]} and {views[-1]}, to between "
             f"{views[0]} and {views[1]}",
