@@ -1,7 +1,8 @@
 """Association of many small views with 768 masks each: whether its cost is linear in the views.
 
 Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000, 2,000 and
-5,000 views: some 670 CPU-seconds in all. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
+5,000 views: some 670 CPU-seconds in all. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another
+version (`before`).
 """
 
 import os
