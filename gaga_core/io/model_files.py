@@ -76,7 +76,7 @@ def _parts(path: Path, stamp: tuple[int, int, int]) -> tuple[Path, ...]:
             return _chunks(content, path)
         return _pictures(content, path) if path.name == META else _buffers(content, path)
     except (GagaError, OSError, ValueError, TypeError, AttributeError):
-        return ()  # whoever reads the model says what is wrong with it
+        return ()  # the reader of the model says what is wrong with it
 
 
 def _buffers(gltf: dict[str, Any], path: Path) -> tuple[Path, ...]:
