@@ -233,7 +233,7 @@ def read_model(folder: SceneFolder) -> Stage[Gaussians]:
 class AssociateEntry(msgspec.Struct, frozen=True):
     """What is read again of the entry "associate" of report.json."""
 
-    mask_folder: str = ""  # label maps that were read
+    mask_folder: str = ""  # label maps that were read, from the scene folder on if they lie in it
     groups_with_gaussians: Annotated[int, msgspec.Meta(ge=0)] | None = None
     notes: tuple[str, ...] = ()  # for the user
 

@@ -76,7 +76,7 @@ def associate_scene(
         stage = associate_stage(gaussians, cameras, mask_set, engine, config)
     association = yield from stage
     summary = association.to_json() | {
-        "mask_folder": str(mask_path),
+        "mask_folder": _recorded(folder, mask_path),
         "config": asdict(config),
         "seconds": round(time.perf_counter() - start, 3),
     }
@@ -145,18 +145,29 @@ def associated_masks(folder: SceneFolder) -> Path | None:
     entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
     if entry is None or not entry.mask_folder:
         return None
-    made_of = Path(entry.mask_folder)
-    # By name: a scene folder may have moved since.
-    found = folder.mask_folders.get(made_of.name, made_of)
+    made_of = folder.root / entry.mask_folder
+    # By name where it is gone: older reports hold the whole path of a scene that may have moved.
+    found = made_of if made_of.is_dir() else folder.mask_folders.get(made_of.name, made_of)
     return found if found.is_dir() else None
+
+
+def are_associated(folder: SceneFolder, masks: Path | None) -> bool:
+    """Whether the groups were made of the masks in the folder ``masks``."""
+    made_of = associated_masks(folder)
+    return made_of is not None and masks is not None and made_of.resolve() == masks.resolve()
+
+
+def _recorded(folder: SceneFolder, mask_path: Path) -> str:
+    """How a report names a folder of masks: from the scene folder on, so that both may move."""
+    root, path = folder.root.resolve(), mask_path.resolve()
+    return path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
 
 
 def _read_former(folder: SceneFolder, n_gaussians: int, mask_path: Path) -> FormerGroups:
     """Bank and labels of the last association, to add views to; ``GagaError`` when they are not
     there, do not fit, are of other masks, or were saved without the weight of their votes."""
     entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
-    # By name: a scene folder may have moved since.
-    if entry is not None and Path(entry.mask_folder).name not in ("", mask_path.name):
+    if entry is not None and entry.mask_folder and not are_associated(folder, mask_path):
         raise GagaError(
             f"These groups are of the masks in {entry.mask_folder}. Choose those, or associate "
             "without --add."

@@ -18,14 +18,18 @@ from gaga_core.identity.lift import LiftConfig, Mode, mode_of_preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.masks import RECORD, view_key
 from gaga_core.io.scene_folder import (
-    AssociateEntry,
     SceneFolder,
     is_scene_folder,
+    mask_path_of,
     open_scene_folder,
     read_model,
-    read_report_entry,
 )
-from gaga_core.pipeline.associate import associate_scene, associated_masks, views_to_add
+from gaga_core.pipeline.associate import (
+    are_associated,
+    associate_scene,
+    associated_masks,
+    views_to_add,
+)
 from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
 from gaga_core.pipeline.render import render_views
@@ -186,12 +190,12 @@ def _is_associated(work: Work) -> bool:
 
 def _can_join(work: Work) -> bool:
     """Whether the groups are kept and there are masks of views that took no part in them."""
-    masks, made_of = work.config.masks, associated_masks(work.folder)
+    folder, masks = work.folder, work.config.masks
     if "reconstruct" in work.done or not _has_wanted_groups(work):
         return False
-    if masks is not None and (made_of is None or Path(masks).name != made_of.name):
+    if masks is not None and not are_associated(folder, mask_path_of(folder, masks)):
         return False
-    return len(views_to_add(work.folder)) > 0
+    return len(views_to_add(folder)) > 0
 
 
 def _has_wanted_groups(work: Work) -> bool:
@@ -199,7 +203,7 @@ def _has_wanted_groups(work: Work) -> bool:
     if not _labels(work.folder).is_file():
         return False
     wanted = work.config.masks_from if work.config.masks is None else ""
-    if wanted and _masks_name(work.folder) != wanted:
+    if wanted and not are_associated(work.folder, work.folder.mask_folders.get(wanted)):
         return False
     return work.config.keeps_groups or _preset_of(work) == work.config.associate.preset
 
@@ -213,12 +217,6 @@ def _preset_of(work: Work) -> Preset | None:
 def _mode(work: Work) -> Mode:
     """The mode of lift that is wanted: as asked for, else that of the preset of the groups."""
     return work.config.mode or mode_of_preset(_preset_of(work) or work.config.associate.preset)
-
-
-def _masks_name(folder: SceneFolder) -> str:
-    """Name of the mask folder that the groups were made of; "" when it is not known."""
-    entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
-    return "" if entry is None else Path(entry.mask_folder).name
 
 
 def _associate(work: Work) -> Stage[object]:

@@ -21,8 +21,9 @@ from gaga_core.io.images import write_rgb
 from gaga_core.io.masks import RECORD, read_labels, write_labels
 from gaga_core.io.ply import write_ply
 from gaga_core.io.scene_folder import SceneFolder, mask_path_of, open_scene_folder, select_views
-from gaga_core.pipeline.associate import associate_scene
+from gaga_core.pipeline.associate import associate_scene, associated_masks, views_to_add
 from gaga_core.pipeline.render import render_views
+from gaga_core.pipeline.run import RunConfig, missing_stages
 from gaga_core.progress import run_stage
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.scenes import objects_scene
@@ -132,6 +133,26 @@ def test_new_views_join_by_the_same_settings_and_of_the_same_masks(
     assert {decision.view for decision in whole.log} == set(folder.train)
     assert added.log == whole.log
     assert np.array_equal(added.group, whole.group)
+
+
+def test_masks_of_another_place_with_the_same_name_are_others(
+    folder: SceneFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """New views of the scene's own masks joined groups that were made of a folder elsewhere."""
+    elsewhere, command = tmp_path / "sim", ["associate", str(folder.root)]
+    shutil.copytree(folder.root / "masks" / "sim", elsewhere)
+    (elsewhere / folder.train[-1]).unlink()
+    assert main([*command, "--preset", "paper", "--masks", str(elsewhere)]) == 0
+    assert associated_masks(folder) == elsewhere.resolve()
+    assert views_to_add(folder) == ()
+    assert main([*command, "--add", "--masks", "sim"]) == 1
+    assert "of the masks in" in capsys.readouterr().err
+    named = RunConfig(masks_from="sim", keeps_groups=True)
+    assert "associate" in missing_stages(folder, named)
+    assert main([*command, "--preset", "paper", "--masks", "sim"]) == 0
+    assert "associate" not in missing_stages(folder, named)
+    copied = open_scene_folder(shutil.copytree(folder.root, tmp_path / "copied"))
+    assert associated_masks(copied) == copied.root / "masks" / "sim"
 
 
 def test_a_detail_needs_levels_and_a_number_in_range() -> None:

@@ -120,7 +120,7 @@ def test_a_stage_that_is_to_run_takes_those_that_need_it_along(
     monkeypatch.setattr(run, "STAGES", (*before, added, first, *after))
     assert run_stage(run_missing(folder)) == ("masks", "associate", "lift", "render")
     report = json.loads((folder.work / "report.json").read_text())
-    assert report["associate"]["mask_folder"] == str(later)
+    assert report["associate"]["mask_folder"] == "masks/new"
     assert missing_stages(folder) == ()
 
 
