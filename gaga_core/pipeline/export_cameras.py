@@ -1,5 +1,6 @@
 """Cameras of the photos in the world of exported splats."""
 
+import hashlib
 import json
 from enum import StrEnum
 from pathlib import Path
@@ -45,7 +46,7 @@ def export_cameras(project: Project, path: Path, options: ExportOptions | None =
     however that was aligned, scaled and moved as a whole. A COLMAP model keeps the points of the
     scene's own, without their tracks. Raises ``GagaError`` without cameras, for a suffix that no
     form has, where the scene's own cameras are read from, and where a COLMAP model lies that was
-    not exported from this scene.
+    exported neither from this folder nor from a scene with the same cameras.
     """
     folder, options = project.placed_folder, options or ExportOptions()
     if folder is None or not folder.cameras:
@@ -75,8 +76,25 @@ def estimated_camera_bytes(folder: SceneFolder, form: CameraForm) -> int:
 
 
 def _note(folder: SceneFolder) -> str:
-    """What an exported model says of where it is from, in a line."""
-    return f"Exported by gaga-studio from {json.dumps(str(folder.root.resolve()))}"
+    """What an exported model says of where it is from, in a line: a folder, and its cameras."""
+    place = json.dumps(str(folder.root.resolve()))
+    return f"Exported by gaga-studio from {place}, cameras {_identity(folder)}"
+
+
+def _identity(folder: SceneFolder) -> str:
+    """A digest of the scene's cameras: the same wherever its folder lies."""
+    cameras = [
+        (camera.name, camera.K.round(3).tolist(), (camera.cam_from_world.round(6) + 0).tolist())
+        for camera in folder.cameras
+    ]
+    return hashlib.sha256(json.dumps(cameras).encode()).hexdigest()[:16]
+
+
+def _is_of(folder: SceneFolder, note: str) -> bool:
+    """Whether a model with this note was exported from the scene: from its folder, or from one
+    with the same cameras, as when it has moved since."""
+    place, _, cameras = _note(folder).partition(", cameras ")
+    return note.partition(", cameras ")[0] == place or note.endswith(f", cameras {cameras}")
 
 
 def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
@@ -90,7 +108,7 @@ def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
     own = list(sparse_folders(folder.root))
     if find_sparse(folder.root) is None:
         own.append(folder.root / "cameras.json")
-    is_other = form is CameraForm.COLMAP and has_colmap(path) and note_of(path) != _note(folder)
+    is_other = form is CameraForm.COLMAP and has_colmap(path) and not _is_of(folder, note_of(path))
     if is_other or path.resolve() in [place.resolve() for place in own]:
         raise GagaError(f"{path} holds cameras that a scene is read from. Choose another place.")
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras_json import read_cameras_json
-from gaga_core.io.colmap import count_points, read_colmap
+from gaga_core.io.colmap import count_points, read_colmap, write_colmap
 from gaga_core.io.ply import read_ply
 from gaga_core.io.scene_folder import find_sparse, open_scene_folder
 from gaga_core.pipeline.export_cameras import (
@@ -150,20 +151,29 @@ def test_the_ground_of_a_scene_that_was_turned_is_below_it(tmp_path: Path) -> No
 
 
 def test_a_model_that_was_not_exported_from_this_scene_stays(tmp_path: Path) -> None:
-    """A COLMAP model as text of another scene was overwritten."""
-    for name in ("table", "other"):
-        write_scene(tmp_path / name, masks=False, n_objects=2)
+    """A COLMAP model as text of another scene was overwritten; one of a moved scene was not."""
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
     project = run_stage(open_path_stage(tmp_path / "table"))
-    model = tmp_path / "other" / "sparse" / "0"
-    before = {path: path.read_bytes() for path in model.iterdir()}
+    other = tmp_path / "other"
+    shutil.copytree(tmp_path / "table", other)
+    model = read_colmap(other / "sparse" / "0")
+    turned = tuple(
+        replace(camera, cam_from_world=camera.cam_from_world[[1, 0, 2, 3]] * [[1], [-1], [1], [1]])
+        for camera in model.cameras
+    )
+    write_colmap(other / "sparse" / "0", turned, model.points, model.point_colors)
+    before = {path: path.read_bytes() for path in (other / "sparse" / "0").iterdir()}
     with pytest.raises(GagaError, match="Choose another place"):
-        export_cameras(project, model)
-    assert {path: path.read_bytes() for path in model.iterdir()} == before
+        export_cameras(project, other / "sparse" / "0")
+    assert {path: path.read_bytes() for path in before} == before
     for scale in (1.0, 2.0):  # its own export is written again
         export_cameras(project, tmp_path / "model", ExportOptions(scale=scale))
-    other = run_stage(open_path_stage(tmp_path / "other"))
     with pytest.raises(GagaError, match="Choose another place"):
-        export_cameras(other, tmp_path / "model")
+        export_cameras(run_stage(open_path_stage(other)), tmp_path / "model")
+    moved = (tmp_path / "table").rename(tmp_path / "moved")
+    export_cameras(run_stage(open_path_stage(moved)), tmp_path / "model")
+    write_colmap(moved / "sparse" / "0", turned, model.points, model.point_colors)
+    export_cameras(run_stage(open_path_stage(moved)), tmp_path / "model")  # placed once more
 
 
 @pytest.mark.parametrize("name", ["cameras.json", "transforms.json", "model"])
