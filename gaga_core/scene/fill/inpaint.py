@@ -8,6 +8,7 @@ Only torch reads it, which is imported when a model is loaded. Nothing is ever d
 
 import hashlib
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,9 +28,15 @@ _TRIAL = 64  # side of the picture that a model is tried on
 
 def why_no_model() -> str:
     """Why no inpainting model can be used here; "" when one can."""
-    if find_spec("torch") is None:
+    if not _has_torch():
         return "An inpainting model needs PyTorch, which is not installed here."
     return ""
+
+
+@cache
+def _has_torch() -> bool:
+    """Looked up once: the window asks in every frame that shows the menu."""
+    return find_spec("torch") is not None
 
 
 @dataclass(frozen=True)
