@@ -67,18 +67,14 @@ def either(request: pytest.FixtureRequest) -> Iterator[bool]:
 
 @pytest.mark.parametrize("either", [False, True], ids=["dark", "light"], indirect=True)
 def test_dots_of_objects_are_seen(either: bool) -> None:
-    """A rim of 3 to 1 around those that the panel hides: in no folder, or of a chosen color."""
+    """A rim of 3 to 1 around those that the panel hides: in no folder, dark ones of the palette."""
     panel = values(theme.PANEL)[either]
-    rims = []
-    for color in (
-        folder_colors(Folders(), np.array([1], np.int32))[0],
-        (0, 0, 0),
-        (1, 1, 1),
-        panel[:3],
-    ):
-        rims.append(theme.rim(color))
-        seen = values(rims[-1])[either] if rims[-1] is not None else color
+    none = folder_colors(Folders(), np.array([1], np.int32))
+    palette = group_colors(np.arange(1, 300, dtype=np.int32))
+    for color in (*none, (0, 0, 0), (1, 1, 1), panel[:3], *palette):
+        rim = theme.rim(color)
+        seen = values(rim)[either] if rim is not None else color
         assert contrast(seen, panel) >= 3, color
-    assert rims[-1] is not None
-    for color in group_colors(np.arange(1, 300, dtype=np.int32)):
-        assert theme.rim(color) is None, "the palette is seen as it is"
+    assert theme.rim(panel[:3]) is not None
+    plain = [contrast(color, panel) >= 3 for color in palette]
+    assert [theme.rim(color) is None for color in palette] == plain, "no rim that is not needed"

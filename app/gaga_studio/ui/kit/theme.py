@@ -19,7 +19,7 @@ from gaga_studio.ui.kit.right_to_left import visual
 _LOG = logging.getLogger(__name__)
 
 BASE_SIZE = 15.0  # pixels of a line of text at 96 dpi
-_SEEN = 1.9  # contrast of a dot with what is behind it: all colors of groups have more
+_SEEN = 3.0  # contrast of a dot with what is behind it (WCAG 2.2, 1.4.11)
 
 Rgba = tuple[float, float, float, float]
 
