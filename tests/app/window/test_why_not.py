@@ -5,10 +5,12 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 
 import pytest
 from imgui_bundle import imgui
 
+from gaga_core.progress import Progress, Stage
 from gaga_studio import commands
 from gaga_studio.commands import MENUS
 from gaga_studio.commands.base import Command
@@ -35,8 +37,38 @@ def test_disabled_commands_say_why_and_an_empty_list_offers_objects(
         offer = d.session.stage_offer()
         assert offer is not None
         assert offer.command == "object.associate", "what the button runs"
+        _no_offer_while_a_job_runs(d)
 
     drive(walk, size=(520, 760))
+
+
+def _no_offer_while_a_job_runs(d: Driver) -> None:
+    card, button, ends = "Viewport/**/###Not now", "Objects/###Find objects", Event()
+    assert d.exists(card)
+    assert d.on_main(lambda: d.session.jobs.start("Wait", _waits(ends)))
+    d.frames(3)
+    assert not d.exists(card), "on the picture"
+    assert not d.exists(button)
+    said: dict[str, str] = {}
+    real = widgets.empty_state
+
+    def empty_state(icon: str, title: str, detail: str) -> None:
+        said[title] = detail
+        real(icon, title, detail)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(widgets, "empty_state", empty_state)
+        d.frames(2)
+    assert said["No objects yet"] == "Nothing in this scene belongs to an object.", "no advice"
+    ends.set()
+    d.settle()
+    assert d.exists(card)
+    assert d.exists(button)
+
+
+def _waits(ends: Event) -> Stage[None]:
+    yield Progress("Wait", 0, 1)
+    ends.wait()
 
 
 def _at_once() -> None:

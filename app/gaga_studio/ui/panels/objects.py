@@ -84,14 +84,13 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
 
 
 def _nothing_yet(session: Session) -> None:
-    job = session.jobs.running
     if session.live is not None:
         widgets.empty_state(icons.BOXES, "No objects yet", "They appear here as views are done.")
         return
     offer = session.stage_offer()
     reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
-    if offer is not None and offer.command and job is None:
+    if offer is not None and offer.command:
         room, padding = imgui.get_content_region_avail().x, 2 * imgui.get_style().frame_padding.x
         texts = (offer.label, offer.short_label, offer.action)
         wide = {text: imgui.calc_text_size(f"{icons.RUN}  {text}").x + padding for text in texts}
