@@ -48,7 +48,7 @@ def start(session: Session) -> None:
 
     def done(found: "CleanPreview") -> None:
         if not found:
-            session.notify(Level.INFO, found.sentence())
+            session.notify(Level.HINT, found.sentence())
         elif is_same():
             document.show_cleaning(found)
 

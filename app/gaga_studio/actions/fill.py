@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from gaga_core.scene.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
-_WHY = "the place is covered already, or nothing around it continues well there."
-_NOTHING = f"There is nothing to fill: {_WHY}"
+_COVERED = "the place is covered already, or nothing around it continues well there."
+_REFUSED = "what would fill it hardly shows, or would change what the photos show next to it."
 
 
 def shown(session: Session) -> "Filling | None":
@@ -42,11 +42,16 @@ def title(session: Session) -> str:
     return "Delete and fill" if chosen else "Fill what was deleted"
 
 
+def _why(found: "Filling") -> str:
+    """Return why no splats are added."""
+    return _REFUSED if found.is_refused else _COVERED
+
+
 def summary(found: "Filling") -> tuple[str, ...]:
     """Return sentences on what the preview changes, and on what it leaves as it is."""
     lines = [f"{len(found.removed):,} splats removed, {len(found.splats):,} new"]
     if len(found.splats) == 0:
-        lines.append(f"No new splats: {_WHY} What is open now stays open.")
+        lines.append(f"No new splats: {_why(found)} What is open now stays open.")
     if len(found.unseen):
         lines.append(f"{len(found.unseen):,} removed that no photo had seen")
     if len(found.stained):
@@ -96,7 +101,8 @@ def start(session: Session, *, lighten: bool = True) -> None:
         if not check():
             return
         if edit is None or not found:
-            session.notify(Level.INFO, _NOTHING, "edit.delete" if taken is not None else "")
+            text = f"There is nothing to fill: {_why(found)}"
+            session.notify(Level.HINT, text, "edit.delete" if taken is not None else "")
             return
         document.show_filling(found, edit)
 

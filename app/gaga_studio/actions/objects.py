@@ -111,7 +111,7 @@ def delete_floaters(session: Session) -> bool:
     among = chosen if len(chosen) else algebra.everything(scene)
     found = floaters(scene, among)
     if len(found) == 0:
-        session.notify(Level.INFO, "No splat stands alone here.")
+        session.notify(Level.HINT, "No splat stands alone here.")
         return False
     return document.do(edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 

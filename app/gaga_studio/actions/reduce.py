@@ -172,7 +172,7 @@ def start(session: Session, plan: ReducePlan) -> None:
         if not check():
             return
         if not document.do(edit):
-            session.notify(Level.INFO, "No neighbours could be merged: nothing is changed.")
+            session.notify(Level.HINT, "No neighbours could be merged: nothing is changed.")
             return
         less = f"{found.n_before:,} splats became {found.n_after:,}"
         session.notify(Level.INFO, f"{less}: {loss_text(found.psnr)}.")

@@ -258,7 +258,7 @@ def name_all(session: Session) -> None:
         elif document.do(name_groups(document.scene, names)):
             session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
         else:
-            session.notify(Level.INFO, "The index knows no further name with confidence.")
+            session.notify(Level.HINT, "The index knows no further name with confidence.")
 
     session.jobs.start("Name the objects", stage(), on_done=done)
 

@@ -92,7 +92,7 @@ def select_uncertain(session: Session) -> bool:
     threshold = document.confidence_threshold
     found = uncertain(scene, among, threshold)
     if len(found) == 0:
-        session.notify(Level.INFO, f"No splat is below {100 * threshold:.0f} %.")
+        session.notify(Level.HINT, f"No splat is below {100 * threshold:.0f} %.")
         return False
     return document.select(found, "set", "Select uncertain")
 

@@ -45,7 +45,7 @@ def offer(session: "Session") -> None:
     if tree is not None:
         left = n - len(tree)
         text = f"{left:,} splats of added files have no level of detail: build it again for all."
-    session.notify(Level.INFO, text, COMMAND)
+    session.notify(Level.HINT, text, COMMAND)
 
 
 def current(document: "Document") -> "LodTree | None":

@@ -14,7 +14,8 @@ from gaga_core.errors import GagaError
 class Level(StrEnum):
     """How much a notice matters."""
 
-    INFO = "info"
+    HINT = "hint"  # nothing was done, and nothing went wrong
+    INFO = "info"  # something was done
     WARNING = "warning"
     ERROR = "error"
 
@@ -60,7 +61,7 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
         try:
             return bool(action(session, *args, **kwargs))
         except NothingSelectedError as error:
-            session.notify(Level.INFO, str(error))
+            session.notify(Level.HINT, str(error))
         except GagaError as error:
             session.notify(Level.ERROR, str(error))
         return False

@@ -50,7 +50,7 @@ def opened(session: "Session") -> bool:
     if str(path.resolve()) in session.settings.upright:
         return _turn(session, is_content=False)
     text = f"{path.name} does not say which way is up. Does it stand on its head?"
-    session.notify(Level.INFO, text, COMMAND)
+    session.notify(Level.HINT, text, COMMAND)
     return False
 
 

@@ -220,7 +220,7 @@ class CloneTool(_Brush):
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
         if self._source is None or self._source[0] is not session.document:
-            session.notify(Level.INFO, "Ctrl+click a surface first: the source that is copied.")
+            session.notify(Level.HINT, "Ctrl+click a surface first: the source that is copied.")
             return False
         session.need().settled()
         self._target, self._points = self._surface(session, place), []

@@ -49,6 +49,7 @@ class Filling:
     stained: LongArray  # (S,) rows to be lightened
     gains: FloatArray  # (S, 3) by these factors
     lighten: bool  # whether stains were looked for
+    is_refused: bool  # a hole was found and left open: its filling hardly shows, or does harm
     model: str = ""  # name of the inpainting model's file; "" = colors continue the surroundings
 
     def __bool__(self) -> bool:
@@ -127,6 +128,7 @@ def fill_stage(
         stained=rows[stained],
         gains=work.gain[stained].astype(np.float32),
         lighten=settings.lighten,
+        is_refused=work.is_refused,
         model=inpainter.name if inpainter is not None and len(splats) else "",
     )
 
@@ -135,9 +137,8 @@ def _nothing(removed: LongArray, gaussians: Gaussians, config: FillConfig) -> Fi
     """The removal alone, of rows (R,)."""
     none = np.zeros(0, np.int64)
     splats, labels = gaussians.take(none), np.zeros(0, np.int32)
-    return Filling(
-        removed, none, splats, labels, none, np.zeros((0, 3), np.float32), config.lighten
-    )
+    gain = np.zeros((0, 3), np.float32)
+    return Filling(removed, none, splats, labels, none, gain, config.lighten, is_refused=False)
 
 
 def _made(scene: Scene) -> BoolArray:
@@ -170,6 +171,7 @@ class _Work:
         # Other things that the photos showed.
         self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
         self.color_of: Callable[[DoubleArray, BoolArray, BoolArray], DoubleArray] = continued_color
+        self.is_refused = False  # a hole that was found is left open
         self.made: list[Gaussians] = []
         self.groups: list[IntArray] = []
         self.gain = np.ones((len(gaussians), 3))
@@ -220,6 +222,7 @@ class _Work:
         rest = _lit(self.gaussians, gain).take(left)
         kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
         if not kept.any():
+            self.is_refused = True
             return False
         fresh = fresh.take(np.flatnonzero(kept))
         self.dropped |= goes

@@ -17,6 +17,7 @@ from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import children, fill, history, selection
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.viewport.viewport import preview_badge
@@ -50,10 +51,15 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert len(found.splats) > 50
     assert fill.summary(found)[0].endswith(f", {len(found.splats):,} new")
     assert "stays open" not in " ".join(fill.summary(found))
+    assert not found.is_refused
     bare = replace(
         found, splats=found.splats.take(np.zeros(0, np.int64)), stained=found.stained[:0]
     )
     assert "What is open now stays open." in " ".join(fill.summary(bare))
+    assert "covered already" in " ".join(fill.summary(bare))
+    refused = " ".join(fill.summary(replace(bare, is_refused=True)))
+    assert "hardly shows" in refused
+    assert "covered already" not in refused
     assert fill.summary(bare)[-1] == "No shadow was found"
     assert preview_badge(session) == "Preview of Delete and fill"
     assert scene.has(State.DELETED)[found.removed].all(), "the preview is in the picture"
@@ -187,7 +193,8 @@ def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
     run("object.fill", session)
     finish(session)
     assert fill.shown(session) is None
-    assert "nothing to fill" in session.notices[-1].text
+    assert "nothing to fill: the place is covered already" in session.notices[-1].text
+    assert session.notices[-1].level is Level.HINT, "nothing was done"
     assert session.notices[-1].command == "", "it is deleted"
     history.undo(session)
     selection.select_all(session)

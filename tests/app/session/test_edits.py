@@ -129,7 +129,7 @@ def test_edits_need_a_selection(associated: Session) -> None:
         n = len(associated.notices)
         assert not act(associated)
         (notice,) = associated.notices[n:]
-        assert notice.level is Level.INFO, "a hint, nothing went wrong"
+        assert notice.level is Level.HINT, "a hint, nothing went wrong"
         assert "Nothing is selected" in notice.text
     assert associated.history is not None
     assert not associated.history.can_undo

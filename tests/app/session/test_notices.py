@@ -34,7 +34,7 @@ def test_the_type_of_the_error_sets_the_level() -> None:
     hint = NothingSelectedError()
     assert not _act(told, hint)
     assert not _act(told, GagaError(str(hint)))
-    assert told.notices == [(Level.INFO, str(hint)), (Level.ERROR, str(hint))]
+    assert told.notices == [(Level.HINT, str(hint)), (Level.ERROR, str(hint))]
 
 
 def test_defects_pass() -> None:

@@ -4,7 +4,9 @@ import shutil
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from gaga_core.scene.objects import group_indices
 from gaga_studio import commands
@@ -29,7 +31,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_scene: Path, tmp_path: Pa
         _tool_bar(d)
         _playback(d)
         _letters(d)
-        _notices(d)
+        _notices(d, tmp_path / "notice.png")
         _file_dialog(d, tmp_path)
 
     drive(walk, path=folder, size=(1280, 720))
@@ -81,14 +83,32 @@ def _tool_bar(d: Driver) -> None:
         assert places() == before
 
 
-def _notices(d: Driver) -> None:
-    """They stand next to the view cube, and leave the middle of the picture free."""
+def _notices(d: Driver, picture: Path) -> None:
+    """They stand next to the view cube, and leave the middle of the picture free.
+
+    Green is only what was done.
+    """
     d.session.notify(Level.INFO, "Saved.")
     d.frames(3)
     cube = d.engine.item_info("//Viewport/View cube").rect_full
     notice = d.engine.get_window_by_ref("//Notice 0")
     assert notice.pos.x + notice.size.x <= cube.min.x
     assert notice.pos.y + notice.size.y < d.corner[1] + d.size[1] / 3
+    assert _green(d, picture)
+    d.session.notify(Level.HINT, "Nothing is selected.")
+    d.frames(3)
+    assert not _green(d, picture)
+
+
+def _green(d: Driver, picture: Path) -> int:
+    """Green pixels of the newest notice."""
+    d.capture(picture)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    left, top = int(card.pos.x), int(card.pos.y)
+    with Image.open(picture) as image:
+        box = (left, top, left + int(card.size.x), top + int(card.size.y))
+        red, green, _ = np.asarray(image.convert("RGB").crop(box), np.int32).transpose(2, 0, 1)
+    return int((green - red > 40).sum())
 
 
 def _letters(d: Driver) -> None:

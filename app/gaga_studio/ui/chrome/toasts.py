@@ -17,10 +17,11 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-_SECONDS = {Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
+_SECONDS = {Level.HINT: 4.0, Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _MOST = 4  # on screen at once; older ones wait below
 _SIGNS = {
+    Level.HINT: (icons.INFO, theme.DIM),
     Level.INFO: (icons.SUCCESS, theme.GOOD),
     Level.WARNING: (icons.WARNING, theme.WARN),
     Level.ERROR: (icons.ERROR, theme.BAD),
