@@ -134,14 +134,10 @@ def choose_model(session: Session, path: Path) -> None:
     """
     _need_no_job(session)
 
-    def stage() -> Stage[None]:
-        yield Progress("Try the inpainting model", 0, 0)
-        inpaint.check_inpainter(path)
-
     def done(_: None) -> None:
         _use_model(session, str(path.resolve()))
 
-    session.jobs.start("Try the inpainting model", stage(), on_done=done)
+    session.jobs.start("Try the inpainting model", inpaint.trial_stage(path), on_done=done)
 
 
 @notifies

@@ -1,6 +1,6 @@
 """Find what a removed object hid, and make the splats and colors that fill it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.fill.chart import Chart, chart_of, tolerance_of
 from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
-from gaga_core.scene.fill.inpaint import load_inpainter
+from gaga_core.scene.fill.inpaint import Inpainter
 from gaga_core.scene.fill.smooth import smooth_base
 from gaga_core.scene.fill.splats import new_splats
 from gaga_core.scene.fill.stains import gains, splat_gains, taken_cells
@@ -92,10 +92,22 @@ def fill_stage(
     when an inpainting model is asked for that cannot be used.
     """
     settings = FillConfig() if config is None else config
-    inpainter = None
-    if settings.model:
-        yield Progress(_STAGE, 0, 0, "load the inpainting model")
-        inpainter = load_inpainter(Path(settings.model), settings.model_sha256)
+    if not settings.model:
+        return (yield from _filled(scene, indices, cameras, rasterizer, settings, None))
+    with Inpainter(Path(settings.model), settings.model_sha256) as model:
+        yield from model.loaded_stage()
+        return (yield from _filled(scene, indices, cameras, rasterizer, settings, model))
+
+
+def _filled(
+    scene: Scene,
+    indices: AnyArray,
+    cameras: Sequence[Camera],
+    rasterizer: Rasterizer,
+    settings: FillConfig,
+    inpainter: Inpainter | None,
+) -> Stage[Filling]:
+    """`fill_stage`; ``inpainter`` colors what is filled, None: the surroundings do."""
     chosen = np.zeros(len(scene), np.bool_)
     chosen[sorted_indices(indices, len(scene))] = True
     # What has no place in space is never drawn: it hides nothing.
@@ -109,13 +121,12 @@ def fill_stage(
     made = _made(scene)[rows] & ~is_object
     seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
     work = _Work(gaussians, labels, is_object, seen, rasterizer, settings)
-    if inpainter is not None:
-        work.color_of = inpainter.painted
+    work.inpainter = inpainter
     work.locked |= (scene.state[rows] & np.uint8(State.LOCKED)) != 0
     parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
     for i, part in enumerate(parts):
         yield Progress(_STAGE, i, len(parts))
-        work.fill(part)
+        yield from work.fill(part)
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
     splats = gaussians.take(np.zeros(0, np.int64))
     for piece in work.made:
@@ -170,7 +181,7 @@ class _Work:
         self.size = float(sizes[is_object].max())
         # Other things that the photos showed.
         self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
-        self.color_of: Callable[[DoubleArray, BoolArray, BoolArray], DoubleArray] = continued_color
+        self.inpainter: Inpainter | None = None  # None: colors continue the surroundings
         self.is_refused = False  # a hole that was found is left open
         self.made: list[Gaussians] = []
         self.groups: list[IntArray] = []
@@ -178,7 +189,7 @@ class _Work:
         self.dropped = np.zeros(len(gaussians), np.bool_)
         self.locked = np.zeros(len(gaussians), np.bool_)  # neither goes nor is lightened
 
-    def fill(self, part: BoolArray) -> None:
+    def fill(self, part: BoolArray) -> Stage[None]:
         """Fill behind the splats ``part`` (N,) of the object, surface by surface."""
         own = self.points[part]
         hidden = ~self.is_object & ~self.is_known
@@ -200,15 +211,20 @@ class _Work:
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * plane.spacing
             goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
             goes |= within
-            n_filled += self._fill_chart(chart, goes & ~self.locked)
+            n_filled += yield from self._fill_chart(chart, goes & ~self.locked)
             if n_filled == self.config.most_surfaces:
                 return
 
-    def _fill_chart(self, chart: Chart, goes: BoolArray) -> bool:
+    def _fill_chart(self, chart: Chart, goes: BoolArray) -> Stage[bool]:
         """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
         plane = chart.plane
         chart, factors = self._lightened(chart)
-        color = np.clip(self.color_of(chart.color, chart.known, chart.hole), 0, 1.5)
+        surface = chart.color, chart.known, chart.hole
+        if self.inpainter is None:
+            color = continued_color(*surface)
+        else:
+            color = yield from self.inpainter.painted_stage(*surface)
+        color = np.clip(color, 0, 1.5)
         height = _continued_height(chart)
         fresh = new_splats(self.gaussians, chart, color, height, self.rasterizer, self.config.seed)
         # What no photo showed is no surface to compare with.

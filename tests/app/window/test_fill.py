@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.ply import write_ply
+from gaga_core.scene.fill import inpaint
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import fill, selection
@@ -50,9 +51,11 @@ def test_a_model_is_chosen_in_the_preview_and_left_again(
         assert np.abs(d.pixels().astype(np.int32) - plain).mean() < 0.5
 
         monkeypatch.setitem(sys.modules, "torch", None)
+        inpaint._has_torch.cache_clear()  # it is looked for once
         d.click(_MODEL)
         d.frames(3)
         assert d.studio.ui.files.dialog is None, "it is off without PyTorch"
         d.capture(tmp_path / "off.png")
 
     drive(walk, path=saved, size=(1100, 700))
+    inpaint._has_torch.cache_clear()

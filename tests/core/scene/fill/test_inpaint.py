@@ -3,7 +3,9 @@
 import hashlib
 import json
 import sys
+from multiprocessing import active_children
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ from gaga_core.scene.fill import inpaint
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.edits import filled_edit
 from gaga_core.scene.fill.fill import Filling, fill_stage
-from gaga_core.scene.fill.inpaint import check_inpainter, load_inpainter, why_no_model
+from gaga_core.scene.fill.inpaint import Inpainter, trial_stage, why_no_model
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.script.run import run_script
@@ -69,11 +71,12 @@ def test_cells_that_are_known_keep_their_colors_and_sides_are_what_a_model_takes
     hole[10:20, 30:50] = True
     known[10:20, 30:50] = known[30:] = False  # a hole, and what is no surface
     color[30:] = 0.9
-    model = load_inpainter(models.saved(models.Mean(), tmp_path / "mean.pt"))
-    painted = model.painted(color, known, hole)
+    with Inpainter(models.saved(models.Mean(), tmp_path / "mean.pt")) as model:
+        run_stage(model.loaded_stage())
+        painted = run_stage(model.painted_stage(color, known, hole))
     assert np.array_equal(painted[~hole], color[~hole])
     assert painted[hole] == pytest.approx(np.full((200, 3), 0.5), abs=0.03)
-    check_inpainter(tmp_path / "mean.pt")
+    run_stage(trial_stage(tmp_path / "mean.pt"))
 
 
 def test_the_title_names_it_undo_is_exact_and_the_recording_needs_no_model(
@@ -140,7 +143,7 @@ def test_a_model_of_another_kind_is_one_sentence(
     model: torch.nn.Module, sentence: str, tmp_path: Path
 ) -> None:
     with pytest.raises(GagaError, match=f"The inpainting model odd.pt {sentence}") as caught:
-        check_inpainter(models.saved(model, tmp_path / "odd.pt"))
+        run_stage(trial_stage(models.saved(model, tmp_path / "odd.pt")))
     assert "\n" not in str(caught.value)
 
 
@@ -149,9 +152,9 @@ def test_a_file_that_is_none_is_one_sentence(tmp_path: Path) -> None:
     torch.save({"weights": torch.zeros(3)}, tmp_path / "state.pt")
     for name in ("text.pt", "state.pt"):
         with pytest.raises(GagaError, match=f"{name} is no inpainting model: it must be a Torch"):
-            load_inpainter(tmp_path / name)
+            run_stage(trial_stage(tmp_path / name))
     with pytest.raises(GagaError, match="is not there"):
-        load_inpainter(tmp_path)
+        Inpainter(tmp_path)
 
 
 def test_without_torch_it_says_so(red: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,10 +165,35 @@ def test_without_torch_it_says_so(red: Path, monkeypatch: pytest.MonkeyPatch) ->
     inpaint._has_torch.cache_clear()
     assert "needs PyTorch" in why_no_model()
     with pytest.raises(GagaError, match="needs PyTorch"):
-        load_inpainter(red)
+        Inpainter(red)
     inpaint._has_torch.cache_clear()
 
 
 def test_a_digest_needs_a_model() -> None:
     with pytest.raises(ValueError, match="model_sha256"):
         FillConfig(model_sha256="0" * 64)
+
+
+def test_a_model_that_never_ends_is_ended_with_the_stage(table: Table, tmp_path: Path) -> None:
+    endless = models.saved(models.Endless(), tmp_path / "endless.pt")
+    scene = Scene.of(table.gaussians, table.labels)
+    config = FillConfig(lighten=False, model=str(endless))
+    stage = fill_stage(scene, table.labels == BOX, table.cameras[::3], CPU, config)
+    while next(stage).message != "endless.pt paints":
+        pass
+    (process,) = active_children()
+    start = monotonic()
+    next(stage)
+    stage.close()
+    assert monotonic() - start < 2
+    assert not process.is_alive()
+    assert active_children() == []
+
+
+def test_a_process_that_dies_is_one_sentence(red: Path) -> None:
+    with Inpainter(red) as model:
+        run_stage(model.loaded_stage())
+        (process,) = active_children()
+        process.kill()
+        with pytest.raises(GagaError, match=r"red\.pt ended with status -9"):
+            run_stage(model.painted_stage(np.zeros((8, 8, 3)), *np.zeros((2, 8, 8), np.bool_)))
