@@ -23,6 +23,7 @@ from gaga_core.grouping.hierarchy.smaller import (
     colors_of_samples,
     smaller_levels,
 )
+from gaga_core.grouping.hierarchy.spanned import spanned
 from gaga_core.grouping.hierarchy.surfels import LoadFurther, Surfels, sample_surfels
 from gaga_core.grouping.levels import Levels, agreement_of
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
@@ -100,18 +101,18 @@ def objects_stage(
     around = _Around.of(gaussians, surfels.points)
     near = Neighbourhood.of(surfels.points)
     n_splats = np.bincount(around.samples[:, 0], minlength=len(surfels.points))
-    clusters, background = yield from part(
-        _nested_clusters(surfels, near, views, n_splats, config), 1, _STEPS, STAGE
-    )
     chosen, rows = len(config.coarser), around.rows
+    rgb = rgb_from_dc(gaussians.sh[rows, 0])
+    colors = rgb, colors_of_samples(gaussians, rows, rgb, surfels.points)
+    clusters, background = yield from part(
+        _nested_clusters(surfels, near, views, n_splats, colors[1], config), 1, _STEPS, STAGE
+    )
     groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
     confidence[rows] = agreement_of(groups, clusters[chosen][nearest].astype(np.int32))
     yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
     parts = np.where(background, -1, clusters[-1])
-    rgb = rgb_from_dc(gaussians.sh[rows, 0])
-    colors = rgb, colors_of_samples(gaussians, rows, rgb, surfels.points)
     shown = surfels.n_views / len(views)
     smaller = smaller_levels(
         surfels, near, parts, colors[1], shown, config.smaller, config.least_piece
@@ -170,11 +171,13 @@ def _nested_clusters(
     near: Neighbourhood,
     views: Sequence[Camera],
     n_splats: LongArray,
+    color: DoubleArray,
     config: HierarchyConfig,
 ) -> Stage[tuple[LongArray, BoolArray]]:
     """Clusters (L, S) of samples, coarse to fine, and which samples (S,) are background.
 
-    ``n_splats`` (S,) is how many Gaussians are next to each sample.
+    ``n_splats`` (S,) is how many Gaussians are next to each sample, ``color`` (S, 3) as of
+    `colors_of_samples`.
     """
     yield Progress(STAGE, 0, 4, "small pieces")
     piece = small_pieces(surfels, near)
@@ -191,6 +194,7 @@ def _nested_clusters(
     now = keep_enclosed(surfels, near, judge.again(parts[-1]), config.least_object)
     now = now.joined(config.objects).joined(-np.inf, config.least_object)
     now = now.merged(held_together(near, plane, now.cluster))
+    now = now.merged(spanned(surfels, near, plane, color, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
     crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
     outside = crumbs

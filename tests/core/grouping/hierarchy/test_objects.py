@@ -149,6 +149,24 @@ def test_print_does_not_split(scene: Synthetic) -> None:
     assert floor.max() > 0.9 * floor.sum()
 
 
+def test_a_floor_is_one_on_both_sides_of_a_carpet(scene: Synthetic) -> None:
+    g = scene.gaussians
+    floor = scene.labels == 0
+    carpet = floor & (np.abs(g.means[:, 0]) < 0.3)
+    means = g.means + np.outer(carpet, [0, 0, 0.07]).astype(np.float32)
+    color = np.where(carpet[:, None], [0.6, 0.1, 0.1], 0.4).astype(np.float32)
+    laid = replace(g, means=means, sh=dc_from_rgb(color)[:, None].copy())
+    parts = np.where(floor, 1 + carpet + 2 * (g.means[:, 0] > 0.3), scene.labels + 4)
+    engine = choose("cpu")
+    maps = {
+        camera.name: engine.label_splat(laid, camera, parts.astype(np.int32)).labels
+        for camera in scene.cameras
+    }
+    found = _found(laid, scene.cameras, maps, HierarchyConfig(background=False))
+    left, middle, right = (np.bincount(found.labels[parts == k]).argmax() for k in (1, 2, 3))
+    assert left == right != middle
+
+
 def test_other_levels_of_detail_of_the_masks_count(scene: Synthetic) -> None:
     maps = _masks(scene)
     everything = {name: np.ones_like(labels) for name, labels in maps.items()}
