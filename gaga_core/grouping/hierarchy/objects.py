@@ -193,7 +193,7 @@ def _nested_clusters(
     yield Progress(STAGE, 3, 4, "objects")
     now = keep_enclosed(surfels, near, judge.again(parts[-1]), config.least_object)
     now = now.joined(config.objects).joined(-np.inf, config.least_object)
-    now = now.merged(held_together(near, plane, now.cluster))
+    now = now.merged(held_together(near, plane, now.cluster, judge.shown))
     now = now.merged(spanned(surfels, near, plane, color, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
     crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)

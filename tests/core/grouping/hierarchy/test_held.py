@@ -12,14 +12,15 @@ _STEM: Box = ((0, 2), (0, 2), (1, 20))
 _LEAVES: tuple[Box, Box] = (((-12, 2), (-4, 4), (20, 21)), ((2, 14), (-4, 4), (20, 21)))
 
 
-def _scene(floor: int, *boxes: Box) -> tuple[Neighbourhood, IntArray, LongArray]:
-    """Samples one unit apart of a square floor and of boxes over it; the plane and the cluster (S,)
-    of each sample."""
+def _scene(floor: int, *boxes: Box) -> tuple[Neighbourhood, IntArray, LongArray, DoubleArray]:
+    """Samples one unit apart of a square floor and of boxes over it; the plane, the cluster and the
+    share of the views (S,) of each sample."""
     parts = [_samples(((-floor, floor), (-floor, floor), (0, 1))), *map(_samples, boxes)]
     points = np.concatenate(parts)
     points += np.random.default_rng(0).normal(0, 0.05, points.shape)
     cluster = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return Neighbourhood.of(points), (cluster == _FLOOR).astype(np.int32), cluster
+    plane = (cluster == _FLOOR).astype(np.int32)
+    return Neighbourhood.of(points), plane, cluster, np.full(len(points), 0.5)
 
 
 def _samples(box: Box) -> DoubleArray:
@@ -34,8 +35,17 @@ def test_leaves_are_one_thing_apart_from_the_stem_that_stands() -> None:
 
 
 def test_without_a_plane_to_stand_on_nothing_is_joined() -> None:
-    near, plane, cluster = _scene(40, _STEM, *_LEAVES)
-    assert len(np.unique(held_together(near, np.zeros_like(plane), cluster))) == 4
+    near, plane, cluster, shown = _scene(40, _STEM, *_LEAVES)
+    assert len(np.unique(held_together(near, np.zeros_like(plane), cluster, shown))) == 4
+
+
+def test_what_hardly_a_view_shows_is_not_held_by_what_many_show() -> None:
+    near, plane, cluster, shown = _scene(40, _STEM, *_LEAVES)
+    shown[cluster == _OTHER] = 0.05
+    assert len(np.unique(held_together(near, plane, cluster, shown))) == 4
+    shown[cluster == _ONE] = 0.05
+    ids = held_together(near, plane, cluster, shown)
+    assert ids[_ONE] == ids[_OTHER]
 
 
 def test_what_rests_on_something_wide_stays_apart() -> None:
