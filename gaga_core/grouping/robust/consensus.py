@@ -64,7 +64,9 @@ class ConsensusConfig:
     min_shared: int = 2  # points in common masks that join clusters which do not touch
     min_support: float = 0.25  # share of the views that see a group in which it leads a mask
     rare: float = 0.05  # groups that lead masks in a lesser share of all views are noise, ...
-    rare_views: int = 3  # ... but not those of so many views
+    rare_views: int = 3  # ... but not those of so many views, ...
+    sure_views: int = 2  # ... nor those that lead a mask in so many views, ...
+    sure_support: float = 0.5  # ... if that is so large a share of the views that see them
     whole_groups: int = 4  # a mask that shows so many clusters is of many things at once
     whole_share: float = 0.04  # ... each with this share of its points
     merged_share: float = 0.15  # a mask whose second group has this share of points holds both
@@ -231,8 +233,8 @@ def _supported(tables: PointTables, n_points: LongArray, config: ConsensusConfig
     shown = tables.seen()
     seen = (shown / (shown + 1)).sum(axis=0)
     least = max(1.0, min(config.rare * len(tables), config.rare_views))
-    keeps = (leads >= np.maximum(least, config.min_support * seen)) & (
-        n_points >= config.min_points
-    )
+    is_common = (leads >= least) & (leads >= config.min_support * seen)
+    is_sure = (leads >= config.sure_views) & (leads >= config.sure_support * seen)
+    keeps = (is_common | is_sure) & (n_points >= config.min_points)
     keeps[0] = False
     return np.where(keeps, np.cumsum(keeps), 0).astype(np.int32)

@@ -215,6 +215,24 @@ def test_one_stray_point_does_not_join_things_apart(
     assert (joined is not None) == joins
 
 
+@pytest.mark.parametrize(
+    ("leads", "sees", "stays"), [(2, 2, True), (1, 1, False), (2, 8, False), (3, 8, True)]
+)
+def test_what_few_views_see_is_a_group_if_it_has_a_mask_in_most_of_them(
+    leads: int, sees: int, stays: bool
+) -> None:
+    """A large thing in all of 100 views, and a small one that ``sees`` of them see and ``leads``
+    have a mask of; in the others the mask of the large one covers it."""
+    cluster = np.repeat(np.array([1, 2], np.int32), [40, 8])
+    mask_of = np.zeros((48, 100), np.int32)
+    mask_of[:40] = 1
+    mask_of[40:, :sees] = 1
+    mask_of[40:, :leads] = 2
+    tables = point_tables(mask_of, cluster, [3] * 100)
+    kept = consensus._supported(tables, np.bincount(cluster), ConsensusConfig())
+    assert kept.tolist() == [0, 1, 2 if stays else 0]
+
+
 def test_merged_masks_hold_two_groups() -> None:
     table = csr_matrix([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
     assert merged_masks(Leaders.of(table), ConsensusConfig()).tolist() == [2, 3]
