@@ -17,7 +17,7 @@ class Levels:
 
     labels: IntArray  # (L, N) group of each Gaussian, 0 = none
     chosen: int  # the level that was found to show whole objects
-    background: int = 0  # group of what surrounds the scene, the same at all levels; 0 = none
+    background: int = 0  # group of what surrounds the scene, 0 = none; finer levels may divide it
 
     def __post_init__(self) -> None:
         check_shape("labels", self.labels, ("L", "N"), np.int32)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
@@ -104,9 +104,10 @@ def objects_stage(
     chosen, rows = len(config.coarser), around.rows
     rgb = rgb_from_dc(gaussians.sh[rows, 0])
     colors = rgb, colors_of_samples(gaussians, rows, rgb, surfels.points)
-    clusters, background = yield from part(
+    clusters, behind = yield from part(
         _nested_clusters(surfels, near, views, n_splats, colors[1], config), 1, _STEPS, STAGE
     )
+    background = behind > 0
     groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
@@ -125,7 +126,8 @@ def objects_stage(
     for level, of_samples in enumerate(clusters):
         nested[level] = of_samples[nearest]
     for level, of_samples in enumerate(smaller, start=len(clusters)):
-        nested[level] = of_samples[alike]
+        inside = np.where(background, of_samples.max() + behind, of_samples)
+        nested[level] = inside[alike]
     found = Levels.of(nested, chosen, background[nearest].astype(np.int64))
     if config.detail is not None:
         found = found.choose(config.detail)
@@ -173,8 +175,9 @@ def _nested_clusters(
     n_splats: LongArray,
     color: DoubleArray,
     config: HierarchyConfig,
-) -> Stage[tuple[LongArray, BoolArray]]:
-    """Clusters (L, S) of samples, coarse to fine, and which samples (S,) are background.
+) -> Stage[tuple[LongArray, LongArray]]:
+    """Clusters (L, S) of samples, coarse to fine, and what is background (S,): 0 = not, 1 = rest,
+    each thing in it another number.
 
     ``n_splats`` (S,) is how many Gaussians are next to each sample, ``color`` (S, 3) as of
     `colors_of_samples`.
@@ -201,10 +204,11 @@ def _nested_clusters(
     if config.background:
         outside = crumbs | is_outside(surfels, near, views, now, config.least_object)
     background = outside[now.cluster]
+    behind = np.where(outside, 1 + np.cumsum(outside & ~crumbs) * ~crumbs, 0)[now.cluster]
     now = now.set_apart(outside)
     fine_to_coarse.append(now.cluster)
     for evidence in config.coarser:
         now = now.joined(evidence)
         fine_to_coarse.append(now.cluster)
     levels = np.stack(fine_to_coarse[::-1])
-    return np.where(background, levels.max() + 1, levels), background
+    return np.where(background, levels.max() + 1, levels), behind

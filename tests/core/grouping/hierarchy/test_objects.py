@@ -226,6 +226,27 @@ def test_levels_are_nested_and_the_chosen_one_is_the_banks(found: Association) -
     assert levels.labels[0].max() < levels.labels[-1].max()
 
 
+def test_the_smallest_levels_have_the_things_in_the_background(scene: Synthetic) -> None:
+    """Two far balls are background; whoever wants one finds it at the right end of the slider."""
+    ball = scene.gaussians.take(np.flatnonzero(scene.labels == 1))
+    middle, splats, labels = ball.means.mean(axis=0), scene.gaussians, scene.labels
+    for k, x in enumerate((4.0, -4.0)):
+        means = (ball.means - middle + np.array([x, 0, 0])).astype(np.float32)
+        splats = concatenate(splats, replace(ball, means=means))
+        labels = np.r_[labels, np.full(len(ball), _BALLS + 1 + k, np.int32)]
+    engine = choose("cpu")
+    maps = {c.name: engine.label_splat(splats, c, labels + 1).labels for c in scene.cameras}
+    levels = _found(splats, scene.cameras, maps).bank.levels
+    assert levels is not None
+    far = [labels == _BALLS + 1, labels == _BALLS + 2]
+    for of_level in levels.labels[:-2]:
+        assert all((of_level[rows] == levels.background).all() for rows in far)
+    for of_level in levels.labels[-2:]:
+        one, other = (np.unique(of_level[rows]) for rows in far)
+        assert len(one) == len(other) == 1
+        assert one[0] != other[0]
+
+
 def test_levels_by_color_change_no_other_level(scene: Synthetic, found: Association) -> None:
     """Balls are red above and blue below: pieces of the smallest levels, one thing otherwise."""
     means, half = scene.gaussians.means, np.zeros((len(scene.labels), 3), np.float32)
