@@ -3,7 +3,8 @@
 The crease around them is hardly more than noise, so the mean over their border joins them to what
 they lie on, or they lie so far out that they count as background. A part that one other cluster
 encloses stays apart where the views show it whole as one region, with nothing else in it. A print
-is no such part: pieces of an even surface have joined before parts are asked.
+has mostly joined before parts are asked, as pieces of an even surface do; where nearly all views
+show it whole it is such a part, as nothing tells it from a flat thing.
 """
 
 from collections.abc import Sequence

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from gaga_core.arrays import BoolArray, IntArray, LongArray
 from gaga_core.grouping.gated_views import GatedViews
 from gaga_core.grouping.hierarchy.borders import KNOWN_NOISE, Agreement, fine_graph
+from gaga_core.grouping.hierarchy.enclosed import keep_enclosed
 from gaga_core.grouping.hierarchy.judging import Judge
 from gaga_core.grouping.hierarchy.linkage import Clusters, joined
 from gaga_core.grouping.hierarchy.objects import LEAST_SURFELS, HierarchyConfig
@@ -79,6 +80,8 @@ def _nested_clusters(
     now = Clusters(now.cluster, now.graph.only(inside))
     fine_to_coarse = []
     for i, evidence in enumerate(config.finer):
+        if i > 0:
+            now = keep_enclosed(surfels, near, now, config.least_object)
         now = now.joined(evidence)
         now = now if i > 0 else now.joined(-np.inf, config.least_part)
         fine_to_coarse.append(now.cluster)

@@ -215,6 +215,31 @@ def test_masks_of_a_model_that_contain_each_other_give_levels_around_its_groups(
     assert not chosen.notes
 
 
+def test_parts_that_masks_of_a_model_show_whole_stay_apart_in_finer_levels(
+    scene: Synthetic,
+) -> None:
+    """The floor is one mask; a disc in its middle, as even as the rest, is one of its parts."""
+    engine, means = choose("cpu"), scene.gaussians.means
+    floor = scene.labels == 0
+    disc = floor & (np.hypot(means[:, 0], means[:, 1]) < 0.35)
+
+    def maps(labels: IntArray) -> dict[str, IntArray]:
+        labels = labels.astype(np.int32)
+        return {
+            camera.name: engine.label_splat(scene.gaussians, camera, labels).labels
+            for camera in scene.cameras
+        }
+
+    whole, parts = maps(scene.labels + 1), maps(scene.labels + 1 + disc * (_BALLS + 1))
+    further = {name: [parts[name]] * 6 for name in whole}
+    found = _found(scene.gaussians, scene.cameras, whole, are_regions=False, further=further)
+    levels = found.bank.levels
+    assert levels is not None
+    for level, labels in enumerate(levels.labels):
+        inner, outer = (np.bincount(labels[rows]).argmax() for rows in (disc, floor & ~disc))
+        assert (inner != outer) == (level > levels.chosen)
+
+
 def test_levels_are_nested_and_the_chosen_one_is_the_banks(found: Association) -> None:
     levels = found.bank.levels
     assert levels is not None
