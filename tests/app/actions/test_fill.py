@@ -1,6 +1,5 @@
 """Delete and fill in the window: a preview to apply or cancel, and the shadow on request."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 from gaga_core.color import rgb_from_dc
 from gaga_core.io.ply import write_ply
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.fill import inpaint
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import children, fill, history, selection
@@ -137,13 +135,9 @@ def test_an_inpainting_model_colors_the_hole_until_it_is_switched_off(
     assert found.model == ""
 
 
-def test_without_torch_no_model_can_be_chosen(
-    at_table: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
-    inpaint._has_torch.cache_clear()  # it is looked for once
-    assert "needs PyTorch" in command("object.fill_model").enabled(at_table)
-    inpaint._has_torch.cache_clear()
+def test_without_torch_no_model_can_be_chosen(at_table: Session) -> None:
+    with models.no_torch():
+        assert "needs PyTorch" in command("object.fill_model").enabled(at_table)
 
 
 def test_what_was_deleted_is_filled_later_in_one_step(at_table: Session) -> None:

@@ -1,10 +1,16 @@
 """Small inpainting models, saved as LaMa is published: TorchScript of an image and a mask."""
 
+import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 import torch
 from torch import Tensor
+
+from gaga_core.scene.fill import inpaint
 
 
 class Red(torch.nn.Module):
@@ -70,3 +76,13 @@ def saved(model: torch.nn.Module, path: Path) -> Path:
         warnings.simplefilter("ignore", DeprecationWarning)  # the form of published models stays
         torch.jit.script(model).save(str(path))  # type: ignore[no-untyped-call]
     return path
+
+
+@contextmanager
+def no_torch() -> Iterator[None]:
+    """As on a machine without PyTorch."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "torch", None)
+        inpaint._has_torch.cache_clear()
+        yield
+    inpaint._has_torch.cache_clear()

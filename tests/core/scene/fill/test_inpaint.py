@@ -18,7 +18,6 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.fill import inpaint
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.edits import filled_edit
 from gaga_core.scene.fill.fill import Filling, fill_stage
@@ -157,16 +156,19 @@ def test_a_file_that_is_none_is_one_sentence(tmp_path: Path) -> None:
         Inpainter(tmp_path)
 
 
-def test_without_torch_it_says_so(red: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The disk is asked once: the window shows the reason in every frame."""
+def test_without_torch_it_says_so(red: Path) -> None:
+    assert why_no_model() == ""
+    with models.no_torch():
+        assert "needs PyTorch" in why_no_model()
+        with pytest.raises(GagaError, match="needs PyTorch"):
+            Inpainter(red)
+
+
+def test_the_disk_is_asked_for_torch_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The window shows the reason in every frame."""
     assert why_no_model() == ""
     monkeypatch.setitem(sys.modules, "torch", None)
     assert why_no_model() == ""
-    inpaint._has_torch.cache_clear()
-    assert "needs PyTorch" in why_no_model()
-    with pytest.raises(GagaError, match="needs PyTorch"):
-        Inpainter(red)
-    inpaint._has_torch.cache_clear()
 
 
 def test_a_digest_needs_a_model() -> None:
