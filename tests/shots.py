@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
-from imgui_bundle.immapp import testing
 from PIL import Image
 
 from tests.app.window.driver import Driver
@@ -52,7 +51,7 @@ class Shot:
         """The whole window as it is, not saved."""
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "window.png"
-            testing.capture(d.engine, str(file))
+            d.capture_now(file)
             with Image.open(file) as image:
                 return image.convert("RGB")
 

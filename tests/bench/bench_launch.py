@@ -13,7 +13,7 @@ from tests.display import xvfb
 _RUNS = 3
 _LAUNCH = """
 from tests.app.window.driver import Driver, drive
-drive(lambda driver: None, demo=True, size=(1280, 720))
+drive(lambda driver: None, demo=True, size=(1280, 720), fills_window=True)
 """
 _BASE = "import numpy, imgui_bundle, moderngl"
 

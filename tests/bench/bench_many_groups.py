@@ -116,7 +116,7 @@ def measure(root: Path) -> dict[str, float]:
         d.focus("Memory bank")
         each("memory bank", lambda i: None)
 
-    drive(walk, path=root, size=(1280, 720), patience_s=300)
+    drive(walk, path=root, size=(1280, 720), patience_s=300, fills_window=True)
     return costs
 
 

@@ -19,6 +19,9 @@ from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
+# Of the window that nobody looks at: filling its pixels is most of a frame in software. The picture
+# of the splats has a buffer of its own, and is whole.
+_UNSEEN_SCALE = 0.05
 
 
 class Driver:
@@ -28,6 +31,7 @@ class Driver:
         self.studio = studio
         self.patience_s = patience_s
         self.engine = engine  # imgui.test_engine.TestContext
+        self.fills_window = False  # or as much as `_UNSEEN_SCALE`
         self._on_main: Callable[[], Any] | None = None
         self._answer: Any = None
 
@@ -170,7 +174,14 @@ class Driver:
 
     def capture(self, path: Path | str) -> None:
         self.settle()
+        self.capture_now(path)
+
+    def capture_now(self, path: Path | str) -> None:
+        """Save the whole window as it is."""
+        before, self.fills_window = self.fills_window, True
+        self.frames(1)
         testing.capture(self.engine, str(path))
+        self.fills_window = before
 
     def check(self, what: str) -> None:
         assert not self.engine.is_error(), f"the test engine could not act on {what}"
@@ -186,11 +197,13 @@ def drive(
     may_fail: bool = False,
     patience_s: float = PATIENCE_S,
     layout_file: Path | None = None,
+    fills_window: bool = False,
 ) -> Studio:
     """Open a window, run ``test`` in it, close it; errors of the test are raised here.
 
     So are errors of panels, which the window itself survives, unless the window ``may_fail``.
-    The layout is kept in ``layout_file``, if there is one.
+    The layout is kept in ``layout_file``, if there is one. What measures frames ``fills_window``;
+    others have it whole where they capture it.
     """
     # Preset paper trains identities for 10,000 steps unless the settings say otherwise.
     session = Session(settings or Settings(first_steps_done=True, identities="none"))
@@ -207,6 +220,7 @@ def drive(
         # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.
         engine.engine_io.config_watchdog_kill_test = 20 * patience_s
         driver = Driver(studio, engine, patience_s)
+        driver.fills_window = fills_window
         drivers.append(driver)
         driver.settle()
         test(driver)
@@ -215,6 +229,11 @@ def drive(
         for driver in drivers:
             driver.after_frame()
 
+    def before_render() -> None:
+        if not (drivers[0].fills_window if drivers else fills_window):
+            imgui.get_main_viewport().framebuffer_scale = ImVec2(_UNSEEN_SCALE, _UNSEEN_SCALE)
+
+    params.callbacks.before_imgui_render = before_render
     params.callbacks.after_swap = after_frame
     with _failures() as failures:
         testing.run(test_function=run, runner_params=params)

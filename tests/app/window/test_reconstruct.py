@@ -20,9 +20,7 @@ def _capture(d: Driver, name: str) -> None:
     """Keep a picture of the window where somebody wants to look at it."""
     folder = os.environ.get("GAGA_CAPTURES")
     if folder:
-        from imgui_bundle.immapp import testing
-
-        testing.capture(d.engine, str(Path(folder) / f"{name}.png"))
+        d.capture_now(Path(folder) / f"{name}.png")
 
 
 def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from imgui_bundle.immapp import testing
 from PIL import Image
 
 from gaga_core.scene.objects import group_indices
@@ -177,7 +176,7 @@ def test_a_line_over_the_picture_is_wider_where_text_is_larger(
         d.move_to(0.8 * d.size[0], 0.9 * d.size[1])
         d.frames()
         file = tmp_path / f"{scale}.png"
-        testing.capture(d.engine, str(file))
+        d.capture_now(file)
         d.engine.mouse_up(0)
         with Image.open(file) as image:
             picture = np.asarray(image.convert("RGB"), np.float64)
