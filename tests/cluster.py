@@ -32,7 +32,7 @@ _KINDS, _OF_EACH = 5, 4
 _LARGE = "scene-07"
 _LARGE_SPLATS = 5_000_000
 _MEMORY = "700MiB"  # of a worker: a scene takes some 400 MiB, the large one 1.5 GiB
-_WORKERS = 4
+WORKERS = 4
 
 
 def main() -> int:
@@ -40,7 +40,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name) / "scenes"
         _write_scenes(root)
-        with _cluster(Path(name)) as address:
+        with cluster(Path(name), _MEMORY) as address:
             first = _run(root, address, kills=True)
             second = _run(root, address, kills=False)
     return 0 if _holds(first, second) else 1
@@ -64,12 +64,15 @@ def _write_scenes(root: Path) -> None:
 
 
 @contextmanager
-def _cluster(folder: Path) -> Iterator[str]:
-    """A scheduler and its workers, on this machine alone; yields the address."""
+def cluster(folder: Path, memory: str = "0") -> Iterator[str]:
+    """A scheduler and its workers, on this machine alone; yields the address.
+
+    ``memory``: that a worker may take, "700MiB"; "0" = all.
+    """
     where = folder / "scheduler.json"
     common = ["--scheduler-file", str(where), "--host", "127.0.0.1", "--no-dashboard"]
     scheduler = ["dask", "scheduler", "--port", "0", *common]
-    limits = ["--nworkers", str(_WORKERS), "--nthreads", "1", "--memory-limit", _MEMORY]
+    limits = ["--nworkers", str(WORKERS), "--nthreads", "1", "--memory-limit", memory]
     workers = ["dask", "worker", *limits, "--local-directory", str(folder), *common]
     started = []
     try:

@@ -3,15 +3,14 @@
 Views and splats grow with the boxes, so cost near linear means time in proportion to them. Every
 run is a process of its own (`hall`). Small halls show the growth; ``GAGA_BENCH_LONG=1`` adds 1,000
 boxes in 300 views, 4,000 in 1,000 views, and 125 in 5,000 views: some 1,000 CPU-seconds.
-``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another version (`before`).
+`bench_before` compares with other versions.
 """
 
 import os
-from pathlib import Path
 
 import numpy as np
 
-from tests.bench.before import checkout, run_worker
+from tests.bench.before import run_worker
 from tests.bench.figures import Figure
 from tests.bench.growth import Line
 from tests.bench.hall import Cost
@@ -36,9 +35,6 @@ def figures() -> list[Figure]:
     views, seconds = [cost.views for cost in costs], [cost.cpu_s for cost in costs]
     power = np.polyfit(np.log(views), np.log(seconds), 1)[0]
     found.append(Figure("hall: time grows with boxes and views to the power", float(power), ""))
-    former = checkout()
-    if former is not None:
-        found += _to_former(costs[1], run(*_SIZES[1], where=former))
     return found + _more_views()
 
 
@@ -66,17 +62,6 @@ def _largest(long: Cost) -> list[Figure]:
         *_of(largest),
         Figure(f"hall: {what}: time", ratio, "ratio", "<= 8"),
         *_differences(f"{largest.objects} - {long.objects} boxes", largest, long),
-    ]
-
-
-def _to_former(now: Cost, was: Cost) -> list[Figure]:
-    """Two versions on one hall."""
-    name = f"hall: {now.objects} boxes, {now.views} views, to the version before"
-    return [
-        Figure(f"{name}: time", now.cpu_s / was.cpu_s, "ratio", "<= 1"),
-        Figure(f"{name}: peak memory", now.peak_mib / was.peak_mib, "ratio"),
-        Figure(f"{name}: precision", now.precision - was.precision, "more"),
-        Figure(f"{name}: recall", now.recall - was.recall, "more"),
     ]
 
 
@@ -111,6 +96,6 @@ def _more_views() -> list[Figure]:
     return found
 
 
-def run(n_boxes: int, n_views: int, *size: str, where: Path | None = None) -> Cost:
-    """One run in a process of its own, of the version in the checkout ``where``, or of this one."""
-    return Cost(**run_worker("tests.bench.hall", [str(n_boxes), str(n_views), *size], where))
+def run(n_boxes: int, n_views: int, *size: str) -> Cost:
+    """One run in a process of its own."""
+    return Cost(**run_worker("tests.bench.hall", [str(n_boxes), str(n_views), *size]))

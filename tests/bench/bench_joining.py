@@ -1,10 +1,13 @@
 """Views that join later, next to all at once: what it costs and what it loses, in one process.
 
 Halls of boxes, views of 320x240: every fourth one joins the others later. Preset robust.
+``python -m tests.bench.bench_joining`` prints both as JSON.
 """
 
+import json
+import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from statistics import mean
 
@@ -16,6 +19,7 @@ from gaga_core.grouping.associate import AssociateConfig, Association, associate
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage, run_stage
 from gaga_core.raster import choose
+from tests.bench.before import run_worker
 from tests.bench.figures import Figure
 from tests.bench.hall import cameras, draw_masks, hall
 
@@ -36,18 +40,24 @@ class _Cost:
 
 def figures() -> list[Figure]:
     """Mean and worst of the halls."""
-    costs = [_cost(*sizes) for sizes in _HALLS]
-    losses = [cost.joined - cost.whole for cost in costs]
-    ratio = sum(c.joining_s for c in costs) / sum(c.whole_s for c in costs)
-    name = f"joining: {len(costs)} halls, a quarter of the views later"
+    cost = run_worker("tests.bench.bench_joining", [])
+    name = f"joining: {len(_HALLS)} halls, a quarter of the views later"
+    ratio, loss = cost["joining_s"] / cost["whole_s"], cost["joined"] - cost["whole"]
     return [
         Figure(f"{name}, time to that of all at once", ratio, "ratio", "<= 0.5"),
-        Figure(f"{name}, IoU, less that of all at once", mean(losses), "points", ">= -1"),
-        Figure(f"{name}, the same, worst", min(losses), "points"),
-        Figure(f"{name}, IoU before they joined", mean(c.first for c in costs), "%"),
-        Figure(f"{name}, IoU then", mean(c.joined for c in costs), "%"),
-        Figure(f"{name}, IoU of all at once", mean(c.whole for c in costs), "%"),
+        Figure(f"{name}, IoU, less that of all at once", loss, "points", ">= -1"),
+        Figure(f"{name}, the same, worst", cost["worst"], "points"),
+        Figure(f"{name}, IoU before they joined", cost["first"], "%"),
+        Figure(f"{name}, IoU then", cost["joined"], "%"),
+        Figure(f"{name}, IoU of all at once", cost["whole"], "%"),
     ]
+
+
+def measure() -> dict[str, float]:
+    """Means over the halls, and the worst difference of IoU."""
+    costs = [asdict(_cost(*sizes)) for sizes in _HALLS]
+    means = {name: mean(cost[name] for cost in costs) for name in costs[0]}
+    return means | {"worst": min(cost["joined"] - cost["whole"] for cost in costs)}
 
 
 def _cost(n_boxes: int, n_views: int, seed: int) -> _Cost:
@@ -88,3 +98,7 @@ def mean_iou(labels: IntArray, truth: IntArray) -> float:
     np.add.at(table, (own, found), 1)
     union = table.sum(axis=1)[:, None] + table.sum(axis=0) - table
     return float((table / np.maximum(union, 1))[1:, 1:].max(axis=1).mean())
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(measure()) + "\n")

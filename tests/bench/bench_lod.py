@@ -3,12 +3,10 @@
 1M and 10M splats; with GAGA_LOD_FULL=1 3M and 30M, which needs 8 GB of memory and 4 GB of disk.
 """
 
-import json
 import os
-import subprocess
-import sys
 import tempfile
 
+from tests.bench.before import call_worker, run_worker
 from tests.bench.figures import Figure
 from tests.bench.lod_worker import BUDGET, Cost
 
@@ -46,7 +44,6 @@ def figures() -> list[Figure]:
 
 
 def _cost(folder: str, n: int) -> Cost:
-    command = [sys.executable, "-m", "tests.bench.lod_worker", folder, str(n)]
-    subprocess.run(command, check=True)  # writes the scene
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    return Cost(**json.loads(done.stdout.splitlines()[-1]))
+    arguments = [folder, str(n)]
+    call_worker("tests.bench.lod_worker", arguments)  # writes the scene
+    return Cost(**run_worker("tests.bench.lod_worker", arguments))

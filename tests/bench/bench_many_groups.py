@@ -6,12 +6,12 @@ Work of the drawing threads of software OpenGL is not in it. Each window is a pr
 
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from gaga_core.io.images import write_rgb
 from gaga_core.io.ply import write_ply
 from gaga_core.scene.objects import group_indices
 from tests.app.window.driver import Driver, drive
+from tests.bench.before import HERE, Costs, run_worker
 from tests.bench.figures import Figure
 from tests.display import xvfb
 from tests.scenes import orbit_cameras
@@ -35,9 +36,7 @@ _FRAMES = 30
 
 def figures() -> list[Figure]:
     """Milliseconds of processor time a frame; a bar of 60 frames a second."""
-    with tempfile.TemporaryDirectory() as home, xvfb():
-        environment = os.environ | {"GAGA_HOME": home}
-        few, many = (_run(n, environment) for n in (_FEW, _MANY))
+    few, many = (run(n) for n in (_FEW, _MANY))
     found = []
     for name, value in many.items():
         bar = "<= 16" if name in ("at rest", "memory bank") else ""
@@ -46,11 +45,10 @@ def figures() -> list[Figure]:
     return found
 
 
-def _run(n_groups: int, environment: dict[str, str]) -> dict[str, float]:
-    command = [sys.executable, "-m", "tests.bench.bench_many_groups", str(n_groups)]
-    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
-    costs: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return costs
+def run(n_groups: int, where: Path = HERE) -> Costs:
+    """One window, by the code of this version or that of the checkout ``where``."""
+    with tempfile.TemporaryDirectory() as home, xvfb(), patch.dict(os.environ, GAGA_HOME=home):
+        return run_worker("tests.bench.bench_many_groups", [str(n_groups)], where)
 
 
 def write_scene(root: Path, n_groups: int) -> None:

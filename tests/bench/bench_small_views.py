@@ -1,18 +1,16 @@
 """Association of many small views with 768 masks each: whether its cost is linear in the views.
 
 Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000, 2,000 and
-5,000 views: some 670 CPU-seconds in all. ``GAGA_BENCH_BEFORE=CHECKOUT`` compares with another
-version (`before`).
+5,000 views: some 670 CPU-seconds in all. `bench_before` compares with other versions.
 """
 
 import os
 
-from tests.bench.before import Costs, checkout, run_worker
+from tests.bench.before import Costs, run_worker
 from tests.bench.figures import Figure
 from tests.bench.growth import Line
 
 _VIEWS, _LONG = (100, 250, 500), (1000, 2000, 5000)
-_COMPARED = 100  # views
 
 
 def figures() -> list[Figure]:
@@ -23,7 +21,7 @@ def figures() -> list[Figure]:
     line = Line.through(views, [cost["cpu_s"] for cost in costs])
     memory = Line.through(views, [cost["peak_mib"] for cost in costs])
     last, name = costs[-1], f"small views: {views[-1]} of 768 masks"
-    found = [
+    return [
         Figure(f"{name}: association", last["cpu_s"], "CPU-s"),
         Figure(f"{name}: peak memory", last["peak_mib"], "MiB", "<= 4096"),
         Figure(f"{name}: precision", last["precision"], ""),
@@ -39,14 +37,6 @@ def figures() -> list[Figure]:
             "<= 1.05",
         ),
     ]
-    former = checkout()
-    if former is not None:
-        now = _run(_COMPARED)
-        was = run_worker("tests.bench.small_views", [str(_COMPARED)], former)
-        ratio = now["cpu_s"] / was["cpu_s"]
-        what = f"small views: {_COMPARED} of 768 masks, time, to the version before"
-        found.append(Figure(what, ratio, "ratio", "<= 1"))
-    return found
 
 
 def _run(n_views: int) -> Costs:

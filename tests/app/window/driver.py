@@ -49,6 +49,7 @@ class Driver:
         while not is_done():
             assert time.monotonic() < end, f"{what}: not after {self.patience_s:.0f} s"
             self.frames(1)
+            time.sleep(0.01)  # for what is waited for: frames as fast as they come hold it up
 
     def settle(self) -> None:
         """Until no job runs, no picture loads, the camera rests and the picture is full."""
@@ -153,7 +154,8 @@ class Driver:
     def on_main(self, act: Callable[[], Any]) -> Any:
         """Do something in the thread that owns window and context: a test has one of its own."""
         self._on_main = act
-        self.until(lambda: self._on_main is None, "the frame ends")
+        while self._on_main is not None:
+            self.frames(1)
         return self._answer
 
     def after_frame(self) -> None:
