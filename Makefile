@@ -19,7 +19,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app test-browsers studio test peers browser fuzz soak faults cluster captures check docs setup bench screenshots clean
+.PHONY: app app-models test-app test-browsers studio test peers browser kernels fuzz soak faults cluster captures check style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -27,8 +27,10 @@ studio:
 	@$(MAKE) --quiet --no-print-directory $(STAMP)
 	@$(BIN)/gaga-studio --demo
 
+# What needs one processor each runs at once. Kernels first, or each process of the tests compiles them.
 # A file stays in one process: what opens a window comes before what draws without a display.
-test: check peers browser
+test: setup
+	@$(MAKE) --quiet --no-print-directory -j2 --output-sync types kernels pages style imports peers browser
 	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
 
 peers: .peers/.ready
@@ -64,11 +66,23 @@ cluster: setup
 	@$(BIN)/python -m tests.cluster
 
 check: setup
+	@$(MAKE) --quiet --no-print-directory -j2 --output-sync types pages style imports
+
+style:
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check -q .
+
+types:
 	@$(BIN)/mypy
+
+imports:
 	@$(BIN)/lint-imports
+
+pages:
 	@$(BIN)/sphinx-build -q -W --keep-going docs docs/_build
+
+kernels:
+	@$(BIN)/python -c "from gaga_core.kernels import is_compiled; from gaga_core.pipeline.compile_kernels import warm_up_stage; is_compiled() or list(warm_up_stage())"
 
 docs: setup
 	@$(BIN)/sphinx-build -W --keep-going docs docs/_build
