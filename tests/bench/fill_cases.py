@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, IntArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.demo.build import build_stage
 from gaga_core.demo.cameras import photo_cameras
@@ -26,6 +26,7 @@ from gaga_core.scene.edits.append_values import joined
 from tests.bench.rooms import solid, surface_of
 
 _BEHIND = 0.003  # of the depth: what lies deeper is hidden
+_LEFT = 0.5  # share of the light that a splat keeps that a training still makes
 _SEEN = 0.5  # pixels of all photos: a training makes no splat that shows less
 _SIZE = (400, 300)
 _EMPTY = 0.9  # share of an object's foot that must stand on the bare table
@@ -47,16 +48,20 @@ class FillCase:
 def trained(gaussians: Gaussians, is_object: BoolArray, cameras: Sequence[Camera]) -> BoolArray:
     """Splats (N,) that photos of the scene with the object would have made.
 
-    All but those whose middle is shown without the object (``is_object`` (N,)) and not with it.
+    All but those whose middle is shown without the object (``is_object`` (N,)) and not with it,
+    and that lose more than half of their light by it. In a coarse wall the middle alone says
+    little: depths of its pixels are those of other splats.
     """
     kept = np.ones(len(gaussians), np.bool_)
     without = np.flatnonzero(~is_object)
-    kept[without] = ~shown(gaussians.take(without), cameras)
-    return kept | shown(gaussians, cameras)
+    middle, light = shown(gaussians, cameras)
+    bare_middle, bare_light = shown(gaussians.take(without), cameras)
+    kept[without] = ~bare_middle | (light[without] > _LEFT * bare_light)
+    return kept | middle
 
 
-def shown(gaussians: Gaussians, cameras: Sequence[Camera]) -> BoolArray:
-    """Splats (N,) whose middle some camera sees."""
+def shown(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[BoolArray, FloatArray]:
+    """Splats (N,) whose middle some camera sees, and their light in all pictures (N,), pixels."""
     weight = np.zeros((len(gaussians), 1), np.float32)
     points, middle = gaussians.means.astype(np.float64), np.zeros(len(gaussians), np.bool_)
     for camera in cameras:
@@ -69,8 +74,7 @@ def shown(gaussians: Gaussians, cameras: Sequence[Camera]) -> BoolArray:
         inside &= (row >= 0) & (row < camera.height)
         front = depth[np.where(inside, row, 0), np.where(inside, column, 0)]
         middle |= inside & (z < front * (1 + _BEHIND))
-    result: BoolArray = middle & (weight[:, 0] > _SEEN)
-    return result
+    return middle & (weight[:, 0] > _SEEN), weight[:, 0]
 
 
 def solid_cases(seed: int, n_objects: int, n_splats: int) -> Iterator[FillCase]:

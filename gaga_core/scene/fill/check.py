@@ -21,7 +21,7 @@ _WRONG = 0.2  # of a splat's weight: it goes when so much is in wrong pixels
 _LEAST_KEPT = 0.8  # share of the splats under which a hole that hardly shows is left as it is
 _GAPES = 0.2  # root mean square of a color's change (0..1) from which on a hole shows clearly
 _MOST_WRONG = 0.1  # wrong pixels for each one that gains, above which nothing is kept
-_SHOWS = 0.075  # root mean square of a color's change (0..1): a hole changed less hardly shows
+_SHOWS = 0.15  # root mean square of a color's change (0..1): a hole changed less hardly shows
 _EDGE = 2  # pixels by which an outline may err
 
 

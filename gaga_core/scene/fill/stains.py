@@ -6,13 +6,14 @@ surroundings as distribution. So a dark square of a chessboard is no shadow, and
 several squares is one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.color import LUMA
+from gaga_core.scene.fill.cast import Cast, cast_shadow
 from gaga_core.scene.fill.chart import Chart, tolerance_of
 from gaga_core.scene.fill.smooth import blurred
 
@@ -23,16 +24,22 @@ _UNLIKELY = 2e-6  # share of a color that the surroundings do not have
 _MOST = 5.0  # factor
 _N_LEVELS = 25  # factors that are tried
 _PRICE = 0.5  # log likelihood that a factor e costs: without evidence nothing is made brighter
+_SPREAD = 0.2  # log by which a shadow's depth varies
 _BLUR = 2.0  # cells over which the factor is the same
 _TILTS = (0.0, 0.15, 0.3, 0.45, -0.15)  # how much more red a shadow lacks than blue, in its log
 _LEAST = (0.03, 0.15)  # log of a factor that is a stain: at the hole, and from its size on
 _FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
 _RIM = 0.25  # sizes of the hole, where its shadow begins
 _AT_FOOT = 3.0  # cells from the hole
-_ONE_PIECE = 0.35  # share of the outline that lacks light without a break
+_ONE_PIECE = 0.6  # share of the outline that lacks light without a break
+_LEAST_FOOT = 20  # cells on which a thing stands
+_BELOW = 0.03  # share of a thing's splats that are under what it stands on
+_JOIN = 3  # cells between splats of a foot
+_PENUMBRA = 0.1  # sizes of the foot over which a shadow's edge is soft
 _NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
 _SHADOW = 0.05  # mean log factor there under which nothing is a shadow
 _EVIDENCE = 2.2  # times that of the surroundings: so much a shadow is at least
+_CAST = (0.15, 0.2)  # least depth (log) of a cast shadow: in brightness, in light that lacks
 _DARKER = 0.1  # log by which a rim is darker that is a shadow whatever the pattern
 _DARKEST = 85  # percentile of the surroundings: so dark it is at least
 _LARGEST = 4.0  # areas of the hole that its shadow covers; larger ones are another's
@@ -49,54 +56,131 @@ _PULL = 2.5  # bins: colors so near are taken for the same
 _PULLS = 4  # steps towards them
 
 
-def gains(chart: Chart, taken: BoolArray | None = None) -> DoubleArray:
-    """Factors (H, W, 3) by which known cells are too dark next to the hole; 1 elsewhere.
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a stain may be, and with what it is compared."""
 
-    ``taken``: (H, W) cells on which other things stand; what is nearer to them is their shadow.
-    There is no stain where the rim of the hole is hardly darker than other places of the surface.
+    log: DoubleArray  # (H, W, 3) colors, without the fall-off of light
+    may: BoolArray  # (H, W)
+    around: BoolArray  # (H, W) the surroundings
+    least: DoubleArray  # (H, W) log of a factor that is a stain there
+    fade: DoubleArray  # (H, W) how much of it is taken off
+    sure: DoubleArray  # (H, W) how far it is known that a shadow of ``depth`` (log) falls there
+    depth: float
+
+
+def gains(
+    chart: Chart,
+    foot: BoolArray,
+    taken: BoolArray | None = None,
+    cast: Cast | None = None,
+) -> DoubleArray:
+    """Factors (H, W, 3) by which known cells are too dark next to the object's place; 1 elsewhere.
+
+    ``foot``: (H, W) where it stands; ``taken``: (H, W) where other things do: what is nearer to
+    them is their shadow. ``cast``: the shadow that it casts. Without one there is no stain unless
+    the rim of the foot is clearly darker than other places of the surface.
     """
     ones = np.ones((*chart.shape, 3))
-    if not chart.hole.any() or not chart.known.any():
+    if foot.sum() < _LEAST_FOOT or not (chart.known & ~foot).any():
         return ones
-    size = np.sqrt(chart.hole.sum())
-    distance = ndimage.distance_transform_edt(~chart.hole)
+    taken = np.zeros(chart.shape, np.bool_) if taken is None else taken
+    place = _next_to(chart, foot, taken) if cast is None else _in_shadow(chart, foot, taken, cast)
+    if place is None or place.around.sum() < _FEW:
+        return ones
+    size = np.sqrt(foot.sum())
+    distance = ndimage.distance_transform_edt(~foot)
+    log, least = place.log, place.least
+    found = _levels(log, chart.known, place, 0.0)
+    stained = _touching(place.may & (found.lacking > least), foot)
+    tried = [_levels(log, chart.known, place, tilt) for tilt in _TILTS]
+    found = max(tried, key=lambda one: float(one.likelihood[stained].sum()))
+    for _ in range(_NARROWINGS):
+        stained = _touching(place.may & (found.lacking > least), foot)
+        if cast is not None or stained.sum() <= _LARGEST * foot.sum():
+            break
+        least = 1.5 * least
+    else:  # no outline: only what is next to the foot
+        stained &= distance <= _RIM * size + 2
+    lacking = _falling_off(found.lacking, chart.known & (distance <= _NEAR * size + 2))
+    stained = _touching(stained & (lacking > least), foot)
+    shift = _pulled(log, lacking[:, :, None] * found.channels, stained, place.around)
+    soft = ndimage.gaussian_filter(shift * (place.fade * stained)[:, :, None], (_SOFT, _SOFT, 0))
+    factors: DoubleArray = np.clip(np.exp(soft), 1.0, _MOST)
+    return factors
+
+
+def shadow_of(chart: Chart, foot: BoolArray, own: DoubleArray, taken: BoolArray) -> Cast | None:
+    """The shadow that the splats at ``own`` (K, 3), world, cast; None where there is none.
+
+    It is looked for in the brightness, and in the light that colors lack: in that a pattern is
+    even, but not where the shadow covers most of the surroundings. Arguments as in `gains`.
+    """
+    log = np.log(np.maximum(chart.color, _DARK))
+    missing = [-log @ LUMA]
+    far = chart.known & (ndimage.distance_transform_edt(~foot) > _FAR * np.sqrt(foot.sum()))
+    if far.sum() >= _FEW:
+        missing.append(_levels(log, chart.known, _anywhere(log, far), 0.0).lacking)
+    local = chart.plane.local(own)
+    found = [cast_shadow(chart, dark, foot, local, taken) for dark in missing]
+    clear = [c for c, least in zip(found, _CAST, strict=False) if c is not None and c.depth > least]
+    return max(clear, key=lambda c: c.share, default=None)
+
+
+def _anywhere(log: DoubleArray, around: BoolArray) -> _Place:
+    """A stain may be anywhere and of any depth."""
+    none = np.zeros(around.shape)
+    return _Place(log, ~none.astype(bool), around, none, none, sure=none, depth=0.0)
+
+
+def _in_shadow(chart: Chart, foot: BoolArray, taken: BoolArray, cast: Cast) -> _Place:
+    """In a shadow, with what lies in half light at its edge."""
+    width = _PENUMBRA * np.sqrt(foot.sum()) + 2
+    may = ndimage.binary_dilation(cast.mask | foot, iterations=round(width))
+    may &= ~ndimage.binary_dilation(taken, iterations=2)
+    around = chart.known & ~may & ~taken
+    return _Place(
+        log=_even(chart, around),
+        may=may,
+        around=around,
+        least=np.full(chart.shape, _LEAST[0]),
+        fade=np.ones(chart.shape),
+        sure=ndimage.gaussian_filter(cast.mask.astype(float), width / 2),
+        depth=cast.depth,
+    )
+
+
+def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
+    """Next to the object; None where that is hardly darker than elsewhere."""
+    size = np.sqrt(foot.sum())
+    distance = ndimage.distance_transform_edt(~foot)
     far = chart.known & (distance > _FAR * size)
     rim = chart.known & (distance <= _RIM * size + 2)
     if far.sum() < _FEW or not rim.any():
-        return ones
+        return None
     own = np.ones(chart.shape, np.bool_)
-    if taken is not None and taken.any():
+    if taken.any():
         own = distance < ndimage.distance_transform_edt(~taken)
-    log = np.log(np.maximum(chart.color, _DARK))
-    log -= _falloff(log @ LUMA, far)[:, :, None]
-    found = _levels(log, chart.known, far, 0.0)
+    log = _even(chart, far)
+    place = _anywhere(log, far)
+    found = _levels(log, chart.known, place, 0.0)
     free = far & own if (far & own).any() else far
-    foot = chart.known & (distance <= _AT_FOOT)
     if not _lacks_light(found.lacking, rim, free) and not _is_dark(log, chart.known, rim, far):
-        return ones
-    if not _is_one_piece(found.lacking, foot):
-        return ones
+        return None
+    if not _is_one_piece(found.lacking, chart.known & (distance <= _AT_FOOT)):
+        return None
     least = np.interp(distance / size, (_RIM, 1.0), _LEAST)
-    stained = _touching(own & (found.lacking > least), chart.hole)
-    around = far & ~stained  # what the shadow itself covers is no surroundings
-    if around.sum() < _FEW:
-        return ones
-    tried = [_levels(log, chart.known, around, tilt) for tilt in _TILTS]
-    found = max(tried, key=lambda one: float(one.likelihood[stained].sum()))
-    for _ in range(_NARROWINGS):
-        stained = _touching(own & (found.lacking > least), chart.hole)
-        if stained.sum() <= _LARGEST * chart.hole.sum():
-            break
-        least = 1.5 * least
-    else:  # no outline: only what is next to the hole
-        stained &= distance <= _RIM * size + 2
-    lacking = _falling_off(found.lacking, chart.known & (distance <= _NEAR * size + 2))
-    stained = _touching(stained & (lacking > least), chart.hole)
-    shift = _pulled(log, lacking[:, :, None] * found.channels, stained, around)
-    fade = np.interp(distance / size, _WIDE, (1.0, 0.0)) * stained
-    soft = ndimage.gaussian_filter(shift * fade[:, :, None], (_SOFT, _SOFT, 0))
-    factors: DoubleArray = np.clip(np.exp(soft), 1.0, _MOST)
-    return factors
+    # What the shadow itself covers is no surroundings.
+    around = far & ~_touching(own & (found.lacking > least), foot)
+    fade = np.interp(distance / size, _WIDE, (1.0, 0.0))
+    return replace(place, may=own, around=around, least=least, fade=fade)
+
+
+def _even(chart: Chart, far: BoolArray) -> DoubleArray:
+    """Log colors (H, W, 3) without the fall-off of light over the cells ``far`` (H, W)."""
+    log = np.log(np.maximum(chart.color, _DARK))
+    result: DoubleArray = log - _falloff(log @ LUMA, far)[:, :, None]
+    return result
 
 
 def _falloff(log: DoubleArray, far: BoolArray) -> DoubleArray:
@@ -147,6 +231,24 @@ def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:
     return result
 
 
+def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
+    """Cells (H, W) on which an object with splats at ``own`` (K, 3), world, stands, if it does."""
+    local = chart.plane.local(own)
+    row, column, inside = chart.cells(local)
+    if (
+        len(local) == 0 or (local[:, 2] < -tolerance_of(chart)).mean() > _BELOW
+    ):  # the plane goes through it
+        return np.zeros(chart.shape, np.bool_)
+    low = inside & (np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart))
+    found = np.zeros(chart.shape, np.bool_)
+    found[row[low], column[low]] = True
+    padded = ndimage.binary_closing(np.pad(found, _JOIN + 1), iterations=_JOIN)
+    result: BoolArray = ndimage.binary_fill_holes(padded)[
+        _JOIN + 1 : -_JOIN - 1, _JOIN + 1 : -_JOIN - 1
+    ]
+    return result
+
+
 def _lacks_light(lacking: DoubleArray, rim: BoolArray, far: BoolArray) -> bool:
     """Whether the rim lacks clearly more light (log) than other places do."""
     least = max(_SHADOW, _EVIDENCE * float(lacking[far].mean()))
@@ -180,8 +282,9 @@ class _Levels:
     channels: DoubleArray  # (3,) by which the log is multiplied in each channel
 
 
-def _levels(log: DoubleArray, known: BoolArray, around: BoolArray, tilt: float) -> _Levels:
+def _levels(log: DoubleArray, known: BoolArray, place: _Place, tilt: float) -> _Levels:
     """The likeliest factor at each cell of log colors ``log`` (H, W, 3)."""
+    around = place.around
     channels = 1 + tilt * np.array([1.0, 0.0, -1.0])
     channels = channels / float(LUMA @ channels)
     box, width = _box()
@@ -194,7 +297,8 @@ def _levels(log: DoubleArray, known: BoolArray, around: BoolArray, tilt: float) 
         at = ((log + level * channels - box[0][0]) / width - 0.5).transpose(2, 0, 1)
         likelihood = ndimage.map_coordinates(table, at, order=1, mode="nearest")
         mean = ndimage.gaussian_filter(np.where(known, likelihood, 0.0), _BLUR) / below
-        mean -= _PRICE * level
+        mean -= (1 - place.sure) * _PRICE * level
+        mean -= place.sure * ((level - place.depth) / _SPREAD) ** 2 / 2
         better = mean > best
         best[better], lacking[better] = mean[better], level
     return _Levels(np.where(known, lacking, 0.0), np.where(known, best, 0.0), channels)

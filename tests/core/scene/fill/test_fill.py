@@ -60,8 +60,8 @@ def looked_at(table: Table) -> tuple[Seen, Chart]:
     is_box, settings = table.labels == BOX, FillConfig()
     seen = run_stage(seen_stage(table.gaussians, is_box, table.cameras, CPU, settings))
     usable = seen.known & ~is_box
-    plane = surfaces_around(table.gaussians, table.labels, is_box, usable, settings)[0]
     own = table.gaussians.means[is_box].astype(np.float64)
+    plane = surfaces_around(table.gaussians, table.labels, is_box, usable, settings)[0]
     return seen, chart_of(table.gaussians, plane, own, seen.views, CPU, settings)
 
 
@@ -219,7 +219,7 @@ def test_what_is_dark_is_lightened_only_where_it_is_a_shadow(
         noise = ndimage.gaussian_filter(rng.normal(size=chart.shape), 3)
         patches = np.clip(1 + 0.2 * noise / noise.std(), 0.4, 1.6)
         for dark, is_shadow in ((patches, False), (shadow, True)):
-            factors = gains(replace(chart, color=chart.color * dark[:, :, None]))
+            factors = gains(replace(chart, color=chart.color * dark[:, :, None]), chart.hole)
             assert (factors.max() > 1.4) == is_shadow, seed
             assert is_shadow or (factors == 1).all()
 

@@ -7,7 +7,7 @@ from scipy import ndimage
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.scene.fill import texture
 from gaga_core.scene.fill.chart import Chart
-from gaga_core.scene.fill.stains import gains, splat_gains, taken_cells
+from gaga_core.scene.fill.stains import gains, shadow_of, splat_gains, taken_cells
 from gaga_core.scene.fill.surfaces import Plane
 from gaga_core.scene.fill.texture import STYLES, continued_color
 
@@ -19,6 +19,11 @@ def disc(radius: float, row: float = SIDE / 2, column: float = SIDE / 2) -> Bool
     rows, columns = np.indices((SIDE, SIDE))
     result: BoolArray = np.hypot(rows - row, columns - column) < radius
     return result
+
+
+def lightening(shaded: Chart, taken: BoolArray | None = None) -> DoubleArray:
+    """`gains` around the hole."""
+    return gains(shaded, shaded.hole, taken)
 
 
 def pattern(*, stripes: bool = False) -> DoubleArray:
@@ -63,16 +68,56 @@ def test_a_hole_with_no_room_for_a_piece_around_it_is_filled_smoothly() -> None:
         assert np.abs(found[part] - 0.6).max() < 0.1
 
 
-def test_a_shadow_over_squares_is_found_and_squares_are_none() -> None:
+def cylinder() -> DoubleArray:
+    """Splats (K, 3) of one that stands on the hole, 10 cells high."""
+    rows, columns = np.nonzero(disc(14))
+    return np.concatenate(
+        [np.column_stack([columns, SIDE - rows, np.full(len(rows), h)]) for h in (0.1, 5.0, 10.0)]
+    )
+
+
+def cast_on(color: DoubleArray, away: float, depth: float = 0.5) -> DoubleArray:
+    """``color`` with the shadow of the `cylinder`, its top so many columns to the right."""
+    mask = np.any([disc(14, column=SIDE / 2 + x) for x in np.arange(0, away, 0.5)], axis=0)
+    shade = ndimage.gaussian_filter(np.where(mask, depth, 1.0), 1.0)
+    return color * shade[:, :, None]
+
+
+@pytest.mark.parametrize("away", [10.0, 18.0])
+def test_a_shadow_over_squares_is_found_and_taken_off(away: float) -> None:
     color = pattern()
-    assert (gains(chart(color)) == 1).all()
-    shade = np.where(disc(14, SIDE / 2, SIDE / 2 + 12), 0.5, 1.0)
-    shade = ndimage.gaussian_filter(shade, 1.0)[:, :, None]
-    factors = gains(chart(color * shade))
-    inside = disc(10, SIDE / 2, SIDE / 2 + 14) & ~disc(14)
-    lit = np.median(factors[inside] * shade[inside])
+    shaded = chart(cast_on(color, away))
+    none = np.zeros_like(shaded.hole)
+    cast = shadow_of(shaded, shaded.hole, cylinder(), none)
+    assert cast is not None
+    true = disc(14, column=SIDE / 2 + away) & ~shaded.hole
+    assert (cast.mask & true).sum() > 0.85 * true.sum()
+    assert (cast.mask & ~disc(16, column=SIDE / 2 + away) & ~disc(16 + away)).sum() == 0
+    assert cast.depth == pytest.approx(np.log(2), abs=0.25)
+    factors = gains(shaded, shaded.hole, none, cast)
+    core = disc(10, column=SIDE / 2 + away) & ~disc(15)
+    lit = np.median(factors[core] * 0.5)
     assert 0.85 < lit < 1.15
-    assert np.median(factors[disc(40) & ~disc(34)]) < 1.05
+    far = disc(44) & ~disc(18, column=SIDE / 2 + away) & ~disc(32)
+    assert np.median(factors[far]) < 1.02
+
+
+def test_dark_places_of_another_outline_are_no_shadow_of_the_object() -> None:
+    middle = SIDE / 2
+    squares, stripes, table = pattern(), pattern(stripes=True), plain_table()
+    blot = ndimage.gaussian_filter(np.where(disc(9, 15, 20), 0.5, 1.0), 1.0)[:, :, None]
+    band = np.where(np.abs(np.indices((SIDE, SIDE))[0] - middle) < 13, 0.5, 1.0)
+    across = ndimage.gaussian_filter(band, 1.0)[:, :, None]
+    for color in (squares, stripes, table, table * blot, table * across):
+        bare = chart(color)
+        assert shadow_of(bare, bare.hole, cylinder(), np.zeros_like(bare.hole)) is None
+
+
+def test_what_is_dark_along_a_part_of_the_outline_only_is_no_stain() -> None:
+    """Without the outline of a shadow, what an object darkens lies all around it."""
+    side = disc(12, column=SIDE / 2 + 10)
+    shade = ndimage.gaussian_filter(np.where(side, 0.6, 1.0), 1.0)
+    assert (lightening(chart(plain_table() * shade[:, :, None])) == 1).all()
 
 
 def test_the_shadow_of_another_thing_stays() -> None:
@@ -85,8 +130,8 @@ def test_the_shadow_of_another_thing_stays() -> None:
     taken = taken_cells(shaded, points, 20.0)
     assert (taken & other).sum() > 0.7 * other.sum()
     beyond = disc(11, SIDE / 2, SIDE / 2 + 34) & ~disc(24)
-    assert gains(shaded)[beyond].mean() > 1.1
-    assert gains(shaded, taken)[beyond].mean() < 1.03
+    assert lightening(shaded)[beyond].mean() > 1.1
+    assert lightening(shaded, taken)[beyond].mean() < 1.03
 
 
 def test_no_splat_becomes_brighter_than_those_in_the_light() -> None:
@@ -109,15 +154,15 @@ def test_dark_places_here_and_there_at_the_outline_are_no_shadow() -> None:
     angles = np.radians([20, 110, 200, 290])
     places = [disc(5, middle + 14 * np.sin(a), middle + 14 * np.cos(a)) for a in angles]
     spots = ndimage.gaussian_filter(np.where(np.any(places, axis=0), 0.5, 1.0), 1.0)
-    assert (gains(chart(plain_table() * spots[:, :, None])) == 1).all()
+    assert (lightening(chart(plain_table() * spots[:, :, None])) == 1).all()
     around = ndimage.gaussian_filter(np.where(disc(17), 0.5, 1.0), 1.0)
-    assert gains(chart(plain_table() * around[:, :, None])).max() > 1.5
+    assert lightening(chart(plain_table() * around[:, :, None])).max() > 1.5
 
 
 def test_what_is_darker_than_the_way_to_it_is_no_shadow_of_the_object() -> None:
     shade = np.where(disc(16), 0.6, 1.0)
     shade[42:48, 58:70] = 0.85
     shade[35:55, 66:80] = 0.45
-    found = gains(chart(plain_table() * ndimage.gaussian_filter(shade, 1.0)[:, :, None]))
+    found = lightening(chart(plain_table() * ndimage.gaussian_filter(shade, 1.0)[:, :, None]))
     assert np.median(found[disc(15) & ~disc(12)]) > 1.3
     assert found[38:52, 70:78].max() < 1.1
