@@ -102,13 +102,20 @@ def test_a_shadow_over_squares_is_found_and_taken_off(away: float) -> None:
     assert np.median(factors[far]) < 1.02
 
 
+def darkened(*places: BoolArray) -> DoubleArray:
+    """A plain table that is half as bright there."""
+    shade = ndimage.gaussian_filter(np.where(np.any(places, axis=0), 0.5, 1.0), 1.0)
+    result: DoubleArray = plain_table() * shade[:, :, None]
+    return result
+
+
 def test_dark_places_of_another_outline_are_no_shadow_of_the_object() -> None:
-    middle = SIDE / 2
-    squares, stripes, table = pattern(), pattern(stripes=True), plain_table()
-    blot = ndimage.gaussian_filter(np.where(disc(9, 15, 20), 0.5, 1.0), 1.0)[:, :, None]
-    band = np.where(np.abs(np.indices((SIDE, SIDE))[0] - middle) < 13, 0.5, 1.0)
-    across = ndimage.gaussian_filter(band, 1.0)[:, :, None]
-    for color in (squares, stripes, table, table * blot, table * across):
+    blot, across = disc(9, 15, 20), np.abs(np.indices((SIDE, SIDE))[0] - SIDE / 2) < 13
+    wide = disc(26, column=75)  # it goes on where no light would throw a shadow
+    corners = [disc(12, row, column) for row in (15, 75) for column in (15, 75)]
+    among_others = cast_on(darkened(*corners), 10.0)  # what darkens elsewhere as well is none
+    tables = (plain_table(), darkened(blot), darkened(across), darkened(wide), among_others)
+    for color in (pattern(), pattern(stripes=True), *tables):
         bare = chart(color)
         assert shadow_of(bare, bare.hole, cylinder(), np.zeros_like(bare.hole)) is None
 
