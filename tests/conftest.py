@@ -10,6 +10,9 @@ import pytest
 
 from tests.display import xvfb
 
+# Before torch and numpy are imported: their threads wait for each other by spinning, and several
+# processes of tests share the processors.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 _DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 

@@ -152,7 +152,8 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
     opened(session, tmp_path / "room")
     found = session.photos
     assert found is not None
-    reconstruction.make(session, ReconstructionPlan(TINY, found.scene))
+    one_attempt = replace(TINY, place_minutes=0.001)
+    reconstruction.make(session, ReconstructionPlan(one_attempt, found.scene))
     assert session.jobs.wait(300)
     question = session.pending_question
     assert question is not None
