@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gaga_core.arrays import BoolArray
 from gaga_core.color import dc_from_rgb, rgb_from_dc
@@ -71,3 +72,22 @@ def test_without_a_shadow_nothing_is_lightened_and_it_says_what_was_refused() ->
     assert len(found.splats) == 0
     assert len(found.stained) == 0
     assert found.is_refused
+
+
+@pytest.mark.parametrize(("darker", "is_filled"), [(0.1, False), (0.3, True)])
+def test_a_hole_that_shows_nearly_the_right_color_is_left_as_it_is(
+    darker: float, is_filled: bool
+) -> None:
+    """What lies under the table shows in the hole."""
+    table = table_with_box()
+    under = table.empty
+    rgb = rgb_from_dc(under.sh[:, 0]) - darker
+    under = replace(
+        under,
+        means=under.means - np.array([0, 0, 0.08], np.float32),
+        sh=dc_from_rgb(rgb.astype(np.float32))[:, None],
+    )
+    labels = np.append(table.labels, np.full(len(under), 3, np.int32))
+    found = filling(Scene.of(joined(table.gaussians, under), labels), table)
+    assert (len(found.splats) > 50) == is_filled
+    assert found.is_refused != is_filled
