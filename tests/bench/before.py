@@ -50,7 +50,8 @@ def run_worker(module: str, arguments: Sequence[str], where: Path = HERE) -> Cos
 
     Raises ``subprocess.CalledProcessError`` when it fails.
     """
-    costs: Costs = json.loads(call_worker(module, arguments, where).splitlines()[-1])
+    last = call_worker(module, arguments, where).splitlines()[-1]
+    costs: Costs = json.loads(last[last.index("{") :])  # behind what ends the color of a log
     return costs
 
 

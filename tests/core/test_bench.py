@@ -120,7 +120,7 @@ _WORKER = """
 import json, sys
 from pathlib import Path
 import gaga_core
-print("any other line")
+print("any other line\\n\\033[0m", end="")
 print(json.dumps({"code": gaga_core.NAME, "worker": Path(__file__).stem, "n": int(sys.argv[1])}))
 """
 
