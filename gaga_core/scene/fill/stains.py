@@ -235,9 +235,7 @@ def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
     """Cells (H, W) on which an object with splats at ``own`` (K, 3), world, stands, if it does."""
     local = chart.plane.local(own)
     row, column, inside = chart.cells(local)
-    if (
-        len(local) == 0 or (local[:, 2] < -tolerance_of(chart)).mean() > _BELOW
-    ):  # the plane goes through it
+    if (local[:, 2] < -tolerance_of(chart)).mean() > _BELOW:  # the plane goes through it
         return np.zeros(chart.shape, np.bool_)
     low = inside & (np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart))
     found = np.zeros(chart.shape, np.bool_)

@@ -7,7 +7,7 @@ from scipy import ndimage
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.scene.fill import texture
 from gaga_core.scene.fill.chart import Chart
-from gaga_core.scene.fill.stains import gains, shadow_of, splat_gains, taken_cells
+from gaga_core.scene.fill.stains import foot_cells, gains, shadow_of, splat_gains, taken_cells
 from gaga_core.scene.fill.surfaces import Plane
 from gaga_core.scene.fill.texture import STYLES, continued_color
 
@@ -100,6 +100,15 @@ def test_a_shadow_over_squares_is_found_and_taken_off(away: float) -> None:
     assert 0.85 < lit < 1.15
     far = disc(44) & ~disc(18, column=SIDE / 2 + away) & ~disc(32)
     assert np.median(factors[far]) < 1.02
+
+
+def test_a_thing_stands_only_on_a_surface_that_touches_it_from_below() -> None:
+    flat, own = chart(plain_table()), cylinder()
+    foot = foot_cells(flat, own)
+    assert foot[disc(12)].all()
+    assert not foot[~disc(17)].any()
+    for lifted in (5.0, -5.0):  # it hangs over the plane, or the plane goes through it
+        assert not foot_cells(flat, own + np.array([0, 0, lifted])).any()
 
 
 def darkened(*places: BoolArray) -> DoubleArray:
