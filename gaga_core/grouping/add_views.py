@@ -164,7 +164,7 @@ def _by_shown_groups(
 
     def label_map(camera: Camera) -> IntArray:
         table, masks = tables[camera.name], gated.masks_of(camera)
-        merged = _of_several(Leaders.of(table), consensus)
+        merged = _of_several(table, consensus)
         shown = splat_groups(rasterizer, gated.gaussians, camera, seen) if len(merged) else None
         return voting_labels(masks, table, merged, shown)
 
@@ -172,7 +172,26 @@ def _by_shown_groups(
     sums = VoteSums.started(former.labels, best, bank.n_groups, config.histogram_bytes)
     stage = sums.add_stage(gated.gaussians, gated.views, label_map, rasterizer)
     yield from part(stage, 3, 4, STAGE)
-    return bank, sums.votes(), best
+    return bank, _with_rivals(sums, former, best), best
+
+
+def _with_rivals(sums: VoteSums, former: FormerGroups, best: FloatArray) -> Votes:
+    """The votes, where what a former label did not have counts for the one that new views say most.
+
+    Of former votes only those for the winner (``best`` (N,)) are known. All others were for one
+    label where two meet, as at most rims. No label had more than the winner.
+    """
+    votes, others = sums.votes(), sums.votes(without=former.labels)
+    rival = others.confidence * others.weight
+    rest = np.where(best > 0, np.minimum(former.weight - best, best), 0)
+    won = (rival > 0) & (rival + rest > votes.confidence * votes.weight)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(won, (rival + rest) / votes.weight, votes.confidence)
+    return Votes(
+        np.where(won, others.labels, votes.labels).astype(np.int32),
+        np.minimum(np.where(votes.weight > 0, share, 0), 1).astype(np.float32),
+        votes.weight,
+    )
 
 
 def _seen_labels(
@@ -215,14 +234,18 @@ def _known(table: LongArray, guessed: LongArray) -> BoolArray:
     return result
 
 
-def _of_several(leaders: Leaders, config: ConsensusConfig) -> LongArray:
+def _of_several(table: csr_matrix, config: ConsensusConfig) -> LongArray:
     """Dense ids of the masks that show several groups, as `merged_masks` finds them by points.
 
-    By pixels the others count together: a floor shows a little of all that stands on it.
+    By pixels the others count together, a floor shows a little of all that stands on it, but not
+    those that the view shows more of: at the rim of each thing some of its floor shows.
     """
-    others = leaders.total - leaders.n_first
+    leaders, entries = Leaders.of(table), table.tocoo()
+    area = np.asarray(table.sum(axis=0)).ravel()
+    smaller = area[entries.col] <= area[leaders.first[entries.row]]
+    counts = np.bincount(entries.row, entries.data * smaller, table.shape[0])
     share = config.merged_share * np.maximum(leaders.total, 1)
-    return np.flatnonzero((others >= share) & (leaders.n_second >= 2))
+    return np.flatnonzero((counts - leaders.n_first >= share) & (leaders.n_second >= 2))
 
 
 def _pixels(labels: IntArray, shown: IntArray, n_masks: int, n_groups: int) -> LongArray:

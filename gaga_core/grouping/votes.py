@@ -104,13 +104,14 @@ class VoteSums:
             if columns is not None:
                 rasterizer.vote(gaussians, camera, columns, self.sums)
 
-    def votes(self) -> Votes:
-        """The outcome so far. Of equal weights the lower label."""
+    def votes(self, without: IntArray | None = None) -> Votes:
+        """The outcome so far, ``without`` one label (N,) of each Gaussian: it cannot win, but its
+        weight counts. Of equal weights the lower label."""
         if isinstance(self.sums, VoteSlots):
-            column, best, total = self.sums.winners()
+            column, best, total = self.sums.winners(None if without is None else without - 1)
             labels = column + np.int32(1)
         else:
-            labels, best, total = _winners(self.sums)
+            labels, best, total = _winners(self.sums, without)
         with np.errstate(invalid="ignore", divide="ignore"):
             confidence = np.where(total > 0, best / total, 0).astype(np.float32)
         return Votes(labels, np.minimum(confidence, 1), total)
@@ -143,16 +144,22 @@ def _columns(labels: IntArray, n_groups: int) -> IntArray | None:
     return np.where(inside, labels - np.int32(1), np.int32(-1)).astype(np.int32)
 
 
-def _winners(table: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Label (N,) of the greatest sum of each row, 0 = none; that sum (N,); the sum of all (N,)."""
+def _winners(
+    table: FloatArray, without: IntArray | None = None
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Label (N,) of the greatest sum of each row, 0 = none; that sum (N,); the sum of all (N,).
+    ``without`` (N,) is a label of each row that cannot be the greatest, 0 = none."""
     n = len(table)
     labels, best, total = np.zeros(n, np.int32), np.zeros(n, np.float32), np.zeros(n, np.float32)
     for start in range(0, n if table.size else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         rows = table[part]
+        total[part] = rows.sum(axis=1)
+        if without is not None:
+            rows, barred = rows.copy(), np.flatnonzero(without[part] > 0)
+            rows[barred, without[part][barred] - 1] = 0
         column = rows.argmax(axis=1)
         best[part] = rows[np.arange(len(rows)), column]
-        total[part] = rows.sum(axis=1)
         labels[part] = np.where(best[part] > 0, column + 1, 0)
     return labels, best, total
 

@@ -62,14 +62,16 @@ class VoteSlots:
 
         run_chunks(work, len(rows), _BLOCK)
 
-    def winners(self) -> tuple[IntArray, FloatArray, FloatArray]:
+    def winners(self, without: IntArray | None = None) -> tuple[IntArray, FloatArray, FloatArray]:
         """The label (N,) of the greatest sum, the lower one on a tie, -1 = no votes; its sum (N,);
-        the sum of all votes (N,)."""
+        the sum of all votes (N,). ``without`` (N,) is a label of each that cannot win."""
         best, label = np.zeros(len(self), np.float32), np.full(len(self), -1, np.int32)
         total = self.lost.copy()
         for s in range(self.labels.shape[1]):
             value, own = self.weights[:, s], self.labels[:, s]
             wins = (own >= 0) & ((value > best) | ((value == best) & (own < label)))
+            if without is not None:
+                wins &= own != without
             best, label = np.where(wins, value, best), np.where(wins, own, label)
             total += value
         return label, best, total

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
@@ -12,6 +13,8 @@ from gaga_core.grouping.add_views import FormerGroups
 from gaga_core.grouping.gate import GateConfig
 from gaga_core.grouping.gated_views import GatedViews
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.robust.consensus import ConsensusConfig
+from gaga_core.grouping.votes import VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -91,3 +94,45 @@ def test_what_few_views_see_needs_few_votes_to_be_known(scene: Synthetic) -> Non
 
     assert known([seeing] + [turned] * 9) == 1
     assert known([seeing] * 10) == 0
+
+
+def test_a_mask_is_of_several_things_if_it_shows_smaller_ones_not_the_floor_at_its_rim() -> None:
+    """Floor 1 and boxes 2 to 5: the floor's mask, a box with floor at its rim, two boxes in one
+    mask, a box that shows little of another."""
+    pixels = csr_matrix(
+        [
+            [0, 0, 0, 0, 0, 0],
+            [0, 800, 50, 50, 50, 50],
+            [0, 90, 200, 0, 0, 0],
+            [0, 0, 0, 100, 60, 0],
+            [0, 0, 0, 0, 10, 200],
+        ]
+    )
+    assert add_views._of_several(pixels, ConsensusConfig()).tolist() == [1, 3]
+
+
+@pytest.mark.parametrize("histogram_bytes", [1 << 20, 1])
+def test_where_two_labels_meet_votes_add_up_as_those_of_all_views_at_once(
+    histogram_bytes: int,
+) -> None:
+    """Former views know the winner's votes and the sum alone; two labels vote for each splat."""
+    rng = np.random.default_rng(0)
+    before, later = rng.random((2, 200, 2)).astype(np.float32)
+    former_labels = (before.argmax(axis=1) + 1).astype(np.int32)
+    best, weight = before.max(axis=1), before.sum(axis=1)
+    bank = MemoryBank(former_labels, 2, (), preset="robust")
+    former = FormerGroups(bank, former_labels, best / weight, weight)
+    sums = VoteSums.started(former_labels, best, 2, histogram_bytes)
+    rows, columns = np.arange(200, dtype=np.int32), np.arange(2, dtype=np.int32)
+    if isinstance(sums.sums, np.ndarray):
+        sums.sums[:] += later
+    else:
+        sums.sums.add(rows, columns, later)
+    votes = add_views._with_rivals(sums, former, best)
+    found = add_views._with_former(former, votes, best)
+    whole = before + later
+    assert (former_labels != whole.argmax(axis=1) + 1).sum() > 20
+    assert np.array_equal(found.labels, whole.argmax(axis=1) + 1)
+    np.testing.assert_allclose(found.weight, whole.sum(axis=1), rtol=1e-5)
+    share = whole.max(axis=1) / whole.sum(axis=1)
+    np.testing.assert_allclose(found.confidence, share, rtol=1e-5)
