@@ -34,7 +34,7 @@ from gaga_core.grouping.robust.label_masks import (
     fill_unseen,
     voting_labels,
 )
-from gaga_core.grouping.robust.point_tables import Leaders, point_tables
+from gaga_core.grouping.robust.point_tables import point_tables
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
 from gaga_core.grouping.views import (
@@ -252,7 +252,7 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     votes = yield from part(vote, next(parts), n_parts, STAGE)
     # 4. Masks that hold several groups vote, too, divided by the labels that there are now.
     divide = next(parts)
-    if any(len(merged_masks(Leaders.of(table), consensus)) > 0 for table in tables):
+    if any(len(merged_masks(table, consensus)) > 0 for table in tables):
         again = _vote_by_points(task, consensus, points, sums, votes.labels)
         votes = yield from part(again, divide, n_parts, STAGE)
     # 5. Gaussians that no mask labels: what the gate or the surfaces say of them.
@@ -367,7 +367,7 @@ def _vote_by_points(
 
     def label_map(camera: Camera) -> IntArray:
         table, masks = tables[camera.name], task.gated.masks_of(camera)
-        merged = merged_masks(Leaders.of(table), consensus)
+        merged = merged_masks(table, consensus)
         if first is None:
             return voting_labels(masks, table, merged)
         if len(merged) == 0:

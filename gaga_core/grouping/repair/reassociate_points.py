@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import IntArray, UInt16Array, UInt32Array
 from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.grouping.repair.view_evidence import Evidence
@@ -78,7 +78,7 @@ class _Walk:
 
     def groups(self, told: Sequence[IntArray]) -> list[IntArray]:
         """The group (M + 1,) of each view's masks; ``told`` are given, -1 = not given."""
-        votes, pins = np.zeros((len(self.shown), self.width), np.int32), self._pins(told)
+        votes, pins = self._no_votes(), self._pins(told)
         result = [groups.copy() for groups in self.former]
         for place, v in enumerate(self.order):
             masks, groups = self.shown[:, v], result[v]
@@ -94,10 +94,16 @@ class _Walk:
 
     def points(self, of_mask: Sequence[IntArray], told: Sequence[IntArray]) -> IntArray:
         """The group (S,) of each point: that of most masks that show it."""
-        votes = np.zeros((len(self.shown), self.width), np.int32)
+        votes = self._no_votes()
         for v, groups in enumerate(of_mask):
             votes[np.arange(len(votes)), groups[self.shown[:, v]]] += 1
         return _labels(votes, self._pins(told))
+
+    def _no_votes(self) -> UInt16Array | UInt32Array:
+        """Zeros (S, G + 1) that hold a vote of each view."""
+        shape = (len(self.shown), self.width)
+        few = len(self.order) < 1 << 16
+        return np.zeros(shape, np.uint16) if few else np.zeros(shape, np.uint32)
 
     def _pins(self, told: Sequence[IntArray]) -> IntArray:
         """The group that is given for each point (S,), -1 = none."""
@@ -108,7 +114,7 @@ class _Walk:
         return pins
 
 
-def _labels(votes: IntArray, pins: IntArray) -> IntArray:
+def _labels(votes: UInt16Array | UInt32Array, pins: IntArray) -> IntArray:
     """The group of most votes of each row, 0 without any; what is pinned is that."""
     best = votes[:, 1:].argmax(axis=1) + 1
     best[~votes[:, 1:].any(axis=1)] = 0
@@ -143,8 +149,7 @@ class VotingMaps:
         evidence = self.evidence
         v = evidence.views.index(camera)
         masks, table = evidence.masks_of(camera), self.tables[v].toarray()
-        leaders = Leaders.of(self.tables[v])
-        merged = merged_masks(leaders, evidence.config.consensus or ConsensusConfig())
+        merged = merged_masks(self.tables[v], evidence.config.consensus or ConsensusConfig())
         by_hand = [m for m, i in enumerate(masks.ids) if (camera.name, int(i)) in self.forced]
         merged = np.setdiff1d(merged, np.array(by_hand, np.int64))
         groups = _groups(evidence, self.bank, [masks.ids], camera.name)[0]

@@ -43,7 +43,7 @@ from gaga_core.progress import Progress, Stage, part
 
 STAGE = "Compare views"
 _PAIRS = 4096  # pairs of clusters whose views are compared at a time
-_CELLS = 1 << 26  # points times views: 256 MiB of masks
+_CELLS = 1 << 27  # points times views: 512 MiB of masks
 _FEW = 8192  # points that any number of views may have
 _HALF_WEIGHT = 0.3  # points of a cluster with which a view's vote about it weighs 1/2
 _DIGITS = 9  # of agreements that are compared, so that the order of sums does not matter
@@ -68,7 +68,7 @@ class ConsensusConfig:
     sure_views: int = 2  # ... nor those that lead a mask in so many views, ...
     sure_support: float = 0.5  # ... if that is so large a share of the views that see them
     whole_groups: int = 4  # a mask that shows so many clusters is of many things at once
-    whole_share: float = 0.04  # ... each with this share of its points
+    whole_share: float = 0.5  # ... each with this share of the points that the view shows of it
     merged_share: float = 0.15  # a mask whose second group has this share of points holds both
 
     def __post_init__(self) -> None:
@@ -81,8 +81,8 @@ class ConsensusConfig:
             raise ValueError(f"max_points: at most {MOST_POINTS}")
         if self.per_mask < 1 or self.max_points < 2 or self.min_points < 1:
             raise ValueError("per_mask, max_points and min_points: too small")
-        if self.whole_groups < 3 or not 0 < self.whole_share < 1 / self.whole_groups:
-            raise ValueError("whole_groups: at least 3, each with less than 1 of so many parts")
+        if self.whole_groups < 3 or not 0 < self.whole_share <= 1:
+            raise ValueError("whole_groups: at least 3, each with a share of it, 1 at most")
         if self.doubt < 0 or self.min_views <= 0 or self.min_voice <= 0:
             raise ValueError("doubt must not be negative, min_views and min_voice positive")
 
@@ -136,10 +136,10 @@ def without_wholes(
     MaskClustering, Yan et al., CVPR 2024.)
     """
     tables = point_tables(mask_of, cluster, sizes)
-    rows, _, counts = tables.entries()
-    n_rows = int(tables.first_row[-1])
-    least = np.maximum(config.min_points, config.whole_share * np.bincount(rows, counts, n_rows))
-    n_things = np.bincount(rows, counts >= least[rows], n_rows)
+    rows, columns, counts = tables.entries()
+    seen = tables.seen()[tables.view_of_row()[rows], columns]
+    shows = counts >= np.maximum(config.min_points, config.whole_share * seen)
+    n_things = np.bincount(rows, shows, int(tables.first_row[-1]))
     is_whole = n_things >= config.whole_groups
     evidence = mask_of.copy()
     for v in np.unique(tables.view_of_row()[is_whole]):
@@ -148,11 +148,16 @@ def without_wholes(
     return evidence
 
 
-def merged_masks(leaders: Leaders, config: ConsensusConfig) -> LongArray:
-    """Dense ids of the masks of a view that hold more than one group."""
-    second = leaders.n_second
-    share = config.merged_share * np.maximum(leaders.total, 1)
-    return np.flatnonzero((second >= share) & (second >= 2))
+def merged_masks(table: csr_matrix, config: ConsensusConfig) -> LongArray:
+    """Dense ids of the masks of a view (M + 1, G + 1) that hold more than one group: a second one
+    with a good share of the mask's points, or with most of those that the view shows of it."""
+    found, entries = Leaders.of(table), table.tocoo()
+    share = config.merged_share * np.maximum(found.total, 1)
+    is_merged = (found.n_second >= share) & (found.n_second >= 2)
+    seen = np.asarray(table.sum(axis=0)).ravel()[entries.col]
+    holds = entries.data >= np.maximum(config.min_points, config.whole_share * seen)
+    is_merged[entries.row[holds & (entries.col != found.first[entries.row])]] = True
+    return np.flatnonzero(is_merged)
 
 
 def _join_best(tables: PointTables, priors: Priors, config: ConsensusConfig) -> IntArray | None:

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.arrays import (
+    BoolArray,
+    DoubleArray,
+    IntArray,
+    LongArray,
+    UInt16Array,
+    UInt32Array,
+)
 from gaga_core.grouping.robust import linkage_kernels as kernels
 from gaga_core.kernels import run_chunks
 from gaga_core.progress import Progress, Stage
@@ -16,7 +23,7 @@ from gaga_core.progress import Progress, Stage
 _ROWS = 256  # points in one piece of work
 _SLICE = 8192  # points between two chances to cancel
 _MERGES = 256  # merges between two chances to cancel
-MOST_POINTS = (1 << 16) - 1  # members of a cluster that a view sees are counted in 16 bits
+MOST_POINTS = (1 << 17) - 1
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ def linkage_stage(
     room, end = len(other) + len(other) // 4 + n, np.array([len(other)])
     other = np.append(other, np.zeros(room - len(other), np.int32))
     together = np.append(together, np.zeros(room - len(together)))
-    seen, size = (mask_of > 0).astype(np.uint16), np.ones(n)
+    seen, size = _counts(mask_of > 0), np.ones(n)
     partner, score = np.full(n, -1, np.int32), np.full(n, -1.0)
     parent, numbers = np.arange(n, dtype=np.int32), rules.array()
     state = (start, length, other, together)
@@ -119,6 +126,12 @@ def _pairs(
             yield Progress(title, (first + is_written * n) // 2, 2 * n, f"{n} points")
             run_chunks(work, min(_SLICE, n - first), _ROWS)
     return pair_start[:-1].copy(), degree, other, together
+
+
+def _counts(seen: BoolArray) -> UInt16Array | UInt32Array:
+    """``seen`` (S, V) as numbers whose sums over points fit."""
+    few = int(seen.sum(axis=0).max(initial=0)) < 1 << 16
+    return seen.astype(np.uint16) if few else seen.astype(np.uint32)
 
 
 def _maxima(score: DoubleArray) -> DoubleArray:

@@ -9,7 +9,7 @@ the same points give the same groups on every machine.
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray, UInt16Array
+from gaga_core.arrays import DoubleArray, IntArray, LongArray, UInt16Array, UInt32Array
 from gaga_core.kernels import exact_kernel
 
 
@@ -58,7 +58,7 @@ def list_pairs(
 @exact_kernel
 def agreement(
     together: float,
-    seen: UInt16Array,  # (S, V) members of each cluster that each view sees
+    seen: UInt16Array | UInt32Array,  # (S, V) members of each cluster that each view sees
     size: DoubleArray,  # (S,) members, 0 = merged into another
     i: int,
     j: int,
@@ -124,7 +124,7 @@ def best_partner(
     other: IntArray,
     together: DoubleArray,
     parent: IntArray,
-    seen: UInt16Array,
+    seen: UInt16Array | UInt32Array,
     size: DoubleArray,
     rules: DoubleArray,
     total: DoubleArray,  # (S,) zeros, and zeros again at the end
@@ -153,7 +153,7 @@ def find_partners(
     other: IntArray,
     together: DoubleArray,
     parent: IntArray,
-    seen: UInt16Array,
+    seen: UInt16Array | UInt32Array,
     size: DoubleArray,
     rules: DoubleArray,
     partner: IntArray,
@@ -208,7 +208,7 @@ def merge_clusters(
     together: DoubleArray,  # (P + room,)
     end: LongArray,  # (1,) where the free part of them begins
     parent: IntArray,  # (S,) the cluster that each one was merged into, or itself
-    seen: UInt16Array,  # (S, V)
+    seen: UInt16Array | UInt32Array,  # (S, V)
     size: DoubleArray,  # (S,)
     rules: DoubleArray,  # (3,) only read
     partner: IntArray,  # (S,)

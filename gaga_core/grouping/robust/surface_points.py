@@ -18,6 +18,7 @@ from gaga_core.raster.base import NEAR
 
 _TOLERANCE = 0.02  # share of its depth by which a point may miss the surface that a view shows
 _FLAT = 0.05  # share of the depth by which neighbours of a sampled pixel may differ
+_BY_AREA = 40  # times ``per_mask`` more points of a mask that fills the picture
 DEPTH_BYTES = 1 << 29
 
 LoadMasks = Callable[[Camera], ViewMasks]
@@ -51,25 +52,29 @@ def sample_points(
     per_mask: int,
     max_points: int,
 ) -> Stage[DoubleArray]:
-    """Points (S, 3) of the world, at least ``per_mask`` in each mask as far as it has pixels.
+    """Points (S, 3) of the world, at least ``per_mask`` in each mask as far as it has pixels, and
+    more in larger ones: of a floor of few points those of things on it, at its rims, are most.
 
     View by view, a mask that already shows enough points of earlier views adds none, so their
     number grows with the scene, not with the number of views. When it would exceed ``max_points``,
-    half of the points of every mask go and ``per_mask`` is halved.
+    a quarter of ``per_mask`` or more goes, and as large a part of the points of every mask.
     """
-    points, rank = np.zeros((0, 3)), np.zeros(0, np.int64)
+    points, rank = np.zeros((0, 3)), np.zeros(0)
     rng = np.random.default_rng(0)
     for i, camera in enumerate(views):
         yield Progress("Sample surfaces", i, len(views), camera.name)
         masks = load_masks(camera)
         shown = _masks_at(camera, masks, _inner(masks, 1), depths, points)
         count = np.bincount(shown, minlength=len(masks) + 1)
-        pixels = _pixels_to_add(camera, masks, depths, per_mask - count, rng)
-        added, ranks = _lifted(camera, depths, pixels), _ranks(masks.labels.ravel()[pixels])
-        ranks += count[masks.labels.ravel()[pixels]]
+        area = np.bincount(masks.labels.ravel(), minlength=len(masks) + 1) / masks.labels.size
+        size = 1 + _BY_AREA * area
+        wanted = np.ceil(per_mask * size).astype(np.int64) - count
+        pixels = _pixels_to_add(camera, masks, depths, wanted, rng)
+        mask = masks.labels.ravel()[pixels]
+        added, ranks = _lifted(camera, depths, pixels), (count[mask] + _ranks(mask)) / size[mask]
         points, rank = np.concatenate([points, added]), np.concatenate([rank, ranks])
         while len(points) > max_points and per_mask > 1:
-            per_mask //= 2
+            per_mask = 3 * per_mask // 4
             points, rank = points[rank < per_mask], rank[rank < per_mask]
     return points[:max_points]
 

@@ -12,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.memory_bank import two_best
-from gaga_core.grouping.robust import consensus
+from gaga_core.grouping.robust import consensus, linkage
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
 from gaga_core.grouping.robust.contacts import Priors
 from gaga_core.grouping.robust.linkage import LinkageRules, linkage_stage
@@ -175,6 +175,20 @@ def test_points_lie_on_the_surface_and_halve_when_they_are_too_many(scene: Synth
     assert np.min(per_mask) >= 6  # nearly eight witnesses in every mask of every view
 
 
+def test_a_large_mask_has_more_points_also_when_they_are_too_many(scene: Synthetic) -> None:
+    """One view: a floor that fills most of it next to five balls."""
+    load, depths = _loaded(scene)
+    camera = scene.cameras[0]
+    masks = load(camera)
+    area = np.bincount(masks.labels.ravel())[1:] / masks.labels.size
+    for limit, per_mask in ((8192, 8), (150, 4)):
+        points = run_stage(sample_points([camera], load, depths, 8, limit))
+        mask_of = run_stage(masks_of_points(points, [camera], load, depths))[:, 0]
+        wanted = np.ceil(per_mask * (1 + 40 * area))
+        assert np.abs(np.bincount(mask_of, minlength=7)[1:] - wanted).max() <= 2
+    assert area.max() > 5 * np.median(area)
+
+
 def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
     load, depths = _loaded(scene)
     behind = np.array([[0.0, 0.0, -2.0]])  # below the floor
@@ -194,6 +208,15 @@ def test_linkage_is_what_the_definition_says() -> None:
         assert list(dict.fromkeys(cluster.tolist())) == list(range(1, len(expected) + 1))
         found = {frozenset(np.flatnonzero(cluster == c).tolist()) for c in set(cluster.tolist())}
         assert found == expected
+
+
+def test_more_points_of_one_view_than_16_bits_count_are_linked() -> None:
+    """70,000 points in pairs, each pair in a mask of its own."""
+    mask_of = np.repeat(np.arange(1, 35_001, dtype=np.int32), 2)[:, None]
+    assert linkage._counts(mask_of > 0).dtype == np.uint32
+    assert linkage._counts(mask_of[:65_535] > 0).dtype == np.uint16
+    cluster = run_stage(linkage_stage(mask_of, LinkageRules(0.55, 0.1, 2.0), "link"))
+    assert np.array_equal(cluster, mask_of[:, 0])
 
 
 @pytest.mark.parametrize(
@@ -235,7 +258,15 @@ def test_what_few_views_see_is_a_group_if_it_has_a_mask_in_most_of_them(
 
 def test_merged_masks_hold_two_groups() -> None:
     table = csr_matrix([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
-    assert merged_masks(Leaders.of(table), ConsensusConfig()).tolist() == [2, 3]
+    assert merged_masks(table, ConsensusConfig()).tolist() == [2, 3]
+
+
+def test_a_large_mask_that_holds_most_of_a_small_thing_is_merged() -> None:
+    """A table of 100 points: with what the view shows of a cup, with a few points of a bowl."""
+    table = csr_matrix([[0, 0, 0, 0], [0, 100, 5, 5], [0, 0, 0, 9], [0, 0, 1, 0]])
+    assert merged_masks(table, ConsensusConfig()).tolist() == [1]
+    table = csr_matrix([[0, 0, 0, 0], [0, 100, 2, 5], [0, 0, 0, 9], [0, 0, 1, 0]])
+    assert merged_masks(table, ConsensusConfig()).tolist() == []
 
 
 def test_leaders_are_those_of_the_dense_table() -> None:
