@@ -5,10 +5,10 @@ level: of each true object with the group that covers it best at any level. The 
 borders was fitted to ycb_table, the demo scene and one generated room; how borders are judged again
 and what holds together was chosen on ycb_crowd and the demo, and then limited to where it does no
 harm to generated rooms, tables and contents, most of other seeds; levels of small pieces, surfaces
-that a thing lies across and rarely seen parts were chosen on the demo. The generated kinds: rooms,
-tables, objects of parts (`tests.bench.parts`), and contents, rows and chairs
-(`tests.bench.contents`). Each figure is the mean over four draws (regions of two widths, of all
-views and of some), and the worst of them: a result that only one of them reaches is luck.
+that a thing lies across and rarely seen parts were chosen on the demo, how objects are divided on
+ycb_crowd, with a look at one draw or more of all scenes. The generated kinds: rooms, tables,
+objects of parts (`tests.bench.parts`), and contents, rows and chairs (`tests.bench.contents`). Each figure is the mean over four draws (regions of two widths, of all views
+and of some), and the worst of them: a result that only one of them reaches is luck.
 Scenes that are not on this machine are left out (GAGA_TEST_DATA).
 """
 

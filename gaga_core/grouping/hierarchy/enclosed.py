@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix, identity
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera
@@ -34,7 +34,8 @@ def is_enclosed_thing(
     found: BoolArray = now.graph.size >= np.maximum(seen, least_size)
     found &= _is_enclosed(near, now.cluster)
     if found.any():
-        found &= _shown_whole(surfels, now.cluster, found) > _WHOLE
+        one_each = identity(len(found), format="csr")[found]
+        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE
     return found
 
 
@@ -77,22 +78,22 @@ def _is_enclosed(near: Neighbourhood, cluster: LongArray) -> BoolArray:
     return result
 
 
-def _shown_whole(surfels: Surfels, cluster: LongArray, asked: BoolArray) -> DoubleArray:
-    """Mean IoU (n,) of the samples of each cluster that is ``asked`` about (n,) with the region of
-    each view that fits best, at any level of detail; views count by the samples that they show."""
-    n = len(asked)
-    own = asked[cluster]
-    total, weight = np.zeros(n), np.zeros(n)
+def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> DoubleArray:
+    """Mean IoU (K,) of the samples of sets (K, n) of clusters (S,) with the region of each view
+    that fits best, at any level of detail; views count by the samples that they show."""
+    n_sets, n = sets.shape
+    own = np.bincount(sets.indices, minlength=n)[cluster] > 0
+    total, weight = np.zeros(n_sets), np.zeros(n_sets)
     for v in range(surfels.regions.shape[1]):
-        best, seen = np.zeros(n), np.zeros(n)
+        best, seen = np.zeros(n_sets), np.zeros(n_sets)
         for region in surfels.maps_of(v).T:
             rows = np.flatnonzero(own & (region > 0))
             area = np.bincount(region)
             table = coo_matrix((np.ones(len(rows)), (cluster[rows], region[rows])), (n, len(area)))
-            table.sum_duplicates()
-            seen = np.bincount(cluster[rows], minlength=n).astype(np.float64)
-            iou = table.data / (seen[table.row] + area[table.col] - table.data)
-            np.maximum.at(best, table.row, iou)
+            common = (sets @ table.tocsr()).tocoo()
+            seen = np.asarray(common.sum(axis=1), np.float64).ravel()
+            iou = common.data / (seen[common.row] + area[common.col] - common.data)
+            np.maximum.at(best, common.row, iou)
         total += best * seen
         weight += seen
     result: DoubleArray = total / np.maximum(weight, 1)

@@ -12,6 +12,7 @@ from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.hierarchy.borders import Agreement, fine_graph, noise_of
+from gaga_core.grouping.hierarchy.divided import divided
 from gaga_core.grouping.hierarchy.enclosed import is_outside, keep_enclosed
 from gaga_core.grouping.hierarchy.held import held_together
 from gaga_core.grouping.hierarchy.judging import Judge
@@ -192,10 +193,14 @@ def _nested_clusters(
     noise = noise_of(surfels, near, plane, fine)
     judge = Judge(surfels, near, plane, piece, surfels.n_views / len(views), noise)
     parts = judge.parts(fine, config.finer, config.least_part, config.least_object)
-    fine_to_coarse = [level.cluster for level in parts]
     yield Progress(STAGE, 3, 4, "objects")
     now = keep_enclosed(surfels, near, judge.again(parts[-1]), config.least_object)
     now = now.joined(config.objects).joined(-np.inf, config.least_object)
+    fine_to_coarse = [level.cluster for level in parts]
+    two = divided(surfels, near, now.cluster, fine_to_coarse, judge.shown, config.least_object)
+    if two.max() > now.cluster.max():
+        now = keep_enclosed(surfels, near, judge.judged(two), config.least_object)
+        fine_to_coarse = [_overlaid(level, two) for level in fine_to_coarse]
     now = now.merged(held_together(near, plane, now.cluster, judge.shown))
     now = now.merged(spanned(surfels, near, plane, color, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
@@ -212,3 +217,10 @@ def _nested_clusters(
         fine_to_coarse.append(now.cluster)
     levels = np.stack(fine_to_coarse[::-1])
     return np.where(background, levels.max() + 1, levels), behind
+
+
+def _overlaid(one: LongArray, other: LongArray) -> LongArray:
+    """Dense ids (S,) of the samples that two clusterings (S,) have in common."""
+    key = one * (int(other.max()) + 1) + other
+    result: LongArray = np.unique(key, return_inverse=True)[1].astype(np.int64)
+    return result

@@ -149,6 +149,27 @@ def test_print_does_not_split(scene: Synthetic) -> None:
     assert floor.max() > 0.9 * floor.sum()
 
 
+def test_what_has_joined_to_two_things_is_divided_at_all_levels(scene: Synthetic) -> None:
+    """Two balls that touch, and evidence so low that they join before whole objects do."""
+    ball = scene.gaussians.take(np.flatnonzero(scene.labels == 1))
+    means = ball.means - ball.means.mean(axis=0)
+    step = np.array([0.27, 0, 0], np.float32)
+    pair = concatenate(replace(ball, means=means - step), replace(ball, means=means + step))
+    truth = np.repeat(np.array([1, 2], np.int32), len(ball))
+    engine = choose("cpu")
+    maps = {c.name: engine.label_splat(pair, c, truth).labels for c in scene.cameras}
+    low = HierarchyConfig(finer=(1.2, -40.0), objects=-50.0, coarser=(), background=False)
+    found = _found(pair, scene.cameras, maps, low)
+    one, other = (np.bincount(found.labels[truth == k]).argmax() for k in (1, 2))
+    assert one != other
+    assert found.bank.levels is not None
+    for of_level in found.bank.levels.labels[found.bank.levels.chosen :]:
+        for group in np.unique(of_level):
+            assert len(np.unique(found.labels[of_level == group])) == 1
+    whole = {name: (labels > 0).astype(np.int32) for name, labels in maps.items()}
+    assert len(np.unique(_found(pair, scene.cameras, whole, low).labels)) == 1
+
+
 def test_a_floor_is_one_on_both_sides_of_a_carpet(scene: Synthetic) -> None:
     g = scene.gaussians
     floor = scene.labels == 0
