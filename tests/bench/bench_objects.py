@@ -7,8 +7,9 @@ and what holds together was chosen on ycb_crowd and the demo, and then limited t
 harm to generated rooms, tables and contents, most of other seeds; levels of small pieces, surfaces
 that a thing lies across and rarely seen parts were chosen on the demo, how objects are divided on
 ycb_crowd, with a look at one draw or more of all scenes. The generated kinds: rooms, tables,
-objects of parts (`tests.bench.parts`), and contents, rows and chairs (`tests.bench.contents`). Each figure is the mean over four draws (regions of two widths, of all views
-and of some), and the worst of them: a result that only one of them reaches is luck.
+objects of parts (`tests.bench.parts`), and contents, rows and chairs (`tests.bench.contents`).
+Each figure is the mean over four draws (regions of two widths, of all views and of some), and the
+worst of them: a result that only one of them reaches is luck.
 Scenes that are not on this machine are left out (GAGA_TEST_DATA).
 """
 
