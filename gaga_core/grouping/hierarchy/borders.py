@@ -26,7 +26,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
+from gaga_core.grouping.hierarchy.pieces import Neighbourhood, outlines
 from gaga_core.grouping.hierarchy.surfels import Surfels
 
 KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
@@ -44,7 +44,6 @@ _ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plan
 _SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
 _PATCH = 0.15  # share of the samples of either side on the same plane that makes it a patch
 _FOOT = 0.1  # least crease between a thing and its support
-_OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 # Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
 _FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
 # Of larger ones: bias, crease, bulge, step, views for one region, views for two where the surface
@@ -275,7 +274,7 @@ def _standing(
     for thing, below in ((first, second), (second, first)):
         on = supports[below] & ~supports[thing] & (crease > _FOOT)
         foot += np.bincount(thing[on], length[on], len(size))
-    share = foot / (_OUTLINE * np.sqrt(size))
+    share = foot / outlines(size)
     least = np.clip(np.minimum(share[first], share[second]), 0, 1)
     result: DoubleArray = np.where(supports[first] | supports[second], 0, least)
     return result

@@ -11,13 +11,12 @@ from scipy.sparse import csr_matrix, vstack
 
 from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.grouping.hierarchy.enclosed import shown_whole
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
+from gaga_core.grouping.hierarchy.pieces import Neighbourhood, outlines
 from gaga_core.grouping.hierarchy.surfels import Surfels
 
 _WHOLE = 0.62  # mean IoU of both sides with the best region of each view ...
 _BETTER = 0.05  # ... by which they are better than together
 _NECK = 2.0  # outlines of the smaller side along which both touch, at most
-_OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 
 
 def divided(
@@ -39,7 +38,7 @@ def divided(
     inside = np.concatenate([_coarser_of(level, cluster) for level in levels])
     whole = shown_whole(surfels, leaf, members)  # of the clusters, then of all parts
     count, size = members @ np.bincount(leaf), members @ np.bincount(leaf, shown)
-    outline = _OUTLINE * np.sqrt(np.minimum(count, count[inside] - count))
+    outline = outlines(np.minimum(count, count[inside] - count))
     neck = np.concatenate([_necks(near, cluster, level) for level in levels])
     asked = (whole > _WHOLE) & (whole > whole[inside] + _BETTER) & (neck < _NECK * outline)
     found = np.flatnonzero(asked & (np.minimum(size, size[inside] - size) >= least_size))

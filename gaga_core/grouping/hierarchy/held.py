@@ -12,9 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
+from gaga_core.grouping.hierarchy.pieces import Neighbourhood, outlines
 
-_OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 _SUPPORT_AREA = 0.01  # share of the area of all samples of a plane to stand on
 _IN_PLANE = 0.3  # share of its samples that makes a cluster a part of such a plane
 _FOOT = 0.25  # share of its outline that a thing has in common at least with what it stands on
@@ -42,9 +41,10 @@ def held_together(
     graph = coo_matrix((ones, (one[links], other[links])), shape=(n, n))
     part = connected_components(graph, directed=False)[1].astype(np.int64)
     outer = part[one] != part[other]
+    size = np.bincount(part[cluster], minlength=n)
     held = np.bincount(part[np.concatenate([one[outer], other[outer]])], minlength=n)
-    joins = (held > 0) & (held < _HELD * _outlines(part[cluster], n))
-    joins &= np.bincount(part[cluster], minlength=n) < _MOST * len(cluster)
+    joins = (held > 0) & (held < _HELD * outlines(size))
+    joins &= size < _MOST * len(cluster)
     ids = np.where(joins[part], part, n + np.arange(n))
     return np.unique(ids, return_inverse=True)[1].astype(np.int64)
 
@@ -61,12 +61,7 @@ def _standing(
     for thing, below in ((a, b), (b, a)):
         on = large[plane[below]] & (plane[thing] != plane[below])
         foot += np.bincount(cluster[thing[on]], minlength=n)
-    flat = np.bincount(cluster, large[plane], n) > _IN_PLANE * np.bincount(cluster, minlength=n)
-    result: BoolArray = flat | (foot >= _FOOT * _outlines(cluster, n))
-    return result
-
-
-def _outlines(cluster: LongArray, n: int) -> DoubleArray:
-    """Edges (n,) along the outline of a piece of surface as large as each cluster (S,)."""
-    result: DoubleArray = _OUTLINE * np.sqrt(np.bincount(cluster, minlength=n))
+    size = np.bincount(cluster, minlength=n)
+    flat = np.bincount(cluster, large[plane], n) > _IN_PLANE * size
+    result: BoolArray = flat | (foot >= _FOOT * outlines(size))
     return result

@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import BoolArray, DoubleArray, LongArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
 from gaga_core.grouping.hierarchy.surfels import Surfels
 from gaga_core.grouping.hierarchy.surfels_kernels import choose_seeds
 from gaga_core.kernels import n_threads
@@ -20,6 +20,7 @@ _ALONG = 0.3  # ... next to that of its length
 _RECOLORED = 0.075  # cost of an edge for a unit of CIE Lab, where color counts ...
 _OTHER_COLOR = 60.0  # ... up to so many
 _SLICE = 1 << 16  # edges compared at once
+_OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,12 @@ class Neighbourhood:
         both = (a >= 0) & (b >= 0)
         ones = np.ones(int(both.sum()), np.int8)
         return coo_matrix((ones, (a[both], b[both])), shape=(len(rows), len(rows))).tocsr()
+
+
+def outlines(n_samples: AnyArray) -> DoubleArray:
+    """Edges (n,) along the outline of compact pieces of surface of so many samples (n,)."""
+    result: DoubleArray = _OUTLINE * np.sqrt(n_samples)
+    return result
 
 
 def small_pieces(

@@ -94,7 +94,7 @@ class Work:
             shadow = self._shadow(chart, own)
             if not chart.hole.any() or n_filled == self.config.most_surfaces:
                 if shadow.is_cast:
-                    self._lighten(chart, shadow)
+                    self.gain = self._lit_by(chart, shadow)
                 continue
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
@@ -122,7 +122,7 @@ class Work:
         if not kept.any():
             self.is_refused = True
             if shadow.is_cast:
-                self._lighten(chart, shadow)
+                self.gain = gain
             return False
         fresh = fresh.take(np.flatnonzero(kept))
         self.dropped |= goes
@@ -133,9 +133,12 @@ class Work:
 
     def _shadow(self, chart: Chart, own: DoubleArray) -> _Shadow:
         """What takes the shadow of the splats ``own`` (K, 3) off the chart that these stand on."""
+        none = _Shadow(np.ones((*chart.shape, 3)), is_cast=False)
+        if not self.config.lighten:
+            return none
         foot = foot_cells(chart, own)
-        if not self.config.lighten or not foot.any():
-            return _Shadow(np.ones((*chart.shape, 3)), is_cast=False)
+        if not foot.any():
+            return none
         foot = chart.hole if chart.hole.any() else foot
         stands = self.is_thing & (self.labels != chart.plane.label)
         taken = taken_cells(chart, self.points[stands], self.size)
@@ -151,9 +154,6 @@ class Work:
         near[plane.splats] = splat_gains(chart, shadow.factors, local, rgb)
         near[self.locked] = 1.0
         return np.maximum(self.gain, near)
-
-    def _lighten(self, chart: Chart, shadow: _Shadow) -> None:
-        self.gain = self._lit_by(chart, shadow)
 
 
 def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:
