@@ -127,6 +127,8 @@ def test_dark_places_of_another_outline_are_no_shadow_of_the_object() -> None:
     for color in (pattern(), pattern(stripes=True), *tables):
         bare = chart(color)
         assert shadow_of(bare, bare.hole, cylinder(), np.zeros_like(bare.hole)) is None
+    for color in (pattern(), pattern(stripes=True)):
+        assert (lightening(chart(color)) == 1).all(), "without a cast shadow no stain either"
 
 
 def test_what_is_dark_along_a_part_of_the_outline_only_is_no_stain() -> None:
