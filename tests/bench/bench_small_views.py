@@ -28,7 +28,7 @@ def figures() -> list[Figure]:
         Figure(f"{name}: recall", last["recall"], ""),
         Figure("small views: one view more", 1e3 * line.by_step, "CPU-ms"),
         Figure("small views: memory that one view more takes", memory.by_step, "MiB"),
-        Figure("small views: largest miss of the line", line.largest_miss, "", "<= 0.1"),
+        Figure("small views: largest miss of the line", line.largest_miss, "", "<= 0.05"),
         Figure(
             f"small views: one more between {views[-2]} and {views[-1]}, to between "
             f"{views[0]} and {views[1]}",
