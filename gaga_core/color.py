@@ -1,8 +1,13 @@
 """Spherical harmonics of color, and the colors of groups and of depth."""
 
+from functools import cache
+
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, check_shape
+
+# --- Spherical harmonics of color, and the colors of groups and of depth.
+
 
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # red, green, blue of a luminance (Rec. 709)
@@ -170,3 +175,35 @@ def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
         color = color * t + np.array(coefficients, np.float32)
     result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
     return result
+
+
+# --- Rotation of spherical-harmonic color, degrees 0 to 4, in the basis of 3D Gaussian Splatting.
+
+
+def sh_rotation(rotation: DoubleArray, degree: int) -> DoubleArray:
+    """Matrix (S, S) that turns SH coefficients with the splat: ``sh_basis(Q d) @ (D c) ==
+    sh_basis(d) @ c`` for every direction d.
+
+    ``rotation`` Q (3, 3) is orthogonal; a mirror (determinant -1) works too. Each band maps onto
+    itself, so D follows exactly from the values at a few directions (a projection in the sense of
+    Ivanic and Ruedenberg 1996, without their recurrences).
+    """
+    check_shape("rotation", rotation, (3, 3))
+    directions, inverse = _samples(degree)
+    dense = inverse @ sh_basis(directions @ rotation, degree)
+    bands = np.zeros_like(dense)
+    for band in range(degree + 1):
+        part = slice(band**2, (band + 1) ** 2)
+        bands[part, part] = dense[part, part]
+    return bands
+
+
+@cache
+def _samples(degree: int) -> tuple[DoubleArray, DoubleArray]:
+    """Directions (J, 3) spread over the sphere (Fibonacci), and the pseudo-inverse (S, J) there."""
+    n = 64
+    z = 1 - (2 * np.arange(n) + 1) / n
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(n)
+    ring = np.sqrt(1 - z * z)
+    directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    return directions, np.linalg.pinv(sh_basis(directions, degree)).astype(np.float64)

@@ -21,11 +21,10 @@ import numpy as np
 import psutil
 
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.pipeline.executors import SUMMARY
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.pipeline.executors import SUMMARY, TRIES
 from gaga_core.pipeline.run import missing_stages
-from gaga_core.pipeline.scene_tasks import TRIES
 from tests.app.folders import write_scene
 
 _KINDS, _OF_EACH = 5, 4

@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from gaga_core.color import rgb_from_dc
-from gaga_core.segmentation.prompter import Candidates
+from gaga_core.segmentation.sam import Candidates
 from tests.scenes import Synthetic
 
 Answer = Callable[[IntArray, FloatArray, BoolArray], BoolArray]  # of things' map, points, signs

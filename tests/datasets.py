@@ -12,9 +12,9 @@ from PIL import Image
 from gaga_core.arrays import DoubleArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.colmap import write_colmap
-from gaga_core.io.masks import write_labels
-from gaga_core.io.ply import write_ply
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.masks.label_maps import write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.raster.cpu import CpuRasterizer
 from tests.scenes import objects_scene
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.glb_buffers import Buffers
-from gaga_core.io.splat_files import write_splats
+from gaga_core.io.splats.glb import Buffers
+from gaga_core.io.splats.splat_files import write_splats
 
 
 def glb_bytes(gltf: object, binary: bytes) -> bytes:

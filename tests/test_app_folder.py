@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageGrab
 
-from gaga_core.io.splat_files import write_splats
+from gaga_core.io.splats.splat_files import write_splats
 from tests.display import xvfb
 from tests.scenes import random_gaussians
 

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
-from gaga_core.io.masks import mask_folder
-from gaga_core.io.scene_folder import mask_path_of, open_scene_folder, select_views
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.folder.scene_folder import mask_path_of, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import mask_folder
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 

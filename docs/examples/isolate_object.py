@@ -3,11 +3,11 @@
 import sys
 from pathlib import Path
 
+from gaga_core.export.export import export_scene_stage
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
-from gaga_core.scene.cleanup.edits import clean_objects_stage, relabel
+from gaga_core.scene.cleanup import clean_objects_stage, relabel
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import export_scene_stage
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import open_path_stage
 

@@ -10,9 +10,9 @@ import numpy as np
 from scipy import ndimage
 
 from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import view_key, write_labels
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import view_key, write_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.progress import run_stage
 

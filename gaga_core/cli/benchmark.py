@@ -105,7 +105,7 @@ class BenchmarkCommand:
 
     def _find(self) -> "FindConfig":
         from gaga_core.evaluate.benchmark.prompts import FindConfig
-        from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, folder_of
+        from gaga_core.query.embed import KNOWN_DETECTORS, KNOWN_EMBEDDERS, folder_of
 
         detector, index = self.detector, self.index_with
         return FindConfig(

@@ -9,15 +9,15 @@ import numpy as np
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
-from gaga_core.cli.switches import SwitchError
+from gaga_core.cli.output import SwitchError
 from gaga_core.errors import GagaError
 from gaga_core.identity.field import IdentityField
 from gaga_core.scene.project import Project
 
 if TYPE_CHECKING:
-    from gaga_core.io.splat_files import SplatFormat
-    from gaga_core.scene.export_mesh import MeshExport
-    from gaga_core.scene.export_options import ExportOptions
+    from gaga_core.export.export import MeshExport
+    from gaga_core.export.options import ExportOptions
+    from gaga_core.io.splats.splat_files import SplatFormat
 
 _SPLATS = ("scene", "objects")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
@@ -100,9 +100,9 @@ class ExportCommand:
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
-        from gaga_core.identity.classifier_io import FILE as CLASSIFIER
+        from gaga_core.identity.classifier_io import CLASSIFIER_FILE as CLASSIFIER
         from gaga_core.identity.classifier_io import write_classifier
-        from gaga_core.io.splat_files import SplatFormat, form_of
+        from gaga_core.io.splats.splat_files import SplatFormat, form_of
         from gaga_core.scene.project import open_path_stage
 
         self._check()
@@ -148,9 +148,9 @@ class ExportCommand:
     def _whole(
         self, project: Project, form: "SplatFormat", options: "ExportOptions"
     ) -> dict[str, object]:
-        from gaga_core.io.splat_files import SplatFormat
-        from gaga_core.pipeline.describe import describe_project
-        from gaga_core.scene.export import export_losses, export_scene_stage
+        from gaga_core.export.export import export_losses, export_scene_stage
+        from gaga_core.io.splats.splat_files import SplatFormat
+        from gaga_core.pipeline.search import describe_project
 
         scene, groups = project.scene, self.groups
         if form is SplatFormat.HTML:
@@ -164,9 +164,9 @@ class ExportCommand:
 
     def _solid(self) -> "MeshExport | None":
         """What stands for an object in place of its splats, when that is asked for."""
-        from gaga_core.io.mesh_files import MeshFile
-        from gaga_core.scene.export_mesh import MeshExport, MeshForm
-        from gaga_core.scene.proxy_mesh import MeshConfig
+        from gaga_core.export.export import MeshExport, MeshForm
+        from gaga_core.export.proxy_mesh import MeshConfig
+        from gaga_core.io.meshes import MeshFile
 
         if self.form not in list(MeshForm):
             return None
@@ -183,12 +183,8 @@ class ExportCommand:
     def _objects(
         self, project: Project, form: "SplatFormat | MeshExport", options: "ExportOptions"
     ) -> dict[str, object]:
-        from gaga_core.scene.export import (
-            export_objects_stage,
-            least_psnr,
-            objects_losses,
-        )
-        from gaga_core.scene.manifest import listed_files, read_manifest
+        from gaga_core.export.export import export_objects_stage, least_psnr, objects_losses
+        from gaga_core.scene.export_manifest import listed_files, read_manifest
 
         scene, only = project.scene, self._only(project)
         say_losses(objects_losses(scene, form, only, options))
@@ -208,7 +204,7 @@ class ExportCommand:
 
     def _only(self, project: Project) -> Sequence[int] | None:
         """Groups to write, named after what they look like; None: all."""
-        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.pipeline.search import describe_project
         from gaga_core.scene.edits.folders import existing
 
         describe_project(project)
@@ -223,8 +219,8 @@ class ExportCommand:
 
     def _options(self, project: Project) -> "ExportOptions":
         """The switches as options."""
-        from gaga_core.scene.export_options import ExportOptions, box_of
-        from gaga_core.scene.web_page import content_of
+        from gaga_core.export.options import ExportOptions, box_of
+        from gaga_core.export.page import content_of
 
         try:
             return ExportOptions(
@@ -241,7 +237,7 @@ class ExportCommand:
             raise GagaError(f"That cannot be: {error}.") from error
 
     def _cameras(self, project: Project) -> int:
-        from gaga_core.pipeline.export_cameras import export_cameras
+        from gaga_core.export.cameras import export_cameras
 
         n = export_cameras(project, self.out, self._options(project))
         out.result({"file": str(self.out), "cameras": n}, as_json=self.json)

@@ -1,13 +1,30 @@
 """Commands over single files: edit, info, doctor, demo."""
 
+import importlib.metadata
+import platform
+import subprocess
+import sys
 from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
 from pathlib import Path
 
+import numpy as np
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.cli.export import say_losses, up_of
-from gaga_core.io.json_file import read_json
+from gaga_core.errors import GagaError
+from gaga_core.io.json_file import decode_json, read_json
+from gaga_core.io.video import ffmpeg_program
+from gaga_core.pipeline.level_of_detail import open_project_lod
+from gaga_core.pipeline.search import list_objects
+from gaga_core.progress import Stage
+from gaga_core.raster import backend_report
+from gaga_core.scene.project import Project, open_path_stage
+from gaga_core.threads import n_threads
+
+# --- Commands over single files: edit, info, doctor, demo.
+
 
 _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
 
@@ -30,13 +47,13 @@ class EditCommand:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
-        from gaga_core.io.splat_files import SplatFormat, form_of
-        from gaga_core.pipeline.describe import describe_project
-        from gaga_core.scene.export import export_losses, export_scene_stage
-        from gaga_core.scene.export_options import ExportOptions
+        from gaga_core.edit_script.run import parse_script, run_script
+        from gaga_core.export.export import export_losses, export_scene_stage
+        from gaga_core.export.options import ExportOptions
+        from gaga_core.export.page import content_of
+        from gaga_core.io.splats.splat_files import SplatFormat, form_of
+        from gaga_core.pipeline.search import describe_project
         from gaga_core.scene.project import open_path_stage
-        from gaga_core.scene.script.run import parse_script, run_script
-        from gaga_core.scene.web_page import content_of
 
         form_of(self.output)  # a mistake is told before a large model is read
         script = read_json(
@@ -70,7 +87,6 @@ class InfoCommand:
 
     def run(self) -> int:
         """Print counts, columns, views and groups."""
-        from gaga_core.cli.info import describe
 
         values = out.follow(describe(self.file))
         if not self.json:
@@ -89,7 +105,6 @@ class DoctorCommand:
 
     def run(self) -> int:
         """Print one line a finding; exit status 1 when something needed is missing."""
-        from gaga_core.cli.doctor import examine
 
         findings = examine()
         values = {f.name: f.text if f.ok else f"PROBLEM: {f.text}" for f in findings}
@@ -114,4 +129,237 @@ class DemoCommand:
 
         made = out.follow(make_demo_stage(self.folder, seed=self.seed))
         out.result({"scene": str(made)}, as_json=self.json)
+        return 0
+
+
+# --- ``gaga info``: what a file or folder holds, in plain values.
+
+
+def describe(path: Path) -> Stage[dict[str, object]]:
+    """Open ``path`` (scene folder, file of splats or project) and describe it."""
+    project = yield from open_path_stage(path)
+    values = _splats(project)
+    folder = project.folder
+    if folder is not None:
+        values["views"] = len(folder.cameras)
+        values["photos_on_disk"] = len(folder.image_paths)
+        values["train_views"] = len(folder.train)
+        values["test_views"] = len(folder.test)
+        values["split"] = folder.split
+        values["masks"] = list(folder.mask_folders)
+    files = [item.path for item in project.scene.added if not item.is_made]
+    if files:
+        values["added_files"] = files
+    objects = list_objects(project)
+    values["groups"] = len(objects)
+    values["objects"] = objects
+    folders = project.scene.folders
+    values["folders"] = {path: list(folders.groups(path)) for path in folders.paths}
+    values["level_of_detail"] = _level_of_detail(project)
+    values["saved_project"] = str(project.path) if project.path else "none"
+    return values
+
+
+def _level_of_detail(project: Project) -> str:
+    """Where the tree of merged splats is, if there is one that fits the model."""
+    try:
+        tree = open_project_lod(project)
+    except GagaError as error:
+        return f"damaged: {error}"
+    return "none" if tree is None else f"{len(tree.sizes)} levels in {tree.folder}"
+
+
+def _splats(project: Project) -> dict[str, object]:
+    gaussians = project.scene.gaussians
+    # Outliers far away are common; percentiles say how large the scene is to a person.
+    low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    return {
+        "model": str(project.model_path),
+        "gaussians": len(gaussians),
+        "visible": int(project.scene.visible.sum()),
+        "sh_degree": gaussians.sh_degree,
+        "look": "antialiased" if gaussians.is_antialiased else "classic",
+        "size": " x ".join(f"{v:.3g}" for v in high - low) + " scene units",
+        "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
+    }
+
+
+# --- ``gaga doctor``: what this machine can do, and what to install where something is missing.
+
+
+_PACKAGES = ("numpy", "numba", "scipy", "moderngl", "imgui-bundle", "glfw", "pycolmap", "torch")
+_PROBE_SECONDS = 60
+_EXTRAS = (  # package, the extra that brings it, what it is for
+    ("transformers", "models", "masks by SAM and other models, search by words"),
+    ("distributed", "executors", "many scenes at once with --executor dask"),
+)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report."""
+
+    name: str
+    text: str
+    ok: bool
+
+
+def examine() -> list[Finding]:
+    """Look at Python, packages, graphics and compute; never raises."""
+    findings = [
+        Finding("python", f"{platform.python_version()} on {platform.platform()}", True),
+        Finding("processor", f"{n_threads()} threads for the kernels", True),
+    ]
+    for package in _PACKAGES:
+        try:
+            findings.append(Finding(package, importlib.metadata.version(package), True))
+        except importlib.metadata.PackageNotFoundError:
+            findings.append(_missing(package))
+    findings.append(_ffmpeg())
+    findings += [_extra(*extra) for extra in _EXTRAS]
+    findings += _registered()
+    findings.append(_cuda())
+    findings.append(_rasterizer())
+    return findings
+
+
+def _missing(package: str) -> Finding:
+    """A package that is not there; the program of `make app` comes without torch."""
+    if package == "torch" and getattr(sys, "frozen", False):
+        where = Path(sys.executable).parent / "models"
+        text = f"not installed (masks and words by models, CUDA): put its folder at {where}"
+        return Finding(package, text, True)
+    return Finding(package, "missing: install gaga-studio again with pip", False)
+
+
+def _ffmpeg() -> Finding:
+    """The program that reads and writes videos."""
+    try:
+        program = ffmpeg_program()
+        told = subprocess.run(
+            [program, "-version"],
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=_PROBE_SECONDS,
+            check=True,
+        ).stdout
+    except (GagaError, ImportError, subprocess.SubprocessError, OSError):
+        text = "missing: videos can be neither read nor written; pip install imageio-ffmpeg"
+        return Finding("ffmpeg", text, False)
+    words = told.split()
+    version = words[2] if len(words) > 2 else "unknown version"
+    return Finding("ffmpeg", f"{version}: reads and writes videos", True)
+
+
+def _extra(package: str, extra: str, purpose: str) -> Finding:
+    """A package that can be done without: it is no fault that it is missing."""
+    name = "dask" if package == "distributed" else package
+    try:
+        return Finding(name, f"{importlib.metadata.version(package)}: {purpose}", True)
+    except importlib.metadata.PackageNotFoundError:
+        text = f"not installed ({purpose}): pip install 'gaga-studio[{extra}]'"
+        return Finding(name, text, True)
+
+
+def _registered() -> list[Finding]:
+    """What other packages ask of the machine (entry points of the group ``gaga_core.probes``).
+
+    Each is a module that prints a line of JSON with ``ok`` and ``text``; the last line counts, so
+    that one which may crash says first what a crash means. It runs in a process of its own.
+    """
+    findings = []
+    for entry in sorted(entry_points(group="gaga_core.probes"), key=lambda entry: entry.name):
+        answer = _probe("-m", entry.value)
+        ok, text = (bool(answer["ok"]), str(answer["text"])) if answer else (False, "no answer")
+        findings.append(Finding(entry.name, text, ok))
+    return findings
+
+
+def _cuda() -> Finding:
+    code = (
+        "import json, torch; ok = torch.cuda.is_available();"
+        "print(json.dumps({'device': torch.cuda.get_device_name(0) if ok else ''}))"
+    )
+    answer = _probe("-c", code)
+    if answer and answer["device"]:
+        return Finding("cuda", str(answer["device"]), True)
+    return Finding("cuda", "none: everything runs on the processor, which is enough", True)
+
+
+def _rasterizer() -> Finding:
+    """The rasterizer in use, tested again: a user runs this after fixing something."""
+    name, reason = backend_report(fresh=True)
+    return Finding("rasterizer", f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})", True)
+
+
+def _probe(*arguments: str) -> dict[str, str | bool] | None:
+    """The last line that a Python process prints, from JSON; None when it prints none."""
+    try:
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_SECONDS,
+            check=False,  # one that crashed has said before what that means
+        )
+        answer: dict[str, str | bool] = decode_json(
+            done.stdout.splitlines()[-1].encode(), dict[str, str | bool], "The probe", ""
+        )
+    except (subprocess.SubprocessError, OSError, GagaError, IndexError):
+        return None
+    return answer
+
+
+# --- ``gaga lod``: the tree of merged splats of a large scene, headless.
+
+
+@dataclass(frozen=True)
+class LodCommand:
+    """Build the level of detail of a large scene, which the window draws it by."""
+
+    scene: Positional[Path]
+    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
+    saved project."""
+    again: bool = False
+    """Build it also when there is one of this model."""
+    sog: Path | None = None
+    """Folder to write the levels to as streamed SOG (lod-meta.json), which other viewers load."""
+    json: bool = False
+    """Print the result as JSON."""
+
+    def run(self) -> int:
+        """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file.
+
+        Of a saved project to which files were added: lod-added there, of all of them.
+        """
+        from gaga_core.pipeline.level_of_detail import (
+            build_project_lod_stage,
+            open_project_lod,
+            rows_of,
+            rows_of_files,
+        )
+        from gaga_core.scene.lod.streamed import write_streamed_sog_stage
+        from gaga_core.scene.project import open_path_stage
+
+        project = out.follow(open_path_stage(self.scene))
+        tree = None if self.again else open_project_lod(project)
+        is_new = tree is None or len(tree) < rows_of_files(project.scene)
+        if tree is None or is_new:
+            tree = out.follow(build_project_lod_stage(project))
+        values: dict[str, object] = {}
+        if self.sog is not None:
+            stage = write_streamed_sog_stage(self.sog, tree, rows_of(project, len(tree)))
+            values["streamed_sog"] = str(out.follow(stage))
+        out.result(
+            {
+                "folder": str(tree.folder),
+                "built": is_new,
+                "gaussians": len(tree),
+                "levels": list(tree.sizes),
+                "megabytes": round(tree.file_bytes / 1e6, 1),
+                **values,
+            },
+            as_json=self.json,
+        )
         return 0

@@ -21,13 +21,12 @@ import gaga_core
 from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
 from gaga_core.cli.export import ExportCommand
-from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, InfoCommand
-from gaga_core.cli.lod import LodCommand
-from gaga_core.cli.masks import MasksCommand
+from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, InfoCommand, LodCommand
+from gaga_core.cli.masks import MasksCommand, SegmentCommand
 from gaga_core.cli.models import ModelsCommand
+from gaga_core.cli.output import SwitchError
 from gaga_core.cli.query import QueryCommand
-from gaga_core.cli.reconstruct import ReconstructCommand
-from gaga_core.cli.run import RunCommand
+from gaga_core.cli.run import ReconstructCommand, RunCommand
 from gaga_core.cli.scene import (
     AssociateCommand,
     CompareCommand,
@@ -35,8 +34,6 @@ from gaga_core.cli.scene import (
     LiftCommand,
     RenderCommand,
 )
-from gaga_core.cli.segment import SegmentCommand
-from gaga_core.cli.switches import SwitchError
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 

@@ -10,8 +10,8 @@ from gaga_core.cli import output as out
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
-    from gaga_core.models.catalogue import KnownModel
-    from gaga_core.models.hub import HubConfig
+    from gaga_core.segmentation.models.catalogue import KnownModel
+    from gaga_core.segmentation.models.hub import HubConfig
 
 _NO_CONSENT = 2  # exit status
 
@@ -28,8 +28,8 @@ class ListModels:
 
     def run(self) -> int:
         """Print the list."""
-        from gaga_core.models.status import all_models
-        from gaga_core.models.weights import models_folder
+        from gaga_core.segmentation.models.status import all_models
+        from gaga_core.segmentation.models.weights import models_folder
 
         rows = _Models(tuple(entry.to_json() for entry in all_models()), models_folder())
         out.scores(rows, as_json=self.json)
@@ -68,9 +68,9 @@ class GetModels:
 
     def run(self) -> int:
         """Download what is missing."""
-        from gaga_core.models.catalogue import known_model
-        from gaga_core.models.hub import HubConfig
-        from gaga_core.models.lock_file import read_lock
+        from gaga_core.segmentation.models.catalogue import known_model
+        from gaga_core.segmentation.models.download import read_lock
+        from gaga_core.segmentation.models.hub import HubConfig
 
         names = self.names or ((read_lock(self.lock).name,) if self.lock is not None else ())
         if not names:
@@ -91,10 +91,16 @@ class GetModels:
 
     def _get(self, model: "KnownModel", config: "HubConfig") -> dict[str, object] | None:
         """What is here now; None without consent."""
-        from gaga_core.models.download import Consent, Installed, download
-        from gaga_core.models.hub import list_files, terms
-        from gaga_core.models.lock_file import check_against, check_folder, read_lock
-        from gaga_core.models.weights import find_model
+        from gaga_core.segmentation.models.download import (
+            Consent,
+            Installed,
+            check_against,
+            check_folder,
+            download,
+            read_lock,
+        )
+        from gaga_core.segmentation.models.hub import list_files, terms
+        from gaga_core.segmentation.models.weights import find_model
 
         lock = read_lock(self.lock) if self.lock is not None else None
         here = find_model(model)
@@ -136,8 +142,8 @@ class RemoveModels:
 
     def run(self) -> int:
         """Delete them."""
-        from gaga_core.models.catalogue import known_model
-        from gaga_core.models.download import remove
+        from gaga_core.segmentation.models.catalogue import known_model
+        from gaga_core.segmentation.models.download import remove
 
         if not self.names:
             raise GagaError("Name a model. gaga models list shows them.")
@@ -161,8 +167,8 @@ class WhereModels:
 
     def run(self) -> int:
         """Print paths; exit status 1 when a model that was named is not here."""
-        from gaga_core.models.catalogue import known_model
-        from gaga_core.models.weights import find_model, models_folder
+        from gaga_core.segmentation.models.catalogue import known_model
+        from gaga_core.segmentation.models.weights import find_model, models_folder
 
         found = {name: find_model(known_model(name)) for name in self.names}
         if self.json:

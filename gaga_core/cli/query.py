@@ -44,7 +44,7 @@ class QueryCommand:
         """Print the groups that are meant, the best first, and what was understood."""
         from gaga_core.pipeline import search
         from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.describe import describe_project
+        from gaga_core.pipeline.search import describe_project
         from gaga_core.scene.project import open_path_stage
 
         self._check()
@@ -62,7 +62,7 @@ class QueryCommand:
         view = self._view(project)
         if self.detector is not None:
             from gaga_core.query.detector import load_detector
-            from gaga_core.query.models import KNOWN_DETECTORS, folder_of
+            from gaga_core.query.embed import KNOWN_DETECTORS, folder_of
 
             assert view is not None
             detector = load_detector(folder_of(self.detector, KNOWN_DETECTORS))
@@ -92,8 +92,7 @@ class QueryCommand:
         from gaga_core.pipeline.compile_kernels import after_warm_up
 
         def load() -> "Embedder":
-            from gaga_core.query.embed import load_embedder
-            from gaga_core.query.models import KNOWN_EMBEDDERS, folder_of
+            from gaga_core.query.embed import KNOWN_EMBEDDERS, folder_of, load_embedder
 
             if self.index_with is None:
                 raise GagaError(
@@ -131,7 +130,7 @@ class QueryCommand:
         return {str(group): name for group, name in names.items()}
 
     def _view(self, project: "Project") -> "Camera | None":
-        from gaga_core.io.scene_folder import select_views
+        from gaga_core.io.folder.scene_folder import select_views
 
         if self.in_view is None:
             return None

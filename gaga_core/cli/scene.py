@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, arg
 
 from gaga_core.cli import output as out
-from gaga_core.cli.switches import GroupSwitches, IdentitySwitches
+from gaga_core.cli.output import GroupSwitches, IdentitySwitches
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.photo_film import PhotoSide
-    from gaga_core.io.video_out import VideoConfig
-    from gaga_core.pipeline.split_picture import What
+    from gaga_core.io.video import VideoConfig
+    from gaga_core.pipeline.film import What
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class AssociateCommand:
 
     def run(self) -> int:
         """Write SCENE/gaga/: bank, labels per Gaussian, group maps of the masks, report."""
-        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.pipeline import associate
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.raster import choose
@@ -83,7 +83,7 @@ class LiftCommand:
 
     def run(self) -> int:
         """Write SCENE/gaga/identity.npz."""
-        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.pipeline.lift import lift_scene
         from gaga_core.raster import choose
 
@@ -141,7 +141,7 @@ class RenderCommand:
             return self._film(self.video)
         if self.out is None:
             raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
-        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.lift import render_encodings, render_identity
         from gaga_core.pipeline.render import render_views
@@ -162,12 +162,11 @@ class RenderCommand:
         return 0
 
     def _film(self, target: Path) -> int:
-        from gaga_core.io.video_out import VideoConfig
+        from gaga_core.io.video import VideoConfig
         from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.split_picture import Split
-        from gaga_core.pipeline.video import FilmConfig, film_stage
+        from gaga_core.pipeline.film import FilmConfig, Split, film_stage
         from gaga_core.raster import choose
-        from gaga_core.scene.camera_json import load_path
+        from gaga_core.scene.camera_path import load_path
         from gaga_core.scene.project import open_path_stage
 
         if self.what == "identity" or self.what == "encodings" or self.model is not None:
@@ -225,8 +224,8 @@ class EvaluateCommand:
         """Print IoU, precision and recall, with void as a class and without."""
         if self.protocol == "lerf-mask":
             return self._lerf_mask()
-        from gaga_core.evaluate.metrics import VOID_LEFT_OUT, evaluate
-        from gaga_core.io.scene_folder import open_scene_folder
+        from gaga_core.evaluate.group_scores import VOID_LEFT_OUT, evaluate
+        from gaga_core.io.folder.scene_folder import open_scene_folder
 
         views = None
         if self.scene is not None and self.views != "all":
@@ -240,7 +239,7 @@ class EvaluateCommand:
         return 0
 
     def _lerf_mask(self) -> int:
-        from gaga_core.evaluate.lerf_mask import evaluate_lerf_mask
+        from gaga_core.evaluate.prompt_scores import evaluate_lerf_mask
 
         report = evaluate_lerf_mask(self.pred, self.gt)
         if report.missing:
@@ -290,10 +289,10 @@ class CompareCommand:
             CompareConfig,
             compare_variants,
         )
-        from gaga_core.io.scene_folder import open_scene_folder
-        from gaga_core.models.catalogue import KNOWN
+        from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.query.models import folder_of
+        from gaga_core.query.embed import folder_of
+        from gaga_core.segmentation.models.catalogue import KNOWN
 
         folder = open_scene_folder(self.scene)
         if bool(self.variants) + self.ablations + self.thresholds > 1:

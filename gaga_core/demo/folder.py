@@ -12,8 +12,8 @@ import msgspec
 
 from gaga_core.demo.config import DemoConfig
 from gaga_core.errors import GagaError
+from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
-from gaga_core.io.staging import publish_all, staging_folder
 from gaga_core.progress import Stage
 
 VERSION = 1  # grows whenever another scene comes out of the same seed

@@ -12,10 +12,10 @@ from gaga_core.demo.build import STAGE, Model, build_stage
 from gaga_core.demo.cameras import demo_cameras, split
 from gaga_core.demo.config import DemoConfig
 from gaga_core.demo.masks import segmenter_masks
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import write_labels
-from gaga_core.io.ply import write_ply
+from gaga_core.io.masks.label_maps import write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 

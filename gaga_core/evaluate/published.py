@@ -5,10 +5,22 @@ void as a label of both sides (the published evaluation code). The paper's group
 SAM or EntitySeg. What is not here is not known to us with certainty, and is left out.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from gaga_core.io.splits import FRAMES, NAMES, OVS3D, SCANNET_FOLDERS, SCANNET_LISTS
+import numpy as np
+
+from gaga_core.camera import natural_order
+from gaga_core.errors import GagaError
+from gaga_core.io.datasets.catalog import DATASETS
+from gaga_core.io.folder.splits import FRAMES, NAMES, OVS3D, SCANNET_FOLDERS, SCANNET_LISTS
+
+# --- Figures that the paper prints, in percent, each with the table that it stands in.
+# Tables are called by what they compare. Replica and ScanNet are means over the scenes, counted
+# with void as a label of both sides (the published evaluation code). The paper's groups come from
+# masks of SAM or EntitySeg. What is not here is not known to us with certainty, and is left out.
+
 
 SAM_PROMPTS = "64 points a side, predicted IoU 0.7"  # of the published masks of SAM ViT-H
 INSTANCE_METRICS = ("IoU", "P", "R")
@@ -109,3 +121,118 @@ PROTOCOLS: Mapping[str, PublishedProtocol] = {
     "lerf-mask": PublishedProtocol(("test_mask",), ("images_train",), queries=True),
     "3d-ovs": PublishedProtocol(("segmentations",), (OVS3D,), queries=True),
 }
+
+
+# --- The sparse-view protocol (supplement): fewer train views, and what that costs.
+
+
+SHARES = (0.30, 0.20, 0.10, 0.05)  # of the train views, as published
+
+
+def sparse_views(names: Sequence[str], share: float, seed: int) -> tuple[str, ...]:
+    """A random ``share`` of the views, at least one, by name.
+
+    The same seed gives nested choices: the views of 5 % are among those of 10 %, so the shares of
+    one seed differ only in what was left out. Raises ``GagaError`` when a share is not in (0, 1].
+    """
+    if not 0 < share <= 1:
+        raise GagaError(f"A share of {share} of the views cannot be taken. Choose one in (0, 1].")
+    ordered = sorted(names, key=natural_order)
+    n = min(len(ordered), max(1, round(share * len(ordered))))
+    chosen = np.random.default_rng(seed).permutation(len(ordered))[:n]
+    return tuple(ordered[i] for i in np.sort(chosen))
+
+
+def iou_drop(iou_all: float, iou_sparse: float) -> float:
+    """IoU drop = (IoU100 - IoUx) / IoU100; 0 when there was nothing to lose."""
+    return (iou_all - iou_sparse) / iou_all if iou_all > 0 else 0.0
+
+
+# --- Under which conditions a scene was scored, and where they are not those of the paper.
+# A figure next to a published one says that both were measured the same way. Where that is not so,
+# `departures` names it, and the tables print the published figures apart.
+
+
+MADE_ELSEWHERE = "made elsewhere"  # in the place of a model: masks without a record of it
+PUBLISHED_RULE = "boxes of a detector, masks of SAM in them"  # how prompts were answered
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How one scene was scored."""
+
+    split: str = ""  # rule that parted the views
+    n_train: int = 0
+    n_test: int = 0  # of them scored: those with a truth
+    truth: str = ""
+    masks: str = ""  # folder of the 2D masks, and who made them; "" where predictions are given
+    splats: str = ""  # where they are from; "" likewise
+    queries: str = ""  # how text prompts were answered; "" without prompts
+
+
+def departures(dataset: str, scene: str, of: Conditions) -> tuple[str, ...]:
+    """What is not as published, one phrase a thing; none for a data set that nobody published."""
+    published = PROTOCOLS.get(dataset)
+    if published is None:
+        return ()
+    found = []
+    if of.split not in published.splits:
+        found.append(f"split of {scene}: {of.split}")
+    if of.truth not in published.truths:
+        found.append(f"truth of {scene}: {of.truth}, not {' or '.join(published.truths)}")
+    if of.masks and not _are_of(published.masks, of.masks):
+        found.append(f"masks of {scene}: {of.masks}, not SAM ViT-H's or EntitySeg's")
+    elif "points a side" in of.masks and SAM_PROMPTS not in of.masks:
+        found.append(f"masks of {scene}: {of.masks}, not {SAM_PROMPTS}")
+    if published.queries and of.queries and not of.queries.startswith(PUBLISHED_RULE):
+        found.append(f"queries: {of.queries}, not {PUBLISHED_RULE}")
+    return tuple(found)
+
+
+def _are_of(segmenters: Sequence[str], masks: str) -> bool:
+    """Whether one of ``segmenters`` made ``masks``, "folder (model)", as far as that is said.
+
+    Where the model is not known, the name of the folder decides. A name counts as a whole word, and
+    SAM 2, SAM 3, SAM-HQ and SAM with a smaller encoder than ViT-H are other models.
+    """
+    folder, _, model = masks.removesuffix(")").partition(" (")
+    name = folder if model in ("", MADE_ELSEWHERE) else model
+    words = "|".join(map(re.escape, segmenters))
+    found = re.search(rf"(?i)(?<![a-z0-9])({words})(?![a-z0-9]|[ _-]*(hq|\d))", name)
+    return bool(found) and not re.search(r"(?i)vit[ _-]*[bl](?![a-z0-9])", name)
+
+
+def absent_scenes(dataset: str, scenes: Sequence[str]) -> tuple[str, ...]:
+    """The published scenes of a data set that are not among ``scenes``."""
+    return tuple(name for name in DATASETS[dataset].scenes if name not in scenes)
+
+
+def sentences(dataset: str, scenes: Sequence[tuple[str, Conditions]]) -> list[str]:
+    """What every table of a data set says about how it was made."""
+    if not scenes:
+        return []
+    found = []
+    for title, name in (("Split", "split"), ("Truth", "truth"), ("Masks", "masks")):
+        found += _each(title, [(scene, str(getattr(of, name))) for scene, of in scenes])
+    known = DATASETS[dataset].scenes
+    names = [scene for scene, _ in scenes]
+    absent = absent_scenes(dataset, names)
+    if known:
+        text = f"Scenes: {len(known) - len(absent)} of the {len(known)} of the data set"
+        more = [name for name in names if name not in known]
+        without = f", without {', '.join(absent)}" if absent else ""
+        found.append(f"{text}{without}{', and ' + ', '.join(more) if more else ''}.")
+    found += _each("Splats", [(scene, of.splats) for scene, of in scenes])
+    found += _each("Queries", [(scene, of.queries) for scene, of in scenes])
+    return found
+
+
+def _each(title: str, values: Sequence[tuple[str, str]]) -> list[str]:
+    """One sentence, or one for each group of scenes that differ."""
+    distinct = list(dict.fromkeys(value for _, value in values if value))
+    if len(distinct) == 1 and all(value for _, value in values):
+        return [f"{title}: {distinct[0]}."]
+    return [
+        f"{title}: {value} ({', '.join(scene for scene, own in values if own == value)})."
+        for value in distinct
+    ]

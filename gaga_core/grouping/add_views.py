@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -23,7 +23,6 @@ from gaga_core.grouping.associate import (
     Association,
     BankSnapshot,
 )
-from gaga_core.grouping.gated_views import GatedViews, vote_with_bank
 from gaga_core.grouping.memory_bank import (
     Decision,
     MemoryBank,
@@ -34,15 +33,21 @@ from gaga_core.grouping.memory_bank import (
 )
 from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage
 from gaga_core.grouping.robust.label_masks import voting_labels
-from gaga_core.grouping.robust.point_tables import Leaders
-from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.robust.surface_points import DepthMaps, Leaders
+from gaga_core.grouping.views import GatedViews, load_labels, views_with_masks, vote_with_bank
 from gaga_core.grouping.votes import Votes, VoteSums, splat_groups
 from gaga_core.masks import MaskSet
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.progress import Progress, Stage, mapped, part
 from gaga_core.raster import for_many_views
-from gaga_core.raster.base import Rasterizer
-from gaga_core.raster.chunks import SpatialChunks
+from gaga_core.raster.base import Rasterizer, SpatialChunks
+
+# --- New views of a scene that was associated: their masks join its groups, or open new ones.
+# Nothing of the former views is done again: their decisions stay in the memory bank's log, and
+# their votes count by the weight that was saved with the labels. Preset "paper": the bank goes on
+# as in section 3.2, as if the new views came last. Preset "robust": a mask takes the group that
+# most of its pixels show; masks of things that no former mask showed are left, and the consensus
+# of the new views finds the groups among them.
+
 
 STAGE = "Add views"
 _SEEN, _SEEN_SHARE = 0.5, 0.03  # of views: least votes of a Gaussian that a mask has shown
@@ -154,7 +159,7 @@ def _by_shown_groups(
         own, known = gated.masks_of(camera), tables[camera.name].tocoo()
         rows, columns, counts = known.row, known.col, known.data
         if camera.name in fresh:
-            row_of = np.append(0, np.searchsorted(own.ids, _ids(left[camera.name])))
+            row_of = np.append(0, np.searchsorted(own.ids, _add_views_ids(left[camera.name])))
             new = fresh[camera.name].tocoo()
             rows = np.append(rows, row_of[new.row])
             columns, counts = np.append(columns, n_former + new.col), np.append(counts, new.data)
@@ -255,7 +260,7 @@ def _pixels(labels: IntArray, shown: IntArray, n_masks: int, n_groups: int) -> L
     return counts.reshape(n_masks + 1, n_groups + 1).astype(np.int64)
 
 
-def _ids(labels: IntArray) -> IntArray:
+def _add_views_ids(labels: IntArray) -> IntArray:
     """Ids of the masks of a label map, ascending."""
     ids = np.unique(labels)
     return ids[ids > 0].astype(np.int32)
@@ -318,3 +323,122 @@ def _with_former(former: FormerGroups, votes: Votes, begun: FloatArray) -> Votes
         share = np.where(keeps, best, votes.confidence * votes.weight) / weight
     confidence = np.where(weight > 0, np.minimum(share, 1), 0).astype(np.float32)
     return Votes(labels.astype(np.int32), confidence, weight)
+
+
+# --- New views of a scene whose groups were edited since: they join the groups as they are now.
+# `add_views_stage` works on what an association saved. Here groups come from a scene: merged,
+# parted, renumbered, with ids that other splats use, and without the weight of the former votes,
+# which is measured again: a pass over the former views, but no decision of them is made again.
+
+
+@dataclass(frozen=True, eq=False)
+class EditedGroups:
+    """Groups of a scene as they are now."""
+
+    bank: MemoryBank
+    labels: IntArray  # (N,) 0 = none
+    confidence: FloatArray | None  # (N,) 0..1; None: not known
+    free: int  # the first id for new groups
+
+    @property
+    def by_hand(self) -> BoolArray:
+        """Gaussians (N,) that were put elsewhere than the association had them.
+
+        None in the bank of preset "paper": it holds what masks claimed, not what was voted.
+        """
+        if self.bank.preset == "paper":
+            return np.zeros(len(self.labels), np.bool_)
+        result: BoolArray = self.labels != np.maximum(self.bank.group, 0)
+        return result
+
+
+def add_to_edited_stage(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],  # former views and new ones
+    masks: MaskSet,
+    edited: EditedGroups,
+    rasterizer: Rasterizer,
+    config: AssociateConfig,
+) -> Stage[Association]:
+    """Let views with masks that are not in the bank's log join groups that were edited.
+
+    Ids of groups stay; new ones begin at ``edited.free``. What was put elsewhere by hand
+    (`EditedGroups.by_hand`) stays there. Raises ``GagaError`` as `add_views_stage` does.
+    """
+    known = {decision.view for decision in edited.bank.log}
+    former_views = [c for c in views_with_masks(cameras, masks) if c.name in known]
+    weight = yield from part(_weights(gaussians, former_views, masks, rasterizer), 0, 2, STAGE)
+    ids = _add_to_edited_ids(edited)
+    row = np.zeros(int(ids[-1]) + 1, np.int32)
+    row[ids] = np.arange(len(ids), dtype=np.int32)
+    own = edited.confidence
+    former = FormerGroups(
+        _renumbered(edited.bank, row, len(ids) - 1),
+        row[edited.labels],
+        np.ones(len(weight), np.float32) if own is None else own,
+        weight,
+    )
+    added = add_views_stage(gaussians, cameras, masks, former, rasterizer, config)
+    added = mapped(added, lambda step: _with_ids(step, ids, edited.free))
+    found = yield from part(added, 1, 2, STAGE)
+    back = _all_ids(ids, edited.free, found.bank.n_groups)
+    n_groups = max(edited.bank.n_groups, int(back[-1]))
+    bank = _renumbered(found.bank, back, n_groups)
+    group = np.where(edited.by_hand, edited.bank.group, bank.group).astype(np.int32)
+    bank = replace(bank, group=group)  # what was put elsewhere by hand is known the next time, too
+    labels = np.where(edited.by_hand, edited.labels, back[found.labels]).astype(np.int32)
+    return replace(
+        found,
+        bank=bank,
+        labels=labels,
+        mask_groups={view: back[groups] for view, groups in found.mask_groups.items()},
+        views_per_group=views_per_group(bank),
+    )
+
+
+def _with_ids(step: Progress, ids: IntArray, free: int) -> Progress:
+    """A step on the way, whose bank has the ids of the scene."""
+    shown = step.payload
+    if not isinstance(shown, BankSnapshot):
+        return step
+    back = _all_ids(ids, free, shown.bank.n_groups)
+    bank = _renumbered(shown.bank, back, int(back[-1]))
+    return replace(step, payload=replace(shown, bank=bank, keeps_ids=True))
+
+
+def _weights(
+    gaussians: Gaussians, views: Sequence[Camera], masks: MaskSet, rasterizer: Rasterizer
+) -> Stage[FloatArray]:
+    """Summed blending weight (N,) of each Gaussian over the pixels of these views in a mask."""
+    weight = np.zeros((len(gaussians), 1), np.float32)
+    for i, camera in enumerate(views):
+        yield Progress(STAGE, i, len(views), f"the former masks of {camera.name}")
+        labelled = load_labels(masks, camera)[0] > 0
+        rasterizer.vote(gaussians, camera, np.where(labelled, 0, -1).astype(np.int32), weight)
+    return weight[:, 0]
+
+
+def _add_to_edited_ids(edited: EditedGroups) -> IntArray:
+    """All ids in use, ascending, with 0: there may be large gaps."""
+    of_masks = np.array([d.group for d in edited.bank.log], np.int64)
+    runners = np.array([d.runner_up for d in edited.bank.log], np.int64)
+    parts: list[AnyArray] = [edited.labels, edited.bank.group, of_masks, runners, np.zeros(1)]
+    ids = np.unique(np.concatenate([np.unique(part) for part in parts]))
+    return ids[ids >= 0].astype(np.int32)
+
+
+def _all_ids(ids: IntArray, free: int, n_groups: int) -> IntArray:
+    """The ids in the scene of groups 0..n_groups: those that it has, then new ones."""
+    n_new = n_groups + 1 - len(ids)
+    return np.append(ids, free + np.arange(n_new, dtype=np.int32)).astype(np.int32)
+
+
+def _renumbered(bank: MemoryBank, to: IntArray, n_groups: int) -> MemoryBank:
+    """``bank`` with the ids ``to`` of its ids."""
+
+    def moved(decision: Decision) -> Decision:
+        group, second = int(to[decision.group]), int(to[decision.runner_up])
+        return replace(decision, group=group, runner_up=second)
+
+    group = np.where(bank.group > 0, to[np.maximum(bank.group, 0)], bank.group).astype(np.int32)
+    return replace(bank, group=group, n_groups=n_groups, log=tuple(map(moved, bank.log)))

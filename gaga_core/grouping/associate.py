@@ -13,9 +13,6 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks
-from gaga_core.grouping.gated_views import DepthKind, GatedViews, vote_with_bank
-from gaga_core.grouping.hierarchy.given import levels_around_stage
-from gaga_core.grouping.hierarchy.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.memory_bank import (
     MemoryBank,
     Preset,
@@ -23,31 +20,30 @@ from gaga_core.grouping.memory_bank import (
     groups_of_masks,
     views_per_group,
 )
-from gaga_core.grouping.robust.consensus import (
-    ConsensusConfig,
-    consensus_stage,
-    merged_masks,
-)
+from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage, merged_masks
 from gaga_core.grouping.robust.label_masks import (
     decide_masks,
     divided_labels,
     fill_unseen,
     voting_labels,
 )
-from gaga_core.grouping.robust.point_tables import point_tables
-from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
+from gaga_core.grouping.robust.surface_graph import SurfaceConfig, follow_surfaces
+from gaga_core.grouping.robust.surface_points import DepthMaps, point_tables
+from gaga_core.grouping.surfaces.given import levels_around_stage
+from gaga_core.grouping.surfaces.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.views import (
+    DepthKind,
+    GatedViews,
     has_further,
     load_further,
     views_with_masks,
+    vote_with_bank,
 )
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import for_many_views
-from gaga_core.raster.base import Rasterizer
-from gaga_core.raster.chunks import SpatialChunks
+from gaga_core.raster.base import Rasterizer, SpatialChunks
 
 STAGE = "Associate masks"
 PRESETS: tuple[Preset, ...] = get_args(Preset)

@@ -14,7 +14,7 @@ from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, Preset
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.folder.scene_folder import SceneFolder
 
 _COLUMNS = tuple(field.name for field in fields(Decision))
 

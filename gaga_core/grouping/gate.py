@@ -13,9 +13,9 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.grouping.gate_kernels import masks_of_centres
-from gaga_core.kernels import run_chunks
 from gaga_core.masks import dense_labels
 from gaga_core.raster.base import NEAR
+from gaga_core.threads import run_chunks
 
 _CHUNK = 65536  # Gaussians in one piece of work
 _TABLE_IDS = 1 << 20  # ids below this are counted in a table, which is faster than a sort

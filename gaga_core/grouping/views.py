@@ -1,14 +1,29 @@
 """The views that take part in an association, and their label maps."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import IntArray, check_shape
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, check_shape
 from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
-from gaga_core.grouping.gate import ViewMasks
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.gate import (
+    GateConfig,
+    ViewMasks,
+    depth_bounds,
+    gaussians_of_masks,
+    open_bounds,
+)
+from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
+from gaga_core.grouping.robust.surface_points import DepthMaps
+from gaga_core.grouping.votes import Votes, VoteSums, associated_labels
 from gaga_core.masks import MaskSet, resize_labels
+from gaga_core.progress import Stage
+from gaga_core.raster.base import Rasterizer, SpatialChunks
+
+# --- The views that take part in an association, and their label maps.
 
 
 def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:
@@ -48,3 +63,116 @@ def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:
         raise GagaError(f"The mask of {camera.name} is empty. Make the masks again.")
     fitting = resize_labels(labels, camera.width, camera.height)
     return fitting, labels.shape != fitting.shape
+
+
+# --- The depth gate of section 3.2 over many views: each view's depth map is rendered once.
+
+
+DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
+
+
+class GatedViews:
+    """Views with their masks, and the depths that each mask accepts once `render` has found them.
+
+    Of a depth map only the interval of each mask stays; label maps are loaded when they are needed.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        views: Sequence[Camera],  # all with masks
+        masks: MaskSet,
+        gate: GateConfig,
+        depth: DepthKind,
+        chunks: SpatialChunks | None = None,  # of the Gaussians: finds those that a view may show
+    ) -> None:
+        self.gaussians = gaussians
+        self.views = tuple(views)
+        self.masks = masks
+        self.gate = gate
+        self.depth = depth
+        self.chunks = chunks
+        self.bounds: dict[str, DoubleArray] = {}  # by view: (M + 1, 2) accepted depths
+        self.resized: set[str] = set()  # views whose label maps had another size than the camera
+
+    def render(
+        self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
+    ) -> None:
+        """Splat the depth map of a view and find the accepted depths of its masks.
+
+        ``depths`` keeps the depth map, too.
+        """
+        masks = self.masks_of(camera)
+        if self.depth == "none":
+            self.bounds[camera.name] = open_bounds(masks)
+            return
+        # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
+        channels = np.zeros((len(self.gaussians), 1), np.float32)
+        frame = rasterizer.render(self.gaussians, camera, channels=channels)
+        depth = frame.median_depth if self.depth == "median" else frame.expected_depth
+        if depths is not None:
+            depths.add(camera.name, depth, frame.alpha, self.gate.alpha_min)
+        self.bounds[camera.name] = depth_bounds(masks, depth, frame.alpha, self.gate)
+
+    def masks_of(self, camera: Camera) -> ViewMasks:
+        """The masks of a view, ids made dense."""
+        labels, is_resized = load_labels(self.masks, camera)
+        if is_resized:
+            self.resized.add(camera.name)
+        return ViewMasks.of(labels)
+
+    def gaussians_of(
+        self, camera: Camera, means: FloatArray | None = None
+    ) -> tuple[ViewMasks, IntArray]:
+        """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none: G(m).
+
+        ``means`` (K, 3): of these centres only. The view must have been rendered.
+        """
+        masks = self.masks_of(camera)
+        bounds = self.bounds[camera.name]
+        if means is not None:
+            return masks, gaussians_of_masks(means, camera, masks, bounds)
+        rows = None if self.chunks is None else self.chunks.in_view(camera)
+        return masks, gaussians_of_masks(self.gaussians.means, camera, masks, bounds, rows)
+
+    def only(self, views: Sequence[Camera]) -> "GatedViews":
+        """Some of the views; what is known and becomes known of them is shared."""
+        some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth, self.chunks)
+        some.bounds, some.resized = self.bounds, self.resized
+        return some
+
+    def notes(self, n_cameras: int, *, wants_levels: bool) -> tuple[str, ...]:
+        """Sentences for the user about the views, of ``n_cameras`` that there are."""
+        n_views, notes = len(self.views), []
+        has_levels = self.masks.are_regions or has_further(self.masks, self.views)
+        if wants_levels and not has_levels:
+            notes.append("These masks have no levels: the detail has no effect.")
+        if n_views < n_cameras:
+            notes.append(
+                f"{n_cameras - n_views} of {n_cameras} views have no masks and took no part."
+            )
+        if self.resized:
+            notes.append(
+                f"The masks of {len(self.resized)} of {n_views} views had another size than the "
+                "view; they were resized."
+            )
+        return tuple(notes)
+
+
+def vote_with_bank(
+    gated: GatedViews,
+    bank: MemoryBank,
+    rasterizer: Rasterizer,
+    histogram_bytes: int,
+    sums: VoteSums | None = None,
+) -> Stage[Votes]:
+    """Labels per Gaussian by vote of the masks, each for the group that ``bank`` has it in; with
+    ``sums`` they are added to those."""
+    groups = groups_of_masks(bank, [camera.name for camera in gated.views])
+
+    def label_map(camera: Camera) -> IntArray:
+        return associated_labels(load_labels(gated.masks, camera)[0], groups[camera.name])
+
+    sums = sums or VoteSums.empty(len(gated.gaussians), bank.n_groups, histogram_bytes)
+    yield from sums.add_stage(gated.gaussians, gated.views, label_map, rasterizer)
+    return sums.votes()

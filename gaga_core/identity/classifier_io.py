@@ -18,7 +18,7 @@ from gaga_core.identity.field import IdentityField
 from gaga_core.identity.linear_kernels import D
 from gaga_core.io.files import atomic_write, explain_os_error
 
-FILE = "classifier.pth"  # next to the .ply, as Gaussian Grouping and Gaga leave it
+CLASSIFIER_FILE = "classifier.pth"  # next to the .ply, as Gaussian Grouping and Gaga leave it
 COLUMNS = tuple(f"obj_dc_{c}" for c in range(D))
 
 
@@ -113,6 +113,6 @@ def field_of_model(gaussians: Gaussians, path: Path) -> IdentityField | None:
     ``path`` is its .ply, ``classifier.pth`` lies next to it. Raises ``GagaError`` where one of them
     is damaged.
     """
-    classifier = path.parent / FILE
+    classifier = path.parent / CLASSIFIER_FILE
     encodings = encodings_of(gaussians) if classifier.is_file() else None
     return None if encodings is None else IdentityField(encodings, *read_classifier(classifier))

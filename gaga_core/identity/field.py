@@ -9,16 +9,50 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray, check_shape
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.linear_kernels import D, softmax_rows
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
-from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import LabelFrame, Rasterizer
+from gaga_core.threads import run_chunks
+
+# --- Identity encodings as colors: what Gaussians the training holds for alike look alike.
+
+
+_TAILS = (1.0, 99.0)  # percentiles that become 0 and 255: few far encodings do not gray the rest
+_SAMPLED = 1 << 17  # rows that axes and percentiles are taken from, evenly spaced
+
+
+def encoding_colors(encodings: FloatArray) -> UInt8Array:
+    """RGB (N, 3) of ``encodings`` (N, D): their three principal components, each over its range.
+
+    Deterministic, signs of the axes included. Encodings that are all alike are gray.
+    """
+    check_shape("encodings", encodings, ("N", D), np.float32)
+    sample = encodings[:: max(1, len(encodings) // _SAMPLED)].astype(np.float64)
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    if len(sample) == 0:
+        return np.full((len(encodings), 3), 128, np.uint8)
+    mean = sample.mean(axis=0)
+    _, axes = np.linalg.eigh((sample - mean).T @ (sample - mean))  # ascending
+    axes = axes[:, :-4:-1]
+    signs = np.sign(axes[np.abs(axes).argmax(axis=0), range(axes.shape[1])])
+    axes = axes * np.where(signs == 0, 1, signs)
+    low, high = np.percentile((sample - mean) @ axes, _TAILS, axis=0)
+    span = np.where(high - low > 1e-9, high - low, np.inf)
+    projected = (np.nan_to_num(encodings) - mean.astype(np.float32)) @ axes.astype(np.float32)
+    shares = np.where(np.isinf(span), 0.5, (projected - low) / np.where(np.isinf(span), 1, span))
+    colors: UInt8Array = np.rint(np.clip(shares, 0, 1) * 255).astype(np.uint8)
+    return colors
+
+
+# --- Identity encodings (section 3.3): a code per Gaussian, and the linear layer that reads it.
+# A rendered encoding is F = sum w_i e_i, without background and without normalisation, as the
+# published code blends it; its label is the argmax of the layer, its probability the softmax.
+
 
 FILE = "identity.npz"  # in the work folder of a scene
 _BLOCK = 1024  # rows whose scores are held at a time by a thread

@@ -25,11 +25,11 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import IdentityField
-from gaga_core.identity.fit_kernels import keep_labels
+from gaga_core.identity.linear_kernels import keep_labels
 from gaga_core.identity.rows import Batch, RowConfig, held_out, sample_rows, view_batches
-from gaga_core.kernels import run_chunks
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
+from gaga_core.threads import run_chunks
 
 STAGE = "Fit encodings"
 _CHUNK = 4096  # Gaussians of one piece of work

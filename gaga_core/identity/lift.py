@@ -18,8 +18,8 @@ from gaga_core.grouping.votes import LabelMap, associated_labels, splat_groups
 from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
 from gaga_core.identity.field import Identity
 from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
-from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
+from gaga_core.identity.train import PaperConfig, train_identity
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer

@@ -11,6 +11,11 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import kernel
 
+# --- Kernels of the linear operator F = W E on cached rows of W, of the layer, and of Adam.
+# Every output cell has one writer and every list is walked in its order, so results do not depend
+# on the number of threads.
+
+
 D = 16  # channels of an identity encoding; a constant, so that the inner loop is one vector
 _F = np.float32
 _ZERO, _ONE = _F(0), _F(1)
@@ -147,3 +152,77 @@ def layer_gradients(
                 total += s[k] * w[k]
                 o[k] += f * s[k]
             features_out[i, c] = total
+
+
+# --- Kernel that keeps every Gaussian's own label while its encoding is fitted.
+
+
+@kernel
+def keep_labels(
+    encodings: FloatArray,  # (N, D) changed in place
+    codes: FloatArray,  # (K, D) unit length
+    labels: IntArray,  # (N,)
+    margin: float,  # least lead of the label's score
+    start: int,
+    stop: int,
+) -> None:
+    """Move encodings back towards their label's code until that code scores highest by a margin."""
+    for i in range(start, stop):
+        label = labels[i]
+        e, own = encodings[i], codes[label]
+        share = 1.0  # of the way from the code to the encoding
+        for k in range(codes.shape[0]):
+            if k == label:
+                continue
+            at_code, here = 0.0, 0.0  # lead of the label over k
+            for c in range(D):
+                lead = own[c] - codes[k, c]
+                at_code += lead * own[c]
+                here += lead * e[c]
+            least = min(margin, 0.5 * at_code)
+            if here < least:
+                share = min(share, (at_code - least) / (at_code - here))
+        if share < 1.0:
+            for c in range(D):
+                e[c] = own[c] + share * (e[c] - own[c])
+
+
+# --- Kernel of the code book's repulsion.
+
+
+@kernel
+def repulsion(
+    codes: FloatArray,  # (K, D) unit length
+    codes_t: FloatArray,  # (D, K) the same
+    sharpness: float,
+    push: FloatArray,  # (K, D) out: mean of the other codes, the nearest weighted most
+) -> np.float32:
+    """Direction that each code is pushed away from; returns the greatest cosine of two codes."""
+    K = codes.shape[0]
+    row = np.empty(K, np.float32)
+    sharp, greatest = _F(sharpness), -_ONE
+    for i in range(K):
+        for k in range(K):
+            row[k] = _ZERO
+        for c in range(D):
+            f = codes[i, c]
+            for k in range(K):
+                row[k] += f * codes_t[c, k]
+        row[i] = _F(-2)  # itself: under any cosine
+        nearest = _F(-2)
+        for k in range(K):
+            nearest = max(nearest, row[k])
+        greatest = max(greatest, nearest)
+        total = _ZERO
+        for k in range(K):
+            e = exp_below_zero(max(_F(-87), sharp * (row[k] - nearest)))
+            row[k] = e
+            total += e
+        total -= row[i]
+        row[i] = _ZERO
+        for c in range(D):
+            away = _ZERO
+            for k in range(K):
+                away += row[k] * codes_t[c, k]
+            push[i, c] = away / total
+    return greatest

@@ -16,7 +16,7 @@ from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, IdentityField
 from gaga_core.identity.rows import Batch, RowConfig, ViewRows, held_out, mixed_batches, sample_rows
-from gaga_core.identity.training import (
+from gaga_core.identity.training_step import (
     Fit,
     IdentityGradients,
     IdentityRates,

@@ -21,8 +21,7 @@ from gaga_core.grouping.memory_bank import Preset
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.masks import mask_folder, view_key, write_labels
-from gaga_core.io.scene_folder import (
+from gaga_core.io.folder.scene_folder import (
     AssociateEntry,
     SceneFolder,
     mask_path_of,
@@ -31,7 +30,8 @@ from gaga_core.io.scene_folder import (
     select_views,
     with_entry,
 )
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import mask_folder, view_key, write_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose

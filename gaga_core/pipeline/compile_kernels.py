@@ -17,23 +17,21 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.kernels import is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
-from gaga_core.query.group_facts import group_facts
-from gaga_core.query.group_hashes import group_digests
+from gaga_core.query.group_facts import group_digests, group_facts
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.cut import choose_cut
+from gaga_core.scene.lod.cut import choose_cut, covers_of, hidden_nodes
 from gaga_core.scene.lod.edited import node_facts
-from gaga_core.scene.lod.occlusion import covers_of, hidden_nodes
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.click_graph import click_graph_stage
+from gaga_core.scene.selection.click import click_graph_stage
 from gaga_core.scene.selection.picking import pick
 
 STAGE = "Prepare kernels"
@@ -162,10 +160,10 @@ def _search(sample: _Sample) -> object:
 def _train(sample: _Sample) -> object:
     """A training of a few steps: half size and full, every SH degree, density, held-out views."""
     # Loaded here: association and rendering do not use it.
-    from gaga_core.reconstruct.first_splats import first_splats_stage
-    from gaga_core.reconstruct.settings import TrainConfig
-    from gaga_core.reconstruct.train import train
-    from gaga_core.reconstruct.views import TrainView, TrainViews
+    from gaga_core.training.settings import TrainConfig
+    from gaga_core.training.start import first_splats_stage
+    from gaga_core.training.train import train
+    from gaga_core.training.views import TrainView, TrainViews
 
     pictures = [sample.rasterizer.render(sample.gaussians, c).image for c in sample.cameras]
     views = [

@@ -5,40 +5,358 @@ scene folders, each written as a whole or not at all: a scene whose worker died 
 and goes on where it was. Engines that are started here listen on this machine alone.
 """
 
+import base64
+import html
+import io
 import json
 import logging
 import os
 import signal
+import socket
 import sys
 import time
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+import traceback
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
-from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
-from gaga_core.io.scene_folder import with_entry
-from gaga_core.io.staging import staging_folder
-from gaga_core.pipeline.run import RunConfig
-from gaga_core.pipeline.scene_tasks import (
-    TRIES,
-    SceneOutcome,
-    ScenesReport,
-    SceneTask,
-    died,
-    list_tasks,
-    run_one,
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.errors import CancelledError, GagaError
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.folder.scene_folder import (
+    AssociateEntry,
+    is_scene_folder,
+    open_scene_folder,
+    read_report_entry,
+    with_entry,
 )
-from gaga_core.pipeline.scenes_page import PAGE, write_page
-from gaga_core.progress import Progress, Stage
+from gaga_core.io.folder.staging import staging_folder
+from gaga_core.io.images import read_rgb
+from gaga_core.io.masks.label_maps import read_labels, view_key
+from gaga_core.pipeline.reconstruct import find_photos, source_of
+from gaga_core.pipeline.run import RunConfig, run_folder
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene.objects import group_colors
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+# --- One scene of many as a task for any worker, and what became of it.
+# A worker may die at any moment. So every start of a task is a line in a file of the run
+# (`SceneTask.starts`), which is also how the run is stopped: a worker whose file is gone closes
+# its stage. Both need nothing but the folder that all workers see.
+
+
+_log = logging.getLogger(__name__)
+
+TRIES = 3  # of a scene whose worker dies
+_SIGN_OF_LIFE_S = 1.0  # between two looks at the file of starts
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """A scene folder that is there, or to be made of photos."""
+
+    name: str  # unique: its path below the folder of the summary
+    folder: Path  # absolute
+    photos: Path | None = None  # that lie elsewhere, absolute
+    starts: Path | None = None  # a line for each start of this run; None: starts are not counted
+
+    def n_starts(self) -> int:
+        """How often a worker has started it in this run."""
+        if self.starts is None or not self.starts.is_file():
+            return 0
+        return len(self.starts.read_text(encoding="utf-8").splitlines())
+
+
+@dataclass(frozen=True)
+class SceneOutcome:
+    """What became of one scene."""
+
+    scene: str  # `SceneTask.name`
+    stages_run: tuple[str, ...] = ()
+    failed: str = ""  # one sentence; "" = complete
+    seconds: float = 0.0  # of the last attempt
+    attempts: int = 1  # starts by workers; more than 1: workers ended without an answer
+
+
+@dataclass(frozen=True)
+class ScenesReport:
+    """What became of all."""
+
+    outcomes: tuple[SceneOutcome, ...] = field(default=())  # by name
+    page: Path | None = None  # gaga-run.html, once it is written
+
+    @property
+    def failed(self) -> tuple[SceneOutcome, ...]:
+        """Those that are not complete."""
+        return tuple(outcome for outcome in self.outcomes if outcome.failed)
+
+    @property
+    def requeued(self) -> tuple[SceneOutcome, ...]:
+        """Those that more than one worker started."""
+        return tuple(outcome for outcome in self.outcomes if outcome.attempts > 1)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return {
+            "scenes": len(self.outcomes),
+            "failed": [outcome.scene for outcome in self.failed],
+            "requeued": [outcome.scene for outcome in self.requeued],
+            "outcomes": [asdict(outcome) for outcome in self.outcomes],
+        }
+
+    def table(self) -> list[list[str]]:
+        """Rows of text, headings first."""
+        rows = [
+            [
+                o.scene,
+                ", ".join(o.stages_run) or "nothing",
+                f"{o.seconds:.0f}",
+                str(o.attempts),
+                o.failed or "yes",
+            ]
+            for o in self.outcomes
+        ]
+        return [["scene", "stages run", "seconds", "attempts", "complete"], *rows]
+
+
+def list_tasks(paths: Sequence[Path]) -> tuple[Path, tuple[SceneTask, ...]]:
+    """The folder that a summary of ``paths`` belongs into, and the tasks, by name.
+
+    A path is a scene folder, a folder of photos or a video, else a folder of such: one task each.
+    Raises ``GagaError`` when one of them has no scene.
+    """
+    found: dict[Path, Path | None] = {}
+    for path in dict.fromkeys(path.absolute() for path in paths):
+        for photos, scene in _scenes_at(path):
+            found.setdefault(scene, photos)
+    single = paths[0].absolute()
+    is_folder_of_scenes = len(paths) == 1 and single not in found and single.is_dir()
+    try:
+        common = Path(os.path.commonpath([scene.parent for scene in found]))
+    except ValueError as error:
+        raise GagaError(
+            "The scenes lie on several drives. Run those of each drive alone."
+        ) from error
+    root = single if is_folder_of_scenes else common
+    names = {scene: scene.relative_to(root).as_posix() for scene in found}
+    ordered = sorted(found, key=lambda scene: names[scene])
+    return root, tuple(SceneTask(names[scene], scene, found[scene]) for scene in ordered)
+
+
+def _scenes_at(path: Path) -> list[tuple[Path | None, Path]]:
+    """Photos and scene folder of each scene that ``path`` is or holds."""
+    one = _scene_at(path)
+    if one is not None:
+        return [one]
+    children = sorted(path.iterdir()) if path.is_dir() else []
+    scenes = [_scene_at(child) for child in children if child.name[0] != "."]
+    if not any(scenes):
+        raise GagaError(f"There are no scene folders in {path}. Choose the folder that holds them.")
+    return [scene for scene in scenes if scene is not None]
+
+
+def _scene_at(path: Path) -> tuple[Path | None, Path] | None:
+    """Photos and scene folder that ``path`` stands for by itself; None when it does not."""
+    photos, scene = source_of(path)
+    if photos is not None:
+        return photos, scene
+    is_one = scene.is_dir() and (is_scene_folder(scene) or find_photos(scene) is not None)
+    return (None, scene.absolute()) if is_one else None
+
+
+def run_one(task: SceneTask, config: RunConfig, threads: int) -> SceneOutcome:
+    """Run what is missing in one scene; a worker of any engine calls this."""
+    os.environ.setdefault("GAGA_THREADS", str(threads))
+    start, stages, failed = time.perf_counter(), tuple[str, ...](), ""
+    attempt = _note_start(task)
+    if attempt > TRIES:
+        return died(task, "killed, or out of memory")
+    try:
+        stage = run_folder(task.folder, config, photos=task.photos)
+        try:
+            stages = run_stage(stage, _SignOfLife(task))
+        finally:
+            stage.close()
+    except GagaError as error:
+        failed = str(error)
+    except MemoryError:
+        failed = "It needs more memory than there is. Use fewer workers, or a smaller --max-side."
+    except OSError as error:
+        failed = explain_os_error(error, Path(os.fsdecode(error.filename or task.folder)))
+    except Exception as error:  # noqa: BLE001  or the engine takes it for a death of the worker
+        _log.exception("%s stopped at an error of the program", task.name)
+        failed = f"It stopped at an error of the program: {_what_and_where(error)}. Please report."
+    seconds = round(time.perf_counter() - start, 1)
+    return SceneOutcome(task.name, stages, failed, seconds, attempt)
+
+
+def _what_and_where(error: Exception) -> str:
+    """The kind and first line of an exception, and the line of code that raised it."""
+    lines = str(error).strip().splitlines() or [""]
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    text = f": {lines[0][:160]}" if lines[0] else ""
+    return f"{type(error).__name__}{text} ({Path(at.filename).name}, line {at.lineno})"
+
+
+def died(task: SceneTask, why: str) -> SceneOutcome:
+    """The outcome of a scene whose workers ended without an answer."""
+    n = task.n_starts()
+    times = "Its worker" if n <= 1 else f"{min(n, TRIES)} workers in turn"
+    return SceneOutcome(
+        task.name,
+        failed=f"{times} ended without an answer ({why}). If memory ran out, use fewer --workers; "
+        "then run the command again.",
+        attempts=min(n, TRIES),
+    )
+
+
+def _note_start(task: SceneTask) -> int:
+    """Note a start of the task; which one it is, from 1."""
+    if task.starts is None:
+        return 1
+    with suppress(FileNotFoundError), task.starts.open("a", encoding="utf-8") as file:
+        file.write(f"{socket.gethostname()} {os.getpid()}\n")
+    return max(1, task.n_starts())
+
+
+class _SignOfLife:
+    """Shows from time to time that the worker lives, and stops it when its run was ended."""
+
+    def __init__(self, task: SceneTask) -> None:
+        self._starts = task.starts
+        self._next = time.monotonic()
+
+    def __call__(self, _step: Progress) -> None:
+        """Touch the file of starts; ``CancelledError`` when it is gone."""
+        if self._starts is None or time.monotonic() < self._next:
+            return
+        self._next = time.monotonic() + _SIGN_OF_LIFE_S
+        try:
+            os.utime(self._starts)
+        except FileNotFoundError:
+            raise CancelledError("The run was ended before it was complete.") from None
+
+
+# --- A page about many scenes that were run: what became of each, with a photo and its groups.
+
+
+PAGE = "gaga-run.html"  # in the folder of scenes
+_WIDTH = 240  # pixels of a picture
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem; color: #222; background: #fff }
+table { border-collapse: collapse }
+td, th { padding: .4rem .8rem; text-align: left; vertical-align: top }
+td, th { border-bottom: 1px solid #ddd }
+td.number { text-align: right }
+tr.failed td { background: #fdecea }
+img { width: 240px; display: inline-block; margin-right: 4px }
+@media (prefers-color-scheme: dark) {
+  body { color: #ddd; background: #1b1b1b }
+  td, th { border-color: #444 }
+  tr.failed td { background: #4a2320 }
+}
+"""
+
+
+def write_page(path: Path, report: ScenesReport, folders: Mapping[str, Path]) -> None:
+    """Write the page of ``report``; ``folders`` has the folder of every scene by its name.
+
+    One file without scripts: the pictures are in it. A scene without groups has none.
+    """
+    rows = "\n".join(_row(outcome, folders[outcome.scene]) for outcome in report.outcomes)
+    n, n_failed, n_again = len(report.outcomes), len(report.failed), len(report.requeued)
+    page = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>gaga run: {n} scenes</title>
+<style>{_STYLE}</style></head><body>
+<h1>{n} scenes</h1>
+<p>{n - n_failed} complete, {n_failed} not; {n_again} were started more than once, because a worker
+ended without an answer.</p>
+<table>
+<tr><th>scene</th><th>complete</th><th>groups</th><th>stages run</th><th>seconds</th>
+<th>attempts</th><th>photo and groups</th></tr>
+{rows}
+</table></body></html>
+"""
+    with atomic_write(path) as temporary:
+        # Names of folders may have bytes that are no text: they become "?".
+        temporary.write_text(page, encoding="utf-8", errors="replace")
+
+
+def _row(outcome: SceneOutcome, folder: Path) -> str:
+    entry = read_report_entry(folder / "gaga" / "report.json", "associate", AssociateEntry)
+    try:
+        pictures = _pictures(folder)
+        note = ""
+    except (GagaError, OSError) as error:  # a scene that failed may hold anything
+        pictures, note = [], str(error)
+    shown = "".join(f'<img alt="" src="{_inline(picture)}">' for picture in pictures)
+    cells = [
+        f"<td>{html.escape(outcome.scene)}</td>",
+        f"<td>{html.escape(outcome.failed) or 'yes'}</td>",
+        f'<td class="number">{"" if entry is None else entry.groups_with_gaussians}</td>',
+        f"<td>{html.escape(', '.join(outcome.stages_run) or 'nothing')}</td>",
+        f'<td class="number">{outcome.seconds:.0f}</td>',
+        f'<td class="number">{outcome.attempts}</td>',
+        f"<td>{shown or html.escape(note)}</td>",
+    ]
+    kind = ' class="failed"' if outcome.failed else ""
+    return f"<tr{kind}>{''.join(cells)}</tr>"
+
+
+def _pictures(root: Path) -> list[UInt8Array]:
+    """The photo, where there is one, and the groups of the first view whose groups are drawn."""
+    if not root.is_dir():
+        return []
+    folder = open_scene_folder(root)
+    for camera in folder.cameras:
+        drawn = folder.work / "renders" / "groups" / f"{view_key(camera.name)}.png"
+        if drawn.is_file():
+            photo = folder.image_paths.get(camera.name)
+            return [*([] if photo is None else [_small(read_rgb(photo))]), _painted(drawn)]
+    return []
+
+
+def _painted(path: Path) -> UInt8Array:
+    """A map of groups in the colors of the groups, small; no group is black."""
+    groups = _every_nth(read_labels(path))
+    ids, row = np.unique(groups, return_inverse=True)
+    colors = group_colors(ids.astype(np.int32))
+    colors[ids == 0] = 0
+    painted: UInt8Array = (colors[row.reshape(groups.shape)] * 255 + 0.5).astype(np.uint8)
+    return painted
+
+
+def _every_nth(labels: IntArray) -> IntArray:
+    step = max(1, labels.shape[1] // _WIDTH)
+    return labels[::step, ::step]
+
+
+def _small(image: UInt8Array) -> UInt8Array:
+    height = max(1, round(image.shape[0] * _WIDTH / image.shape[1]))
+    return np.asarray(Image.fromarray(image).resize((_WIDTH, height)))
+
+
+def _inline(picture: UInt8Array) -> str:
+    data = io.BytesIO()
+    Image.fromarray(picture).convert("RGB").save(data, "WEBP", quality=80)
+    return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()
+
+
+# --- Many scenes at once: every stage that is missing in each, by workers of an engine.
+# An engine only runs the function `run_one` somewhere and says what came back. All results lie in
+# the scene folders, each written as a whole or not at all: a scene whose worker died is simply run
+# again, and goes on where it was. Engines that are started here listen on this machine alone.
+
 
 Engine = Literal["local", "dask", "ray"]
 ENGINES = get_args(Engine)

@@ -11,15 +11,13 @@ from pathlib import Path
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.mask_import import recognise
-from gaga_core.io.mask_import_base import ImportedMasks, MaskList, MaskSource
-from gaga_core.io.masks import view_key, write_labels
-from gaga_core.io.scene_folder import SceneFolder, select_views
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.folder.scene_folder import SceneFolder, select_views
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import view_key, write_labels
+from gaga_core.io.masks.other_programs import ImportedMasks, MaskList, MaskSource, recognise
 from gaga_core.masks import dense_labels, resize_labels
 from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation.base import scored_masks
-from gaga_core.segmentation.flatten import MOST_LABELS, FlattenConfig, flatten
+from gaga_core.segmentation.base import MOST_LABELS, FlattenConfig, flatten, scored_masks
 
 STAGE = "Import masks"
 SHAPE_TOLERANCE = 0.01  # relative difference of the sides' ratio that is taken for rounding

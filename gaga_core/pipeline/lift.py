@@ -15,13 +15,12 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank, read_groups
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import VOID_BELOW
-from gaga_core.identity.checkpoint import FILE as CHECKPOINT
-from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.field import (
     FILE,
     Identity,
     IdentityField,
     decode_view,
+    encoding_colors,
     load_identity,
     save_identity,
 )
@@ -34,10 +33,11 @@ from gaga_core.identity.lift import (
     mode_of_preset,
     pseudo_labels,
 )
+from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views, with_entry
+from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import mask_folder, write_labels
-from gaga_core.io.scene_folder import SceneFolder, read_model, select_views, with_entry
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import mask_folder, write_labels
 from gaga_core.pipeline.render import paint_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose

@@ -17,8 +17,12 @@ from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.color import colorize_labels
 from gaga_core.errors import GagaError
+from gaga_core.export.export import exported_indices
 from gaga_core.grouping.votes import splat_groups
-from gaga_core.io.coco import (
+from gaga_core.io.folder.scene_folder import SceneFolder
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.images import open_image, read_rgb, write_rgb
+from gaga_core.io.masks.coco import (
     CocoJson,
     LabelledPicture,
     instances_document,
@@ -27,16 +31,12 @@ from gaga_core.io.coco import (
     segments_of,
     write_json,
 )
-from gaga_core.io.images import open_image, read_rgb, write_rgb
-from gaga_core.io.masks import view_key, view_keys, write_labels
-from gaga_core.io.scene_folder import SceneFolder
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import view_key, view_keys, write_labels
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.export import exported_indices
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene

@@ -9,24 +9,246 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.scene_folder import read_report_entry, with_entry
-from gaga_core.io.splits import carry_split
-from gaga_core.pipeline.photo_set import photo_set_stage
-from gaga_core.pipeline.placement_report import notes_of, sfm_entry
-from gaga_core.pipeline.reconstruct_settings import ReconstructConfig
+from gaga_core.io.folder.scene_folder import read_report_entry, with_entry
+from gaga_core.io.folder.splits import carry_split
+from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.placing.checks import Verdict
+from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
+from gaga_core.placing.foreground import (
+    MASKS,
+    masks_from_folder,
+    masks_of_what_moves,
+    paint_background,
+)
+from gaga_core.placing.ladder import Ladder, place_stage
+from gaga_core.placing.metrics import SfmFacts
+from gaga_core.placing.photos import (
+    PhotoSet,
+    ignored_files,
+    is_video,
+    list_photos,
+    prepare_photos,
+    read_photo_set,
+    unread_kinds,
+)
+from gaga_core.placing.sfm import option, run_matching
+from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
+from gaga_core.placing.video import (
+    FilmFrames,
+    extract_frames,
+    extract_more_frames,
+    extract_moving_frames,
+)
 from gaga_core.progress import Stage
-from gaga_core.reconstruct.controls import option
-from gaga_core.reconstruct.foreground import MASKS, paint_background
-from gaga_core.reconstruct.photos import PhotoSet, is_video, list_photos
-from gaga_core.reconstruct.sfm_checks import Verdict
-from gaga_core.reconstruct.sfm_ladder import Ladder, place_stage
-from gaga_core.reconstruct.undistort import ORIGINALS, require_room, undistort_into
+
+# --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
+
+
+_PREPARED_SIDE = 3200  # pixels: larger photos bring nothing to the matching
+_ROUNDS = 2  # times that more frames are taken where the chain breaks
+
+
+def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) -> Stage[PhotoSet]:
+    """The photos of ``source``, a folder or a film, ready in workspace/photos.
+
+    What was made ready before is read. Raises ``GagaError`` when there are too few.
+    """
+    file = workspace / "photos.json"
+    if file.is_file():
+        return read_photo_set(file)
+    if is_video(source):
+        found = yield from _film(source, workspace, config)
+    else:
+        others = (*unread_kinds(source), *ignored_files(source))
+        found = yield from _prepared(list_photos(source), workspace, source, config, others=others)
+    shutil.rmtree(workspace / "frames", ignore_errors=True)
+    if config.foreground is not None:
+        yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
+    elif config.turntable:
+        yield from masks_of_what_moves(found, workspace / "photos", workspace / MASKS)
+    with atomic_write(file) as temporary:
+        temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
+    return found
+
+
+def _prepared(
+    sources: Sequence[Path],
+    workspace: Path,
+    root: Path,
+    config: ReconstructConfig,
+    *,
+    ordered: bool = False,
+    others: Sequence[str] = (),
+) -> Stage[PhotoSet]:
+    shutil.rmtree(workspace / "photos", ignore_errors=True)
+    return (
+        yield from prepare_photos(
+            sources,
+            workspace / "photos",
+            root=root,
+            longest_side=_PREPARED_SIDE,
+            focal=config.focal,
+            ordered=ordered,
+            others=others,
+        )
+    )
+
+
+def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[PhotoSet]:
+    """Frames by the clock where a person says so, else as the film moves.
+
+    Where two neighbours share no matches, frames between them are added and matched again.
+    """
+    root = workspace / "frames"
+    shutil.rmtree(root, ignore_errors=True)
+    side = _PREPARED_SIDE
+    if config.video_fps is not None:
+        paths = yield from extract_frames(video, root, fps=config.video_fps, longest_side=side)
+        return (yield from _prepared(paths, workspace, root, config, ordered=True))
+    frames = yield from extract_moving_frames(video, root, longest_side=side)
+    found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
+    for _ in range(0 if config.object_only else _ROUNDS):
+        yield from run_matching(found, workspace, config.sfm())
+        gaps = _gaps(frames, MatchFacts.load(workspace / "matches.npz"))
+        more = yield from extract_more_frames(video, root, frames, gaps, longest_side=side)
+        if more is frames:
+            break
+        frames = more
+        for mark in workspace.glob("*.finished"):
+            mark.unlink()
+        found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
+    return found
+
+
+def _gaps(frames: FilmFrames, matches: MatchFacts) -> list[tuple[int, int]]:
+    """The breaks of the chain, as indices into ``frames.chosen``."""
+    place = {path.stem: i for i, path in enumerate(frames.paths)}
+    return [(place[Path(a).stem], place[Path(b).stem]) for a, b in chain_breaks(matches)]
+
+
+# --- What the report says of a placement: photos that are in or out and why, and their links.
+
+
+_LINKED = 15  # verified matches that link two photos
+_MOST_LINKS = 3000  # in the report, the strongest
+
+
+_Index = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Placement(msgspec.Struct, frozen=True):
+    """What is read again of the entry "sfm" of a report."""
+
+    names: list[str]
+    why_out: dict[str, str]
+    links: list[tuple[_Index, _Index, _Index]]  # photo, photo, verified matches
+
+
+class _Check(msgspec.Struct, frozen=True):
+    """A verdict of the checks."""
+
+    text: str
+
+
+class _Remarks(msgspec.Struct, frozen=True):
+    """What a person should know, in the same entry."""
+
+    notes: list[str] = []
+    checks: list[_Check] = []
+
+
+@dataclass(frozen=True)
+class PlacementReport:
+    """A placement as the window shows it. A photos."""
+
+    names: tuple[str, ...]  # (A,) every photo, by name
+    left_out: Mapping[str, str]  # names of those without a place, and why
+    links: tuple[tuple[int, int, int], ...]  # photo, photo, verified matches
+
+    @property
+    def n_placed(self) -> int:
+        """Photos that have a place."""
+        return len(self.names) - len(self.left_out)
+
+
+def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
+    """The placement in the entry "reconstruct" of a report; None where there is none in it."""
+    try:
+        sfm = msgspec.convert(entry.get("sfm"), _Placement)
+    except ValueError:  # none, of an older version, or damaged
+        return None
+    known = set(sfm.names)
+    out = {name: why for name, why in sfm.why_out.items() if name in known}
+    inside = [link for link in sfm.links if max(link[:2]) < len(sfm.names)]
+    return PlacementReport(tuple(sfm.names), out, tuple(inside))
+
+
+def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]:
+    """The entry "sfm" of the report: figures, checks, attempts, and the graph of the pairs."""
+    best = made.best
+    placed = set(best.facts.names)
+    left_out = [photo.name for photo in photos.photos if photo.name not in placed]
+    return best.summary.to_json() | {
+        "source": str(source),
+        "left_out": left_out,
+        "why_out": {name: made.diagnosis.why_out(name, made.best.placed) for name in left_out},
+        "names": list(best.facts.all_names),
+        "links": _links(best.facts),
+        "notes": [*photos.notes, *_scene_notes(made, placed), *made.reasons()],
+        "checks": [asdict(verdict) for verdict in best.verdicts],
+        "attempts": list(made.attempts),
+        "scenes": [list(names) for names in best.scenes],
+        "blurred": list(made.diagnosis.blurred),
+    }
+
+
+def _links(facts: SfmFacts) -> list[list[int]]:
+    """The strongest links (photo, photo, matches), indices into ``facts.all_names``."""
+    order = np.argsort(-facts.pair_matches, kind="stable")[:_MOST_LINKS]
+    chosen = order[facts.pair_matches[order] >= _LINKED]
+    rows = np.c_[facts.pairs[chosen], facts.pair_matches[chosen]]
+    found: list[list[int]] = rows.tolist()
+    return found
+
+
+def notes_of(entry: Mapping[str, object]) -> tuple[str, ...]:
+    """What a person should know of the entry "sfm" of a report: left out photos, warnings."""
+    try:
+        remarks = msgspec.convert(entry, _Remarks)
+    except ValueError:  # damaged: nothing is known
+        return ()
+    return (*remarks.notes, *(check.text for check in remarks.checks))
+
+
+def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
+    """Which photos show other scenes, and how to get those."""
+    found = []
+    for i, names in enumerate(made.best.scenes, start=1):
+        if not placed & set(names):
+            listed = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
+            found.append(
+                f"{len(names)} photos show another scene, which is not in this one: {listed}. "
+                f"{option('--scene', str(i))} with another scene folder makes it. If it is the "
+                "same place, add photos in between."
+            )
+    return found
+
+
+# --- From photos to a checked placement of them in a scene folder.
+# Photos are examined, placed by structure from motion in as many attempts as it takes, checked,
+# and undistorted. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
+# is taken up the next time.
+
 
 WORKSPACE = ".gaga-reconstruct"
 _PICTURE_SIDE = 1600  # pixels of the pictures in a scene folder (Kerbl 2023)

@@ -9,20 +9,19 @@ import numpy as np
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.export.export import exported_indices
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
+from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import view_keys, write_labels
-from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import view_keys, write_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.export import exported_indices
-from gaga_core.scene.opened_labels import groups_of_folder
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import Project, groups_of_folder
 
 What = Literal["rgb", "groups", "depth"]
 

@@ -16,14 +16,14 @@ from gaga_core.grouping.memory_bank import Preset
 from gaga_core.identity.field import FILE
 from gaga_core.identity.lift import LiftConfig, Mode, mode_of_preset
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.masks import RECORD, view_key
-from gaga_core.io.scene_folder import (
+from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     is_scene_folder,
     mask_path_of,
     open_scene_folder,
     read_model,
 )
+from gaga_core.io.masks.label_maps import RECORD, view_key
 from gaga_core.pipeline.associate import (
     are_associated,
     associate_scene,

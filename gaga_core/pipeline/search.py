@@ -4,8 +4,8 @@ The functions on a `Scene` serve the window live; those on a `Project` also know
 lies: ``index.npz`` (vectors and thumbnails) and ``index_texts.npz`` in the folder of our work.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,10 @@ from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.auto_names import NameConfig, name_by_nouns
-from gaga_core.query.box_voting import vote_boxes
-from gaga_core.query.detector import DetectConfig, Detector
+from gaga_core.query.descriptions import describe_groups
+from gaga_core.query.detector import DetectConfig, Detector, vote_boxes
 from gaga_core.query.embed import Embedder
-from gaga_core.query.group_facts import facts_of
-from gaga_core.query.group_hashes import group_digests
+from gaga_core.query.group_facts import GroupFacts, facts_of, group_digests
 from gaga_core.query.index import (
     GroupIndex,
     IndexConfig,
@@ -39,8 +38,14 @@ from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
+
+# --- Asking a scene: by words, by an index of pictures, by a detector in a view.
+# The functions on a `Scene` serve the window live; those on a `Project` also know where its index
+# lies: ``index.npz`` (vectors and thumbnails) and ``index_texts.npz`` in the folder of our work.
+
 
 INDEX_FILE = "index.npz"
 TEXTS_FILE = "index_texts.npz"
@@ -292,3 +297,74 @@ def _at_most(camera: Camera, side: int) -> Camera:
     scale = side / longest
     size = (max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
     return camera.resized(*size)
+
+
+# --- Words for the groups of a scene that nobody has named, and which of them are background.
+
+
+_FLAT, _SUPPORT = 0.2, 5.0  # a flat group this many times the median size carries or surrounds
+
+
+@dataclass(frozen=True)
+class Description:
+    """What was found out about the groups of a scene."""
+
+    words: Mapping[int, str]  # by group, of those without a name
+    background: frozenset[int]  # groups that are what things stand on, hang on, or lie before
+
+
+def describe(
+    scene: Scene,
+    facts: GroupFacts,
+    cameras: Sequence[Camera] = (),
+    kept: Mapping[int, str] | None = None,
+) -> Description:
+    """Describe the groups of ``scene`` by ``facts`` that were measured of it.
+
+    See `query.descriptions`. Background are what the facts call so, what the association found to
+    surround the scene, and large flat groups.
+    """
+    objects = ~facts.background
+    median = float(np.median(facts.size[objects])) if objects.any() else 0.0
+    flat = facts.extents[:, 2] < _FLAT * facts.extents[:, 0]
+    behind = facts.background | (flat & (facts.size > _SUPPORT * median) & (median > 0))
+    levels = None if scene.bank is None else scene.bank.levels
+    if levels is not None and levels.background:
+        behind = behind | (facts.ids == levels.background)
+    return Description(
+        describe_groups(scene, replace(facts, background=behind), cameras, kept),
+        frozenset(facts.ids[behind & (facts.ids > 0)].tolist()),
+    )
+
+
+def describe_project(project: Project) -> Description:
+    """Describe the groups of ``project``; its scene calls them so from then on."""
+    cameras = train_views(project)
+    found = describe(project.scene, facts_of(project.scene, cameras), cameras)
+    project.scene.described = dict(found.words)
+    return found
+
+
+def list_objects(project: Project) -> list[dict[str, object]]:
+    """Plain values of each group.
+
+    Id, name, is it a person's, splats, folder, the listed group that it lies under (0 = none), and
+    whether it is background.
+    """
+    if not (project.scene.labels > 0).any():
+        return []
+    found, table = describe_project(project), object_table(project.scene)
+    order, listed = project.scene.folders, frozenset(table.ids.tolist())
+    return [
+        {
+            "group": int(group),
+            "name": name,
+            "named": int(group) in project.scene.names,
+            "splats": int(count),
+            "folder": order.places.get(int(group), ""),
+            "parent": order.nearest(int(group), listed),
+            "background": int(group) in found.background,
+        }
+        for group, name, count in zip(table.ids, table.names, table.counts, strict=True)
+        if group > 0
+    ]

@@ -7,21 +7,111 @@ is loaded. Pictures are prepared here (square already, resized, normalised), so 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Literal, Protocol, TypeVar, cast
 
 import msgspec
 import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
-from gaga_core.models.weights import Weights, weights_id
-from gaga_core.query.model_files import load_model, read_or_default
+from gaga_core.errors import GagaError
+from gaga_core.io.json_file import read_foreign_json
+from gaga_core.segmentation.models.catalogue import KNOWN_DETECTORS, KNOWN_EMBEDDERS, KnownModel
+from gaga_core.segmentation.models.weights import (
+    Weights,
+    find_model,
+    is_model_folder,
+    models_folder,
+    weights_id,
+)
 
 if TYPE_CHECKING:
     import torch
+    from torch.nn import Module
     from transformers import PretrainedConfig, PreTrainedTokenizerBase
 
+    from gaga_core.segmentation.loading import ModelKind
     from gaga_core.segmentation.settings import Device
+
+# --- A model of words in a folder as transformers saves it: network, and tokenizer or processor.
+# Read from disk, never downloaded; torch and transformers are imported when one is loaded.
+
+
+S = TypeVar("S", bound=msgspec.Struct)
+Companion = Literal["AutoTokenizer", "AutoProcessor"]  # class of transformers
+
+
+class ModelConfig(msgspec.Struct, frozen=True):
+    """What is read of a model's config.json."""
+
+    model_type: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedModel:
+    """A network and what prepares its input."""
+
+    kind: str  # model_type of config.json
+    network: "Module"  # on its device, frozen
+    companion: object  # tokenizer or processor
+
+
+def load_model(
+    folder: Path,
+    task: "ModelKind",
+    kinds: Sequence[str],  # model types of config.json that will do
+    companion: Companion,
+    *,
+    title: str,
+    device: "Device" = "auto",
+) -> LoadedModel:
+    """The model in ``folder``; ``title`` is what a person calls such models.
+
+    Raises ``GagaError`` when transformers is missing, or the folder holds another kind of model.
+    """
+    if not (folder / "config.json").is_file():
+        raise GagaError(f"{folder} holds no model: it has no config.json. Choose a model's folder.")
+    kind = read_or_default(folder / "config.json", ModelConfig()).model_type
+    if kind not in kinds:
+        raise GagaError(
+            f"{folder} holds no {title} model (it says {kind or 'nothing'!r}). "
+            "Choose the folder of one."
+        )
+    from gaga_core.segmentation.loading import choose_device, load_folder
+
+    where = choose_device(device)
+    network = load_folder(task, folder)
+    return LoadedModel(kind, network.to(where), _load_companion(companion, folder))
+
+
+def read_or_default(path: Path, default: S) -> S:
+    """The content of a model's JSON file; ``default`` when there is none that can be read."""
+    try:
+        return read_foreign_json(path, type(default))
+    except GagaError:
+        return default
+
+
+def _load_companion(name: Companion, folder: Path) -> object:
+    from gaga_core.segmentation.loading import first_line, offline
+
+    with offline():
+        import transformers
+
+        try:
+            return getattr(transformers, name).from_pretrained(folder, local_files_only=True)
+        except (OSError, ValueError, RuntimeError, KeyError, TypeError, ImportError) as error:
+            raise GagaError(
+                f"The files next to the model in {folder} cannot be loaded ({first_line(error)}). "
+                "Copy the whole folder again, with its tokenizer and preprocessor files."
+            ) from error
+
+
+# --- CLIP and SigLIP behind one protocol: pictures and texts to unit vectors of one space.
+# Models are read from a local folder, never downloaded; transformers and torch are imported when
+# one is loaded. Pictures are prepared here (square already, resized, normalised), so no
+# torchvision.
+
 
 _KINDS = ("clip", "siglip")
 # Means and deviations of the published models, for folders without a preprocessor_config.json.
@@ -144,3 +234,48 @@ def _unit(found: object) -> FloatArray:
     length = np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-12)
     result: FloatArray = (values / length).astype(np.float32)
     return result
+
+
+# --- Which model is meant: a folder, or one known by name that the user has put in its place.
+
+
+__all__ = ["KNOWN_DETECTORS", "KNOWN_EMBEDDERS", "find_any", "folder_of", "where_to_put_all"]
+
+
+def folder_of(
+    given: str | Path, known: tuple[KnownModel, ...], hub_cache: Path | None = None
+) -> Path:
+    """Folder of the model that ``given`` names: a path, a name in the folder of models, or one of
+    ``known``, looked up there and in the user's hub cache. Never downloads.
+
+    Raises ``GagaError`` that says which files belong where.
+    """
+    path = Path(given)
+    if path.is_dir():
+        return path
+    own = models_folder() / str(given)
+    if is_model_folder(own):
+        return own
+    model = next((m for m in known if str(given) in (m.name, m.hub)), None)
+    if model is None:
+        names = ", ".join(m.name for m in known)
+        raise GagaError(f"There is no model {given}. Give its folder, or one of {names}.")
+    found = find_model(model, hub_cache)
+    if found is None:
+        raise GagaError(f"{model.title} is not on this computer. {where_to_put_all(model)}")
+    return found
+
+
+def find_any(known: tuple[KnownModel, ...], hub_cache: Path | None = None) -> Path | None:
+    """Folder of the first of ``known`` that is there; None when there is none."""
+    found = (find_model(model, hub_cache) for model in known)
+    return next((path for path in found if path is not None), None)
+
+
+def where_to_put_all(model: KnownModel) -> str:
+    """One sentence: which files belong where, the words' files included."""
+    return (
+        f"Get it with gaga models get {model.name}, or under Models in the window. "
+        f"By hand: put all files of {model.page} (about {model.megabytes} MB, {model.licence}) "
+        f"into {models_folder() / model.name}."
+    )

@@ -6,18 +6,251 @@ product ranks them; a superlative then orders those that fit. What was understoo
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.query.answer_text import sentence_of
-from gaga_core.query.attributes import background_scores, color_scores, presence
-from gaga_core.query.grammar import Phrase, Relation, Superlative, Trait, parse, words_of
+from gaga_core.query import grammar as lex
+from gaga_core.query.colors import HUES, NAMES, kinship
+from gaga_core.query.grammar import Phrase, Relation, Scale, Superlative, Trait, parse, words_of
 from gaga_core.query.group_facts import GroupFacts
-from gaga_core.query.lexicon import Scale
-from gaga_core.query.name_matching import name_scores
 from gaga_core.query.spatial_relations import Sight, canonical_view, measure, relation_score, sight
+
+# --- One plain sentence of what a search understood.
+
+
+_CURE = "name it, or index the scene with a model."
+_HINT = "Try a name, a color, a size or a place."
+
+
+def sentence_of(
+    phrase: Phrase,
+    *,
+    n_fit: int,
+    unknown: Sequence[str],
+    view: str,
+    has_view: bool,
+    aside: bool,
+) -> str:
+    """What ``phrase`` was taken for, how many groups fit, and the words that meant nothing here.
+
+    ``aside``: there are floors or walls that a superlative of size left out.
+    """
+    lost = list(dict.fromkeys(unknown))
+    said = _said(phrase, lost, n_fit)
+    if said:
+        best = phrase.superlative.scale if phrase.superlative else None
+        if aside and best is not None and best in lex.BULKY and n_fit:
+            said += ", floor and walls aside"
+        said += f", as seen from {view}." if view and _uses_view(phrase) and n_fit else "."
+    notes = []
+    if lost:
+        nouns = [word for word in lost if not set(word.split()) <= lex.VOCABULARY]
+        rest = [word for word in lost if word not in nouns]
+        if nouns:
+            notes.append(f"Nothing here is called {_quoted(nouns)}: {_CURE}")
+        if rest:
+            notes.append(f"Not understood: {_quoted(rest)}.")
+        notes += [] if said else [_HINT]
+    if _uses_view(phrase) and not has_view:
+        notes.append("Places need a view.")
+    if not said and not lost:
+        notes.append(f"Nothing to look for. {_HINT}")
+    return " ".join(filter(None, [said, *notes]))
+
+
+def _said(phrase: Phrase, lost: list[str], n_fit: int) -> str:
+    """The clause without its full stop; empty when nothing was understood."""
+    traits = [t for t in phrase.traits if t.words[0] not in lost]
+    relations = [r for r in phrase.relations if r.word not in lost and _kept(r, lost)]
+    superlative = phrase.superlative
+    if superlative is not None and superlative.word in lost:
+        superlative = None
+    if not (traits or relations or superlative):
+        return ""
+    adjectives = " ".join(_adjective(t) for t in traits if t.kind != "noun" and not t.negated)
+    called = " ".join(_called(t) for t in traits if t.kind == "noun")
+    where = " and ".join(_where(r) for r in relations)
+    denied = [_adjective(t) for t in traits if t.kind != "noun" and t.negated]
+    but = " and ".join(f"{'is' if n_fit == 1 else 'are'} not {words}" for words in denied)
+    but = f"that {but}" if but else ""
+    things = "object" if n_fit in (0, 1) else "objects"
+    thing = " ".join(filter(None, [adjectives, things, called, where, but]))
+    if n_fit == 0:
+        return f"No {thing} for sure"
+    if superlative is None:
+        return f"{n_fit} {thing}"
+    rank = next((w for w, k in lex.ORDINALS.items() if k == superlative.rank > 1), "")
+    word = superlative.word
+    if superlative.scale and not word.endswith(("est", "most")):
+        word = lex.CALLED.get(superlative.scale, word)
+    best = f"{rank} {word}".strip()
+    if n_fit == 1:
+        return f"The only {thing}"
+    return f"The {best} of the {n_fit} {thing}"
+
+
+def _quoted(words: Sequence[str]) -> str:
+    return ", ".join(f"“{word}”" for word in words)
+
+
+def _adjective(trait: Trait) -> str:
+    joint = " and " if trait.together else " or "
+    return joint.join(trait.words)
+
+
+def _called(trait: Trait) -> str:
+    return ("not " if trait.negated else "") + f"called “{trait.words[0]}”"
+
+
+def _where(relation: Relation) -> str:
+    return f"{relation.word} " + " and ".join(f"the {_anchor(a)}" for a in relation.anchors)
+
+
+def _anchor(phrase: Phrase) -> str:
+    best = phrase.superlative.word if phrase.superlative else ""
+    adjectives = " ".join(_adjective(t) for t in phrase.traits if t.kind != "noun")
+    nouns = " ".join(t.words[0] for t in phrase.traits if t.kind == "noun")
+    return " ".join(filter(None, [best, adjectives, nouns or "one"]))
+
+
+def _kept(relation: Relation, lost: list[str]) -> bool:
+    return not any(t.words[0] in lost for a in relation.anchors for t in a.traits)
+
+
+def _uses_view(phrase: Phrase) -> bool:
+    scales = [t.scale for t in phrase.traits if t.scale]
+    if phrase.superlative and phrase.superlative.scale:
+        scales.append(phrase.superlative.scale)
+    anchored = any(_uses_view(a) for r in phrase.relations for a in r.anchors)
+    views = any(r.kind in lex.VIEW_RELATIONS for r in phrase.relations)
+    return anchored or views or any(s.measure in lex.VIEW_MEASURES for s in scales)
+
+
+# --- How much groups have of what a single word says: a color, being floor or wall.
+
+
+_NOT_IN_BROWN = ("brown", "yellow", "gold")  # brown is the shade of all other warm colors
+_MIXED = 0.5  # of all other colors together against the greatest of them
+
+
+def color_scores(facts: GroupFacts, color: str) -> DoubleArray:
+    """How much groups (G,) have a color, one of `colors.NAMES`, 0..1.
+
+    By the share of it in what is seen, and how typical of it that is; less when another color, or
+    a mixture of many, prevails. For hues only hues compete: neutral parts of an object do not
+    change its hue.
+    """
+    kin = kinship(color)
+    share = 0.6 * facts.colors @ kin + 0.4 * facts.vivid @ kin
+    rivals = [n for n in (HUES if color in HUES else NAMES) if n != color]
+    rivals = [n for n in rivals if kin[NAMES.index(n)] < 0.3]
+    if color not in _NOT_IN_BROWN:
+        rivals = [n for n in rivals if n != "brown"]
+    columns = [NAMES.index(n) for n in rivals]
+    others = 0.6 * facts.colors[:, columns] + 0.4 * facts.vivid[:, columns]
+    rival = np.maximum(others.max(axis=1), _MIXED * others.sum(axis=1))
+    prevails = np.clip(share / np.maximum(rival, 1e-9), 0, 1) ** 3
+    result: DoubleArray = (1 - np.exp(-share / 0.22)) * (0.25 + 0.75 * prevails)
+    return result
+
+
+def presence(facts: GroupFacts, color: str) -> DoubleArray:
+    """How surely groups (G,) have some of a color at all: an eighth of what is seen is plenty."""
+    result: DoubleArray = np.clip(facts.colors @ kinship(color) / 0.125, 0, 1)
+    return result
+
+
+def background_scores(noun: str, facts: GroupFacts) -> DoubleArray | None:
+    """Background groups (G,) that a noun means where nobody has named them: the floor, the walls,
+    the table that everything stands on. None for any other noun, or without background."""
+    words = set(words_of(noun))
+    behind: BoolArray = facts.background
+    if not behind.any():
+        return None
+    level = facts.height < 0.5 * facts.extents[:, 1]
+    lowest = facts.lo[:, 2] <= facts.lo[behind, 2].min() + 0.5 * facts.height
+    if words & lex.GROUND_WORDS:
+        score = np.where(level, 1.0, 0.6) * np.where(lowest, 1.0, 0.8)
+    elif words & lex.TABLE_WORDS:
+        score = np.where(level & (facts.ids > 0), 1.0, 0.4) * np.where(lowest, 0.8, 1.0)
+    elif words & lex.WALL_WORDS:
+        score = np.where(level, 0.3, 1.0)
+    elif words & lex.BACKGROUND_WORDS:
+        score = np.ones(len(facts))
+    else:
+        return None
+    return np.where(behind, score, 0.0)
+
+
+# --- Which group a noun means: names that people gave, matched as people type them.
+
+
+_SAME_STEM = 0.97  # plural and singular
+_PREFIX = (3, 0.85)  # letters that a beginning must have, and what it is worth
+_ALIKE = 0.78  # how alike letters must be to be a misspelling
+_MISSPELT = 0.9  # what a misspelling is worth at most
+_WHOLE = 0.25  # what naming all of a name's words is worth
+
+
+def name_scores(noun: str, names: Sequence[str]) -> DoubleArray:
+    """How well each name (G,) fits ``noun``, 0..1: exact, plural, beginning, misspelt.
+
+    Every word of the noun must fit a word of the name; a name with more words fits a little less,
+    unless the noun is its last one ("lamp" in "table lamp").
+    """
+    wanted = words_of(noun)
+    result = np.zeros(len(names))
+    if not wanted:
+        return result
+    for i, name in enumerate(names):
+        words = words_of(name)
+        if words and not any(word[:1].isdigit() for word in wanted):
+            words = [word for word in words if not word.isdigit()] or words
+        if not words:
+            continue
+        fits = np.array([[_alike(w, n) for n in words] for w in wanted])
+        weakest = float(fits.max(axis=1).min())
+        covered = float(fits.max(axis=0).mean())
+        head = float(fits[-1, -1])
+        result[i] = weakest * (1 - _WHOLE * (1 - max(covered, 0.6 * head)))
+    return result
+
+
+def stem(word: str) -> str:
+    """``word`` without the ending of an English plural."""
+    for ending, instead in (("ies", "y"), ("ves", "f"), ("sses", "ss"), ("oes", "o")):
+        if len(word) > len(ending) + 1 and word.endswith(ending):
+            return word[: -len(ending)] + instead
+    if word.endswith(("ches", "shes", "xes")):
+        return word[:-2]
+    if len(word) > 3 and word.endswith("s") and not word.endswith(("ss", "us")):
+        return word[:-1]
+    return word
+
+
+def _alike(wanted: str, word: str) -> float:
+    if wanted == word:
+        return 1.0
+    if wanted.isdigit() or word.isdigit():
+        return float(wanted.lstrip("0") == word.lstrip("0"))
+    if stem(wanted) == stem(word):
+        return _SAME_STEM
+    n, worth = _PREFIX
+    if len(wanted) >= n and word.startswith(wanted):
+        return worth
+    ratio = SequenceMatcher(None, stem(wanted), stem(word)).ratio()
+    return _MISSPELT * ratio if ratio >= _ALIKE and len(wanted) > n else 0.0
+
+
+# --- Search by words alone: names, colors, sizes, places. No model, no index: the box is never
+# dead.
+# A text is parsed into a phrase (`grammar`); every trait and relation scores all groups 0..1, and
+# the product ranks them; a superlative then orders those that fit. What was understood is said
+# back.
+
 
 FITS = 0.5  # a group that scores this is one of those meant
 _SHOWN = 0.05  # groups under this are not in an answer

@@ -4,8 +4,7 @@ import logging
 import os
 
 from gaga_core.errors import GagaError
-from gaga_core.raster.base import Rasterizer
-from gaga_core.raster.chunks import SpatialChunks
+from gaga_core.raster.base import Rasterizer, SpatialChunks
 
 NAMES = ("auto", "cpu", "cuda", "reference")
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, check_shape
-from gaga_core.kernels import run_chunks
-from gaga_core.raster.vote_slots_kernels import add_ones, add_rows
+from gaga_core.raster.cpu.blend_kernels import add_ones, add_rows
+from gaga_core.threads import run_chunks
 
 SLOTS = 16  # labels of one Gaussian
 _BLOCK = 1 << 16  # Gaussians in one piece of work

@@ -7,13 +7,12 @@ from types import MappingProxyType
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.color import SH_C0
+from gaga_core.color import SH_C0, sh_rotation
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.sh_rotation import sh_rotation
 
 _CHUNK = 1 << 17  # splats worked on at once: bounds the float64 temporaries to some 100 MB
 _RIGID = 1e-6  # how far from rotation times scale a matrix may be, relative

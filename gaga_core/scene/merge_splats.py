@@ -11,7 +11,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.gaussians import Gaussians
-from gaga_core.kernels import run_chunks
+from gaga_core.threads import run_chunks
 
 _CHUNK = 1 << 13  # runs that one thread takes at once
 
@@ -46,7 +46,7 @@ def merge_runs(
         raise ValueError("starts: expected ascending rows from 0 on")
     # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.merge_splats_kernels import merge_rows
+    from gaga_core.scene.splat_kernels import merge_rows
 
     averaged = [k for k, column in gaussians.extra.items() if column.dtype == np.float32]
     columns = _stacked([gaussians.extra[name] for name in averaged], n)

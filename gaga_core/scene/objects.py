@@ -8,9 +8,14 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import LUMA, group_palette, shades
+from gaga_core.errors import GagaError
+from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import RGB, Scene, State
+
+# --- The object list: one row a group.
+
 
 UNASSIGNED = "unassigned"
 _SEVERAL = 4  # groups, from which on large ones are muted
@@ -53,7 +58,7 @@ def object_table(scene: Scene) -> ObjectTable:
     """
     # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.objects_kernels import tally_groups
+    from gaga_core.scene.splat_kernels import tally_groups
 
     key, ids = _dense_labels(scene.labels)
     counts = np.zeros((len(ids), 16), np.int64)
@@ -215,3 +220,78 @@ def _views_of_groups(bank: MemoryBank) -> dict[int, int]:
     for group, _ in seen:
         counts[group] = counts.get(group, 0) + 1
     return counts
+
+
+# --- Confidence of the splats' groups: histogram over a selection, and uncertain splats.
+
+
+def confidence_histogram(scene: Scene, splats: IntArray, n_bins: int = 20) -> LongArray | None:
+    """Number (B,) of ``splats`` (K,) in bins of ascending confidence; None when it is unknown."""
+    column = scene.confidence_of()
+    if column is None:
+        return None
+    bins = column[splats].astype(np.int64) * n_bins // 256
+    return np.bincount(bins, minlength=n_bins)
+
+
+def confidence_of_groups(scene: Scene, ids: IntArray) -> DoubleArray:
+    """Mean confidence (G,), 0..1, of the splats of groups ``ids`` (G,); -1 where it is unknown.
+
+    Deleted splats do not count.
+    """
+    column = scene.confidence_of()
+    if column is None:
+        return np.full(len(ids), -1.0)
+    live = ~scene.has(State.DELETED)
+    labels, n = scene.labels[live], int(ids.max(initial=0)) + 1
+    total = np.bincount(labels, column[live], n)[ids]
+    count = np.bincount(labels, minlength=n)[ids]
+    mean: DoubleArray = np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
+    return mean
+
+
+def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
+    """Those of ``splats`` (K,), locked and deleted ones aside, with a confidence under ``below``.
+
+    Splats that no mask sees have confidence 0. Raises ``GagaError`` when confidence is unknown.
+    """
+    column = scene.confidence_of()
+    if column is None:
+        raise GagaError("How sure the splats are is not known. Use Find objects to learn it.")
+    free = ~scene.has(State.LOCKED | State.DELETED)[splats]
+    chosen: IntArray = splats[free & (column[splats] < below * 255)]
+    return chosen
+
+
+# --- Parts of an object: what the levels of detail of its association cut it into.
+
+
+_LEAST_SHARE, _FEWEST = 0.01, 10  # splats of a part, of its whole: smaller ones are no part
+
+
+@dataclass(frozen=True, eq=False)
+class Parting:
+    """How some splats are cut into two parts or more."""
+
+    level: int  # that cuts them
+    ids: LongArray  # (P,) labels of the parts at that level, the largest first
+    part_of: LongArray  # (K,) part 0..P-1 of each splat; what is in no part goes to the largest
+
+
+def parting(levels: Levels, source: LongArray, first: int = 0) -> Parting | None:
+    """Cut splats with these rows (K,) of the opened file at the coarsest level that parts them.
+
+    Levels before ``first`` do not count. None when no level parts them.
+    """
+    least = max(_FEWEST, _LEAST_SHARE * len(source))
+    for level in range(first, len(levels.labels)):
+        label = levels.labels[level][source]
+        size = np.bincount(label)
+        size[:1] = 0
+        parts = np.flatnonzero(size >= least)
+        if len(parts) > 1:
+            ids = parts[np.argsort(-size[parts], kind="stable")]
+            number = np.zeros(len(size), np.int64)
+            number[ids] = np.arange(len(ids))
+            return Parting(level, ids, number[label])
+    return None

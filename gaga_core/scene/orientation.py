@@ -1,13 +1,20 @@
 """Which way is up in a scene, by its cameras or by its splats, and what the cameras look at."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
+from gaga_core.scene.frame import scale_of
+from gaga_core.scene.scene import Scene
+
+# --- Which way is up in a scene, by its cameras or by its splats, and what the cameras look at.
+
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
@@ -133,3 +140,144 @@ def common_target(cameras: Sequence[Camera]) -> DoubleArray | None:
     point = np.asarray(np.linalg.solve(matrix, right_side), np.float64)
     n_before = sum(float((point - c.position) @ c.forward) > 0 for c in cameras)
     return point if n_before > len(cameras) / 2 else None
+
+
+# --- Maps (3, 4) of the world that arrange things: mirror, align to the ground.
+
+
+_FLAT = 0.02  # height of a triangle over its longest side, below which it counts as a line
+
+
+def mirror_map(axis: int, about: AnyArray) -> DoubleArray:
+    """Mirror in the plane through ``about`` (3,) whose normal is world axis 0, 1 or 2."""
+    if axis not in (0, 1, 2):
+        raise ValueError(f"axis: expected 0, 1 or 2, got {axis}")
+    centre = np.asarray(about, np.float64)
+    check_shape("about", centre, (3,))
+    linear = np.eye(3)
+    linear[axis, axis] = -1
+    return np.column_stack([linear, centre - linear @ centre])
+
+
+def ground_map(points: AnyArray, up: AnyArray, seen_from: AnyArray) -> DoubleArray:
+    """The rigid map that lays the plane through three ``points`` (3, 3) on the ground.
+
+    The plane's normal that points to ``seen_from`` (3,), a place above the ground, becomes ``up``
+    (3,), and the plane goes through the origin's height; the middle of the points stays over its
+    place. Raises ``GagaError`` when the points lie on a line, or so nearly that they do not say how
+    the plane lies.
+    """
+    corners = np.asarray(points, np.float64)
+    check_shape("points", corners, (3, 3))
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    size = np.linalg.norm(normal)  # longest side times height
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()
+    if not size > _FLAT * longest**2:
+        raise GagaError(
+            "The three points lie nearly on a line. Choose three corners of the ground, far apart."
+        )
+    normal /= size
+    middle = corners.mean(axis=0)
+    if normal @ (np.asarray(seen_from, np.float64) - middle) < 0:
+        normal = -normal
+    top = np.asarray(up, np.float64) / np.linalg.norm(up)
+    turn = turn_between(normal, top)
+    target = middle - top * (top @ middle)
+    return np.column_stack([turn, target - turn @ middle])
+
+
+def turn_between(start: DoubleArray, stop: DoubleArray) -> DoubleArray:
+    """The smallest rotation (3, 3) that takes unit vector ``start`` to ``stop`` (Rodrigues)."""
+    axis, cosine = np.cross(start, stop), float(start @ stop)
+    if cosine < -1 + 1e-12:
+        # Opposite: half a turn about any axis across.
+        across = np.eye(3)[np.argmin(np.abs(start))]
+        side = np.cross(start, across)
+        side /= np.linalg.norm(side)
+        return 2 * np.outer(side, side) - np.eye(3)
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn: DoubleArray = np.eye(3) + skew + skew @ skew / (1 + cosine)
+    return turn
+
+
+# --- Where splats stand as one: position, rotation and scale, absolute, and the motion between
+# two.
+# Rotation and scale count from how the file was opened or added, carried along when the scene is
+# moved as a whole. A map that shears keeps its shear when its rotation or scale is changed.
+
+
+_SAME = 1e-9  # how far placements of one object may differ, absolute
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A position, a rotation and a scale."""
+
+    centre: DoubleArray  # (3,) world
+    turn: DoubleArray  # (3, 3) rotation, world, since the file came
+    scale: DoubleArray  # (3,) along its own axes; one is negative where it is mirrored
+    base: DoubleArray  # (3, 3) rotation of the scene as a whole: the file's axes, world
+    is_one: bool = True  # False: of several placements; rotation and scale are of the first
+
+    @property
+    def axes(self) -> DoubleArray:
+        """The object's own axes as columns (3, 3), world: those of the file, turned."""
+        return self.turn @ self.base
+
+
+def pose_of(scene: Scene, splats: IntArray, centre: DoubleArray) -> Pose:
+    """The pose of splats (K,), at least one, about their ``centre`` (3,), world."""
+    rows = np.unique(scene.placement[splats])
+    table = scene.placements.matrix[rows]
+    is_one = bool(np.abs(table - table[:1]).max() <= _SAME)
+    motion = scene.motion_of(int(scene.source[splats[0]]))
+    whole = scale_of(motion)
+    base = motion[:3, :3] / whole
+    linear = scene.placements.matrix[scene.placement[splats[0]]][:, :3] / whole
+    mirror = np.diag([1.0 if np.linalg.det(linear) > 0 else -1.0, 1.0, 1.0])
+    u, _, vt = np.linalg.svd(linear @ mirror)
+    axes: DoubleArray = u @ vt
+    return Pose(centre, axes @ base.T, np.diag(axes.T @ linear).copy(), base, is_one)
+
+
+def motion_between(start: Pose, stop: Pose) -> DoubleArray:
+    """The world map (3, 4) that takes splats from ``start`` to ``stop``.
+
+    Raises ``ValueError`` when a scale is 0 or not finite.
+    """
+    factor = stop.scale / start.scale
+    if not (np.isfinite(factor).all() and factor.all()):
+        raise ValueError(f"scale: expected three numbers other than 0, got {stop.scale}")
+    linear = stop.axes @ np.diag(factor) @ start.axes.T
+    return np.column_stack([linear, stop.centre - linear @ start.centre])
+
+
+def with_degrees(pose: Pose, degrees: DoubleArray, *, local: bool) -> Pose:
+    """``pose`` turned to these angles (3,), see `degrees_of`."""
+    x, y, z = (_about(axis, float(angle)) for axis, angle in enumerate(np.radians(degrees)))
+    turn = pose.base @ x @ y @ z @ pose.base.T if local else z @ y @ x
+    return replace(pose, turn=turn)
+
+
+def degrees_of(pose: Pose, *, local: bool) -> DoubleArray:
+    """Angles (3,) about x, then y, then z, degrees: of the world, or the object's own axes."""
+    turn = pose.base.T @ pose.turn @ pose.base if local else pose.turn.T
+    sine = float(np.clip(turn[0, 2], -1, 1))
+    y = np.arcsin(sine)
+    if abs(sine) < 1 - 1e-9:
+        x, z = np.arctan2(-turn[1, 2], turn[2, 2]), np.arctan2(-turn[0, 1], turn[0, 0])
+    else:  # x and z are about one axis: all of it is x
+        x, z = np.arctan2(turn[2, 1], turn[1, 1]), 0.0
+    angles = np.degrees([x, y, z])
+    result: DoubleArray = (angles if local else -angles) + 0.0
+    return result
+
+
+def _about(axis: int, angle: float) -> DoubleArray:
+    """The rotation (3, 3) about a world axis, radians."""
+    matrix = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix[i, i] = matrix[j, j] = np.cos(angle)
+    matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
+    return matrix

@@ -23,36 +23,320 @@ import msgspec
 import numpy as np
 
 from gaga_core import __version__
+from gaga_core.arrays import IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
-from gaga_core.io.folder_lock import lock_folder
-from gaga_core.io.model_files import is_same_model, model_fingerprint
-from gaga_core.io.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
-from gaga_core.io.sog import META, is_sog_meta
-from gaga_core.io.splat_files import read_splats_stage
-from gaga_core.io.spz_axes import OURS, SilentAxes
-from gaga_core.io.streamed_sog import LOD_META, is_streamed_sog
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import bank_digest, load_bank
+from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
+from gaga_core.identity.field import FILE as IDENTITY_FILE
+from gaga_core.identity.field import encoding_colors
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write, fingerprint
+from gaga_core.io.folder.lock import lock_folder
+from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.splats.sog import META, is_sog_meta
+from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
+from gaga_core.io.splats.spz import OURS, SilentAxes
+from gaga_core.io.splats.streamed_sog import LOD_META, is_streamed_sog
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
-from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
-from gaga_core.scene.edits.append import with_added_stage
-from gaga_core.scene.exported_objects import manifest_in, open_objects_stage
+from gaga_core.scene.camera_path import (
+    Bookmark,
+    CameraPath,
+    bookmarks_entry,
+    bookmarks_of,
+    carried_path,
+    path_entry,
+    path_of,
+)
+from gaga_core.scene.edits.append import read_added_stage, with_added_stage
+from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.groups import as_bytes
+from gaga_core.scene.export_manifest import MANIFEST, ManifestEntry, read_manifest
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import carried_cameras
-from gaga_core.scene.model_copy import KnownCopies, current_file
-from gaga_core.scene.opened_labels import groups_of_file, groups_of_folder, with_groups
+from gaga_core.scene.objects import group_colors
 from gaga_core.scene.project_file import (
     CURE,
-    FILE,
     FORMAT,
+    PROJECT_FILE,
     FileEntry,
     ProjectFile,
+    made_of,
     read_project_file,
     saved_scene,
+    scene_arrays,
+    scene_of,
 )
-from gaga_core.scene.project_scene import made_of, scene_arrays, scene_of
-from gaga_core.scene.scene import RGB, Added, Scene
+from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene
+
+# --- Files of splats that other programs change: noticed at every save, and replaced by a copy.
+
+
+File = tuple[Path, str]  # and the fingerprint of its content
+
+
+@dataclass(eq=False)
+class KnownCopies:
+    """Copies that saves have written, and a folder of files that will be removed."""
+
+    files: dict[tuple[Path, str], File] = field(default_factory=dict)  # by folder, fingerprint
+    leaving: Path | None = None  # an autosave: files of splats in it are copied as if changed
+
+
+class ModelChangedError(GagaError):
+    """A file of splats is not the one that was opened."""
+
+    def __init__(self, path: Path) -> None:
+        what = "was changed by another program" if path.is_file() else "is gone"
+        super().__init__(
+            f"{path} {what} since it was opened, so a project that names it could not be opened "
+            "again. Save with a copy of the splats as they were opened."
+        )
+        self.path = path
+
+
+def has_changed(wanted: File) -> bool:
+    """Whether a file is not there or has another content than its fingerprint says."""
+    path, digest = wanted
+    return not path.is_file() or not is_same_model(path, digest)
+
+
+def current_file(
+    wanted: File, target: Path, scene: Scene, rows: tuple[int, int] | None, known: KnownCopies
+) -> File:
+    """The file that a project in ``target`` must name, where ``wanted`` was opened.
+
+    The file itself when it is as it was and stays, else a copy of it in ``target``: one that
+    ``known`` has, or a new .ply of the splats ``rows`` (first, end; rows of all files,
+    `Scene.source`).
+    Raises ``ModelChangedError`` when a copy is needed and ``rows`` is None.
+    """
+    copied = known.files.get((target, wanted[1]))
+    leaves = known.leaving is not None and wanted[0].is_relative_to(known.leaving)
+    for file in (None if leaves else wanted, copied):
+        if file is not None and not has_changed(file):
+            return file
+    if rows is None:
+        raise ModelChangedError(wanted[0])
+    sources, places = np.unique(scene.source, return_index=True)
+    first, end = np.searchsorted(sources, rows)
+    path = target / f"model-{uuid4().hex[:12]}.ply"
+    write_ply(path, scene.gaussians.take(places[first:end]))
+    known.files[target, wanted[1]] = path, fingerprint(path)
+    return known.files[target, wanted[1]]
+
+
+# --- The groups with which a model opens: of the last association, or those that its file carries.
+# After an association and a lift there are two labels for every Gaussian: the votes of the masks,
+# and the classifier on its identity encoding. The preset paper takes those of the classifier once
+# it is trained as published; otherwise votes are in use. The other ones wait in
+# `scene.Identities`.
+
+
+def read_labels(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | None]:
+    """Groups (N,) and their confidence (N,) 0..255, if it is there, of a ``labels.npz``.
+
+    Raises ``GagaError`` when the file is damaged or of a model with other than ``n_gaussians``.
+    """
+    cure = "Run Associate again, or remove it."
+    arrays = read_arrays(path, cure)
+    labels = arrays.get("labels", np.zeros(0, np.float32))
+    confidence = arrays.get("confidence")
+    is_right = labels.ndim == 1 and labels.dtype.kind in "iu"
+    if confidence is not None:
+        is_right &= confidence.shape == labels.shape and confidence.dtype.kind == "f"
+    if not is_right:
+        raise GagaError(f"{path} is damaged. {cure}")
+    if len(labels) != n_gaussians:
+        raise GagaError(
+            f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
+            "Run Associate again, or remove it."
+        )
+    sure = None if confidence is None else as_bytes(confidence)
+    return np.ascontiguousarray(labels, np.int32), sure
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedGroups:
+    """What a scene begins with."""
+
+    labels: IntArray  # (N,)
+    confidence: UInt8Array | None  # (N,) 0..255
+    bank: MemoryBank | None = None
+    identities: Identities = field(default_factory=Identities)
+
+
+def groups_of_folder(work: Path, n_gaussians: int) -> OpenedGroups:
+    """The groups of the last association in ``work`` (SCENE/gaga), which has a labels.npz.
+
+    Labels come from the identities where they were trained as published from groups of the preset
+    paper, else from the votes. Raises ``GagaError`` when a file is damaged or of another model.
+    """
+    labels, confidence = read_labels(work / "labels.npz", n_gaussians)
+    bank = load_bank(work / "bank.npz") if (work / "bank.npz").is_file() else None
+    found = _lifted(work, bank, n_gaussians)
+    if found is None:
+        return OpenedGroups(labels, confidence, bank)
+    lifted, colors, mode = found
+    if bank is not None and (mode, bank.preset) == ("paper", "paper"):
+        votes = Labelling(labels, confidence)
+        identities = Identities("identities", votes, colors)
+        return OpenedGroups(lifted.labels, lifted.confidence, bank, identities)
+    return OpenedGroups(labels, confidence, bank, Identities("votes", lifted, colors))
+
+
+def _lifted(
+    work: Path, bank: MemoryBank | None, n_gaussians: int
+) -> tuple[Labelling, UInt8Array | None, str] | None:
+    """Labels, colors (N, 3) and mode of the last lift; None where it is of other groups."""
+    path = work / IDENTITY_FILE
+    if not path.is_file() or path.stat().st_mtime_ns < (work / "labels.npz").stat().st_mtime_ns:
+        return None
+    cure = "Lift the groups again, or remove it."
+    names = ("labels", "confidence", "mode")
+    arrays = read_arrays(path, cure, names, optional=("bank", "colors"))
+    digest, colors = str(arrays.get("bank", "")), arrays.get("colors")
+    if digest and (bank is None or digest != bank_digest(bank)):
+        return None
+    try:
+        check_shape("labels", arrays["labels"], (n_gaussians,), np.int32)
+        check_shape("confidence", arrays["confidence"], (n_gaussians,), np.float32)
+        if arrays["labels"].min(initial=0) < 0:
+            raise ValueError("labels: an id below 0")
+        if colors is not None:
+            check_shape("colors", colors, (n_gaussians, 3), np.uint8)
+    except ValueError as error:
+        raise GagaError(f"{path} is damaged or of another model. {cure}") from error
+    labelling = Labelling(arrays["labels"], as_bytes(arrays["confidence"]))
+    return labelling, colors, str(arrays["mode"])
+
+
+def groups_of_file(gaussians: Gaussians, path: Path) -> OpenedGroups:
+    """Groups (N,) and confidence (N,) 0..255 that the file of splats at ``path`` carries.
+
+    A column ``group``; else the argmax, over each encoding, of the classifier that Gaussian
+    Grouping and Gaga train, with the softmax as its confidence; else none: all 0. Raises
+    ``GagaError`` when the classifier is damaged.
+    """
+    column = gaussians.extra.get("group")
+    if column is not None and column.dtype.kind in "iu":
+        return OpenedGroups(np.maximum(column.astype(np.int64), 0).astype(np.int32), None)
+    try:
+        classifier = field_of_model(gaussians, path)
+    except GagaError as error:
+        raise GagaError(
+            f"{error} Or move {CLASSIFIER_FILE} away to open the splats without groups."
+        ) from error
+    if classifier is None:
+        return OpenedGroups(np.zeros(len(gaussians), np.int32), None)
+    labels, confidence = classifier.classify(classifier.encodings)
+    identities = Identities(colors=encoding_colors(classifier.encodings))
+    return OpenedGroups(labels, as_bytes(confidence), None, identities)
+
+
+def with_groups(scene: Scene, opened: OpenedGroups) -> Scene:
+    """``scene``, just read, with what it begins with; the same object."""
+    scene.labels, scene.confidence = opened.labels, opened.confidence
+    scene.bank, scene.identities = opened.bank, opened.identities
+    return scene
+
+
+# --- Open exported objects again: the files that groups.json names, with names, colors and order.
+
+
+_MOST_ID = (1 << 31) - 1
+_NO_SPLATS = ("mesh", "collider", "box", "html")  # forms, as the manifest names them
+
+
+def manifest_in(path: Path) -> Path | None:
+    """The groups.json that ``path``, a file or a folder, means; None when it means none."""
+    file = path if path.name == MANIFEST else path / MANIFEST
+    return file if file.is_file() else None
+
+
+def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
+    """Read all objects of an export as one scene, the first file as the one that was opened.
+
+    Returns the scene, that file and its fingerprint. Ids, names, colors, folders and parents are
+    those of the export. Raises ``GagaError`` when the manifest is damaged, names nothing, or a file
+    is gone.
+    """
+    content = read_manifest(manifest)
+    entries = content.groups
+    if content.form in _NO_SPLATS:
+        raise GagaError(
+            f"{manifest.parent} holds objects as {content.form}, which has no splats. Open the "
+            "scene that they are of, or export them as splats."
+        )
+    if not entries:
+        raise GagaError(f"{manifest} names no objects, so there is nothing to open.")
+    if not all(0 < entry.id <= _MOST_ID for entry in entries):
+        raise GagaError(f"{manifest} is damaged: an id of an object cannot be. Export them again.")
+    parts: list[Gaussians] = []
+    digests: list[str] = []
+    files = [(manifest.parent / entry.file).absolute() for entry in entries]
+    for i, file in enumerate(files):
+        yield Progress("Read the objects", i, len(files), file.name)
+        if not file.is_file():
+            raise GagaError(f"{file} is gone, which {manifest.name} names. Put it back.")
+        splats, digest = yield from read_added_stage(file)
+        parts.append(splats)
+        digests.append(digest)
+    counts = [len(splats) for splats in parts]
+    ids = np.array([entry.id for entry in entries], np.int32)
+    scene = Scene.of(_all_joined(parts), np.repeat(ids, counts))
+    starts = np.cumsum([0, *counts[:-1]]).tolist()
+    scene.added = tuple(
+        Added(str(file), digest, first, n)
+        for file, digest, first, n in zip(files, digests, starts, counts, strict=True)
+    )[1:]
+    _take_order(scene, entries)
+    return scene, files[0], digests[0]
+
+
+def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
+    """Names, colors, folders and parents of the export."""
+    plain = group_colors(np.array([entry.id for entry in entries], np.int32))
+    colors: dict[int, RGB] = {}
+    for entry, usual in zip(entries, plain, strict=True):
+        red, green, blue = (min(max(value, 0.0), 1.0) for value in entry.color)
+        if np.abs(np.array((red, green, blue)) - usual).max() > 1e-3:
+            colors[entry.id] = (red, green, blue)
+    names = {entry.id: " ".join(entry.name.split()) for entry in entries}
+    scene.names = {g: name for g, name in sorted(names.items()) if name not in ("", f"group {g}")}
+    scene.colors = dict(sorted(colors.items()))
+    parents = {entry.id: entry.parent for entry in entries if entry.parent in names}
+    try:
+        scene.folders = Folders.of((), {entry.id: entry.folder for entry in entries}, parents)
+    except ValueError as error:
+        raise GagaError(f"{MANIFEST} is damaged ({error}). Export the objects again.") from error
+
+
+def _all_joined(parts: Sequence[Gaussians]) -> Gaussians:
+    """All splats as one set, in order: pairs first, so that none is copied often."""
+    while len(parts) > 1:
+        pairs = [
+            joined(parts[i], parts[i + 1]) if i + 1 < len(parts) else parts[i]
+            for i in range(0, len(parts), 2)
+        ]
+        parts = pairs
+    return parts[0]
+
+
+# --- One document: a scene that was opened, its edits, and where they are saved.
+# A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.ply) with
+#
+#     project.json      which model (with a fingerprint), names of groups, folders, which scene file
+#     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
+#
+# The model itself is not copied, unless it changed since it was opened and the caller asks for it.
+# A save writes a new scene file first and then replaces project.json in one step, so a failure at
+# any moment leaves the former save whole. Only one program writes at a time, and none over a save
+# that it does not know.
+
 
 _SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
 _PATIENCE_S = 10.0  # for another program that is saving
@@ -111,7 +395,9 @@ class Project:
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1
-        while (path / FILE).exists():  # a single .ply opens without edits: keep a former save
+        while (
+            path / PROJECT_FILE
+        ).exists():  # a single .ply opens without edits: keep a former save
             n += 1
             path = self.model_path.with_suffix(f".{n}.gaga")
         return path
@@ -179,7 +465,7 @@ def save_project(
     """
     own = project.path or project.default_path
     target = Path(path or own)
-    target = target.parent if target.name == FILE else target
+    target = target.parent if target.name == PROJECT_FILE else target
     entries = None if copies_model else _entries(project, target, False)  # before a folder is made
     with lock_folder(target, patience_s=_PATIENCE_S):
         if not overwrites and target == own:
@@ -221,7 +507,7 @@ def _write_project(project: Project, target: Path, entries: Sequence[FileEntry])
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **scene_arrays(scene))  # type: ignore[arg-type]
     try:
-        with atomic_write(target / FILE) as temporary:
+        with atomic_write(target / PROJECT_FILE) as temporary:
             temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
     except GagaError:
         (target / name).unlink(missing_ok=True)
@@ -235,9 +521,9 @@ def _write_project(project: Project, target: Path, entries: Sequence[FileEntry])
 
 def _saved_project(path: Path) -> Path | None:
     """The project.json that ``path`` means, if any."""
-    candidates = (path, path / FILE, path / "gaga" / FILE)
+    candidates = (path, path / PROJECT_FILE, path / "gaga" / PROJECT_FILE)
     for file in candidates:
-        if file.name == FILE and file.is_file():
+        if file.name == PROJECT_FILE and file.is_file():
             return file
     return None
 
@@ -359,7 +645,7 @@ def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[
             origin = path, item.fingerprint, first, item.gaussians, item.axes
             entry = Added(*origin, item.frame, item.merged)
         except ValueError as error:
-            raise GagaError(f"{base / FILE} is damaged ({error}). {CURE}") from error
+            raise GagaError(f"{base / PROJECT_FILE} is damaged ({error}). {CURE}") from error
         added.append(entry)
         first += item.gaussians
     return tuple(added)

@@ -5,15 +5,26 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
-from gaga_core.arrays import AnyArray
+from gaga_core.arrays import AnyArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.bank_file import bank_arrays, bank_of
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.json_file import PathText, read_json
-from gaga_core.io.spz_axes import SilentAxes
+from gaga_core.io.splats.spz import SilentAxes
+from gaga_core.scene.frame import Frame
+from gaga_core.scene.identity_arrays import identities_of, identity_arrays
+from gaga_core.scene.index_set import IndexSet
+from gaga_core.scene.scene import Placements, Scene
+from gaga_core.scene.splat_columns import columns_of, splats_of
+
+# --- The file project.json: its fields, and reading it while another program may replace it.
+
 
 FORMAT = 1
-FILE = "project.json"
+PROJECT_FILE = "project.json"
 CURE = "Move project.json away to open the scene from the start."
 _TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right after the new note
 
@@ -87,7 +98,7 @@ def saved_scene(folder: Path) -> str:
 
     A project.json that cannot be read counts as none of ours: "?".
     """
-    file = folder / FILE
+    file = folder / PROJECT_FILE
     if not file.exists():
         return ""
     try:
@@ -100,3 +111,119 @@ def _document(file: Path) -> ProjectFile:
     if read_json(file, _Head, CURE).format > FORMAT:
         raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
     return read_json(file, ProjectFile, CURE)
+
+
+# --- Columns and tables of a scene as named arrays: the file scene-<id>.npz of a project.
+
+
+def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
+    """All that a project keeps of a scene in arrays. No pickles."""
+    arrays: dict[str, AnyArray] = {
+        "labels": scene.labels,
+        "state": scene.state,
+        "placement": scene.placement,
+        "source": scene.source,
+        "matrix": scene.placements.matrix,
+        "color": scene.placements.color,
+        "opacity": scene.placements.opacity,
+    }
+    if scene.bank is not None:
+        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
+    if scene.confidence is not None:
+        arrays["confidence"] = scene.confidence
+    arrays |= identity_arrays(scene.identities)
+    if not scene.frame.is_identity:
+        arrays["world"] = scene.frame.world
+        arrays["is_metric"] = np.array(scene.frame.is_metric)
+    arrays |= _made_arrays(scene)
+    for i, kept in enumerate(scene.named_selections.values()):
+        arrays[f"set_{i}"] = np.packbits(kept.mask())
+        arrays[f"length_{i}"] = np.array(kept.n)
+    return arrays
+
+
+def _made_arrays(scene: Scene) -> dict[str, AnyArray]:
+    """Splats that edits made: no file has them, so their columns are kept."""
+    arrays: dict[str, AnyArray] = {}
+    made = [item for item in scene.added if item.is_made]
+    sources, places = np.unique(scene.source, return_index=True) if made else (scene.source,) * 2
+    for i, item in enumerate(made):
+        first, end = np.searchsorted(sources, (item.first, item.first + item.n))
+        columns = columns_of(scene.gaussians.take(places[first:end]))
+        arrays |= {f"made_{i}:{name}": column for name, column in columns.items()}
+    return arrays
+
+
+def made_of(file: Path, arrays: dict[str, AnyArray], n: int) -> list[Gaussians]:
+    """The ``n`` sets of splats that edits made. Raises ``GagaError`` that names ``file``."""
+    found = []
+    try:
+        for i in range(n):
+            head = f"made_{i}:"
+            columns = {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
+            found.append(splats_of(columns))
+    except (ValueError, KeyError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+    return found
+
+
+def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:
+    """The scene of `scene_arrays`, on the splats (M,) of all its files.
+
+    ``n_opened`` splats are of the opened file. Raises ``GagaError`` that names ``file`` when the
+    arrays do not fit each other or the splats.
+    """
+    try:
+        source = arrays["source"].astype(np.int64)
+        n = len(source)
+        for name in ("labels", "state", "placement"):
+            check_shape(name, arrays[name], (n,))
+        rows = len(arrays["opacity"])
+        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
+        check_shape("color", arrays["color"], (rows, 3, 4))
+        if source.min() < 0 or source.max() >= len(gaussians):
+            raise ValueError("source row outside the model")
+        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
+            raise ValueError("placement row outside the table")
+        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
+        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
+        return Scene(
+            gaussians=gaussians if untouched else gaussians.take(source),
+            labels=arrays["labels"].astype(np.int32),
+            state=arrays["state"].astype(np.uint8),
+            placement=arrays["placement"].astype(np.int32),
+            source=source,
+            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
+            bank=bank_of(bank) if bank else None,
+            confidence=_read_confidence(arrays, n_opened),
+            identities=identities_of(arrays, n_opened),
+            named_selections=_read_named_selections(arrays),
+            frame=_read_frame(arrays),
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+
+
+def _read_frame(arrays: dict[str, AnyArray]) -> Frame:
+    if "world" not in arrays:
+        return Frame()
+    check_shape("world", arrays["world"], (4, 4), np.float64)
+    return Frame(arrays["world"], bool(arrays["is_metric"]))
+
+
+def _read_confidence(arrays: dict[str, AnyArray], n_gaussians: int) -> UInt8Array | None:
+    column = arrays.get("confidence")
+    if column is not None:
+        check_shape("confidence", column, (n_gaussians,), np.uint8)
+    return column
+
+
+def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
+    """Named selections, by number."""
+    sets: dict[str, IndexSet] = {}
+    while f"set_{len(sets)}" in arrays:
+        i = len(sets)
+        n = int(arrays[f"length_{i}"])
+        rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
+        sets[str(i)] = IndexSet.of(rows, n)
+    return sets

@@ -13,7 +13,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.io.spz_axes import OURS, SilentAxes
+from gaga_core.io.splats.spz import OURS, SilentAxes
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
@@ -72,7 +72,7 @@ class Added:
     fingerprint: str  # of the file as it was read
     first: int  # row of its first splat among the rows of all files, see `Scene.source`
     n: int  # splats
-    axes: SilentAxes = OURS  # of an .spz that does not say its own, see `gaga_core.io.spz_axes`
+    axes: SilentAxes = OURS  # of an .spz that does not say its own, see `gaga_core.io.splats.spz`
     # How the scene had been moved as a whole when they were added: rows of (4, 4),
     # world_from_opened; none = not at all. Of merged splats with how their origins had been moved
     # by themselves. See `motion_of`.

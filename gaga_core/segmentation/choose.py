@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.models.catalogue import KNOWN, KnownModel
-from gaga_core.models.weights import (
+from gaga_core.segmentation.base import FlattenConfig, ModelCard, Provider
+from gaga_core.segmentation.models.catalogue import KNOWN, KnownModel
+from gaga_core.segmentation.models.weights import (
     Weights,
     find_weights,
     models_folder,
@@ -21,8 +22,6 @@ from gaga_core.models.weights import (
     weights_id,
     where_to_put,
 )
-from gaga_core.segmentation.base import ModelCard, Provider
-from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.regions import RegionsConfig
 from gaga_core.segmentation.settings import Device, GeneratorConfig, Profile, UniversalConfig
@@ -30,8 +29,8 @@ from gaga_core.segmentation.settings import Device, GeneratorConfig, Profile, Un
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from gaga_core.segmentation.model_provider import MaskMaker
-    from gaga_core.segmentation.prompter import SamPrompter
+    from gaga_core.segmentation.base import MaskMaker
+    from gaga_core.segmentation.sam import SamPrompter
 
 _NO_TRANSFORMERS = (
     "The package transformers is missing. Install it: pip install 'gaga-studio[models]'."
@@ -148,7 +147,7 @@ def provider_named(
     if name == REGIONS:
         if weights is not None:
             raise GagaError("The provider regions takes no weights. Choose a model's name.")
-        from gaga_core.segmentation.regions_provider import RegionsProvider
+        from gaga_core.segmentation.regions import RegionsProvider
 
         return RegionsProvider(settings.regions)
     _check_name(name)
@@ -157,7 +156,7 @@ def provider_named(
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     title = model.title if model else f"{found.model_type} ({found.path.name})"
-    from gaga_core.segmentation.model_provider import ModelProvider
+    from gaga_core.segmentation.base import ModelProvider
 
     settings = replace(settings, flatten=settings.flatten_of(found.family))
     loader = _sam_loader if found.family == "sam" else _universal_loader
@@ -187,7 +186,7 @@ def prompter_named(
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     from gaga_core.segmentation.loading import choose_device
-    from gaga_core.segmentation.prompter import SamPrompter
+    from gaga_core.segmentation.sam import SamPrompter
 
     return SamPrompter(_network(found), choose_device(device))
 

@@ -8,13 +8,25 @@ object is: a quick start, not a match for Segment Anything.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array, check_shape
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.masks import resize_labels
+from gaga_core.progress import Progress, Stage
+from gaga_core.segmentation import regions_kernels
+from gaga_core.segmentation import regions_kernels as kernels
+from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
+
+# --- Masks without any model: regions merged on color, contour and the splats' depth.
+# Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is
+# cut where a merge is unlikely: parts that differ, or a shape that objects do not have. Depth adds
+# the shape of the surface: objects meet what they stand on in a concave crease (Stein 2014,
+# "Convexity based object partitioning"), and their own edges are convex. Nothing here knows what
+# an object is: a quick start, not a match for Segment Anything.
+
 
 NAME = "regions"
 FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
@@ -172,7 +184,6 @@ def _small_regions(
     from skimage.color import rgb2lab
 
     from gaga_core.segmentation import regions_kernels
-    from gaga_core.segmentation.regions_tree import merged
 
     lab = np.ascontiguousarray(rgb2lab(image), dtype=np.float32)
     smooth = np.empty_like(lab)
@@ -259,3 +270,132 @@ def _dense(labels: IntArray) -> IntArray:
     names[shown[np.argsort(first[shown])]] = np.arange(1, len(shown) + 1, dtype=np.int32)
     result: IntArray = names[places].reshape(labels.shape)
     return result
+
+
+# --- The tree of the weights-free regions: superpixels merged pair by pair, and where to stop.
+
+
+_LAB = np.array([0.62, 1.9, 1.9], np.float32)  # lightness changes with shading, hue less
+_BINS = 6  # of lightness; two more for each of a and b
+# How much a merge's shape favours it (fitted to photos of objects on a table and to drawn scenes):
+# start, log share of the smaller and of the larger, how much better than the smaller the union
+# fills its box, how well it does, log of its raggedness, share of the smaller's and of the larger's
+# border that vanishes. With depth the creases suffice: cost alone decides.
+_COLOR_GRANTS = np.array([0.73, 0.166, -0.25, 1.46, -1.31, 0.327, 0.7, 0.74])
+_SHAPE_GRANTS = np.array([np.log(4.2), 0, 0, 0, 0, 0, 0, 0])
+
+
+def merged(
+    lab: FloatArray,
+    pieces: IntArray,
+    n: int,
+    cues: FloatArray,
+    weights: DoubleArray,
+    details: Sequence[float],
+) -> list[IntArray]:
+    """Regions (H, W) of the ``n`` superpixels ``pieces`` (H, W) at each of ``details``.
+
+    Ids >= 0, not dense. ``lab`` (H, W, 3) float32, ``cues`` (1 or 2, H, W) float32: contour and
+    crease at each pixel, ``weights`` (6,) of the cost, in the order of `regions_merge_kernels`.
+    Those of a higher detail lie within those of a lower one.
+    """
+    flat = pieces.ravel()
+    area = np.bincount(flat, minlength=n).astype(np.float32)
+    sums = [np.bincount(flat, lab[..., c].ravel(), n) * _LAB[c] for c in range(3)]
+    color = np.column_stack(sums).astype(np.float32)
+    bins, n_bins = _color_bins(lab)
+    histogram = np.zeros((n, n_bins), np.float32)
+    kernels.add_histograms(pieces, bins, histogram)
+    length, strength = np.zeros((n, n), np.float32), np.zeros((len(cues), n, n), np.float32)
+    kernels.add_borders(pieces, cues, length, strength)
+    at_first, border = area.copy(), length.sum(axis=1)
+    joined, costs = np.empty((n - 1, 2), np.int32), np.empty(n - 1, np.float32)
+    common = np.empty(n - 1, np.float32)
+    made = kernels.merge_all(
+        area, color, histogram, length, strength, weights, joined, costs, common
+    )
+    grants = _COLOR_GRANTS if len(cues) == 1 else _SHAPE_GRANTS
+    found = []
+    for detail in details:
+        parent = np.arange(n, dtype=np.int32)
+        regions_kernels.cut(
+            joined[:made],
+            costs,
+            common,
+            at_first.copy(),
+            border.copy(),
+            _edges(pieces, n),
+            _boxes(pieces, n),
+            grants,
+            -np.log(detail),
+            parent,
+        )
+        while not np.array_equal(parent, parent[parent]):
+            parent = parent[parent]
+        found.append(parent[pieces])
+    return found
+
+
+def _edges(pieces: IntArray, n: int) -> FloatArray:
+    """Pixels of each piece along the edge of the picture, (n,); corners count twice."""
+    sides = (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1])
+    return np.bincount(np.concatenate(sides), minlength=n).astype(np.float32)
+
+
+def _boxes(pieces: IntArray, n: int) -> IntArray:
+    """First and last column, first and last row of each piece, (n, 4)."""
+    from scipy import ndimage
+
+    found = ndimage.find_objects(pieces + 1, max_label=n)
+    spans = [(x.start, x.stop - 1, y.start, y.stop - 1) for y, x in found]
+    return np.array(spans, np.int32)
+
+
+def _color_bins(lab: FloatArray) -> tuple[IntArray, int]:
+    """Bin of each pixel among those that occur, and their number."""
+    n = _BINS + 2
+    lightness = np.clip(lab[..., 0] / 100 * _BINS, 0, _BINS - 1).astype(np.int64)
+    a = np.clip((lab[..., 1] + 60) / 120 * n, 0, n - 1).astype(np.int64)
+    b = np.clip((lab[..., 2] + 60) / 120 * n, 0, n - 1).astype(np.int64)
+    used, bins = np.unique((lightness * n + a) * n + b, return_inverse=True)
+    return bins.reshape(lab.shape[:2]).astype(np.int32), len(used)
+
+
+# --- The weights-free `regions` as a provider: at once, everywhere, also without torch.
+
+
+_VERSION = 4  # grows whenever the same picture and settings get other regions
+
+
+@dataclass(frozen=True)
+class RegionsProvider:
+    """Regions of like color, split where the rendered surface bends; objects only by luck."""
+
+    config: RegionsConfig
+    name: str = NAME
+    cues: frozenset[str] = frozenset({"depth"})
+
+    @property
+    def card(self) -> ModelCard:
+        """What is written next to the masks."""
+        return ModelCard("regions (no model)", settings=asdict(self.config))
+
+    @property
+    def work_width(self) -> int:
+        """Pixels of the width at which pictures are processed."""
+        return self.config.width
+
+    def fingerprint(self) -> str:
+        """Hash of the settings."""
+        return fingerprint_of(NAME, _VERSION, self.card.settings)
+
+    def label_map(self, picture: Picture) -> Stage[IntArray]:
+        """Regions of a picture; one step, under a second at 480 pixels of width."""
+        return (yield from self.label_maps(picture))[0]
+
+    def label_maps(self, picture: Picture) -> Stage[tuple[IntArray, ...]]:
+        """The label map, and those at `FURTHER_STEPS` times its detail, for about the same time."""
+        yield Progress("Segment", 0, 1, "merge regions")
+        steps = (1.0, *FURTHER_STEPS)
+        found = regions_at(steps, picture.image, picture.depth, picture.normals, self.config)
+        return tuple(found)

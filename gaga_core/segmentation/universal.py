@@ -22,10 +22,8 @@ from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation.base import ScoredMasks, scored_masks
-from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.base import FlattenConfig, MaskMaker, ScoredMasks, scored_masks
 from gaga_core.segmentation.loading import load_folder, normalized
-from gaga_core.segmentation.model_provider import MaskMaker
 from gaga_core.segmentation.settings import UniversalConfig
 
 if TYPE_CHECKING:

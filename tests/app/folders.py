@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import write_labels
-from gaga_core.io.ply import write_ply
+from gaga_core.io.masks.label_maps import write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.raster.cpu import CpuRasterizer
 from tests.scenes import Synthetic, objects_scene
 

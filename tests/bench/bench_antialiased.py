@@ -11,11 +11,10 @@ import numpy as np
 
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import train
-from gaga_core.reconstruct.view_quality import quality_stage
-from gaga_core.reconstruct.views import TrainViews
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.train import train
+from gaga_core.training.views import TrainViews, quality_stage
 from tests.bench.figures import Figure
 from tests.bench.posed_subsets import data_folder, draw_whole
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.cleanup.clean import clean_object
+from gaga_core.scene.cleanup import clean_object
 from gaga_core.scene.scene import Scene
 from tests.bench.figures import Figure, cpu_median
 from tests.scenes import objects_scene

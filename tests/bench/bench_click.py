@@ -24,17 +24,23 @@ from gaga_core.camera import Camera
 from gaga_core.demo import make_demo_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import vote_labels
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply_stage
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.click_cut import Answer, Click, clicked, nothing_yet
-from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
-from gaga_core.scene.selection.click_views import click_views
+from gaga_core.scene.selection.click import (
+    Answer,
+    Click,
+    ClickGraph,
+    click_graph_stage,
+    click_views,
+    clicked,
+    nothing_yet,
+)
 from gaga_core.scene.selection.picking import pick
 from tests.bench.figures import Figure, cpu_median
 

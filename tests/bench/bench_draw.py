@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 import psutil
 
-from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import Sorter, SortJob

@@ -13,9 +13,9 @@ import numpy as np
 
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import train
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.train import train
 from tests.bench.figures import Figure
 from tests.bench.posed_subsets import Subset, data_folder, draw_subset, draw_whole
 

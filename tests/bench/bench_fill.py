@@ -16,13 +16,12 @@ from time import process_time
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.fill.fill import fill_stage, filled_edit
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Frame
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.fill.edits import filled_edit
-from gaga_core.scene.fill.fill import fill_stage
 from gaga_core.scene.scene import Scene
 from tests.bench.figures import Figure
 from tests.bench.fill_cases import FillCase, demo_cases, placed_cases, solid_cases

@@ -20,8 +20,8 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.grouping.votes import vote_labels
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.folder.scene_folder import SceneFolder
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import resize_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

@@ -7,21 +7,19 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.evaluate.metrics import score_pairs
+from gaga_core.evaluate.group_scores import score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import VOID_BELOW, associated_labels, vote_labels
-from gaga_core.identity.closed_form import Voted, vote_identity
-from gaga_core.identity.codebook import code_book
+from gaga_core.identity.closed_form import Voted, code_book, vote_identity
 from gaga_core.identity.field import IdentityField, decode_view
 from gaga_core.identity.fit import fit_identity
-from gaga_core.identity.linear import LinearRows
 from gaga_core.identity.linear_kernels import D
-from gaga_core.identity.paper import PaperConfig, train_identity
 from gaga_core.identity.refine import refine_identity
-from gaga_core.identity.rows import Batch
-from gaga_core.identity.training import (
+from gaga_core.identity.rows import Batch, LinearRows
+from gaga_core.identity.train import PaperConfig, train_identity
+from gaga_core.identity.training_step import (
     IdentityGradients,
     IdentityRates,
     adam_step,

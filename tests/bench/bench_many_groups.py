@@ -18,9 +18,9 @@ import numpy as np
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.images import write_rgb
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.objects import group_indices
 from tests.app.window.driver import Driver, drive
 from tests.bench.before import HERE, Costs, run_worker

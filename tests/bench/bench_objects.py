@@ -27,15 +27,15 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
 from gaga_core.demo import make_demo_stage
-from gaga_core.evaluate.metrics import HIT, score_pairs
+from gaga_core.evaluate.group_scores import HIT, score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply_stage
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

@@ -22,9 +22,9 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.losses import photometric
-from gaga_core.reconstruct.optimizer import Rates, Splats, adam_step
-from gaga_core.reconstruct.settings import RateConfig
+from gaga_core.training.losses import photometric
+from gaga_core.training.optimizer import Rates, Splats, adam_step
+from gaga_core.training.settings import RateConfig
 from tests.bench.bench_raster import surfaces
 from tests.bench.figures import Figure, cpu_median, one_thread
 from tests.scenes import orbit_cameras

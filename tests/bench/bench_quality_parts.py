@@ -18,7 +18,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.evaluate.baselines import Inputs, label_gaussians, true_masks
-from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import IdentityField

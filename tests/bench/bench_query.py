@@ -4,8 +4,7 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray
 from gaga_core.gaussians import Gaussians
-from gaga_core.query.group_facts import GroupFacts, group_facts
-from gaga_core.query.group_hashes import group_digests
+from gaga_core.query.group_facts import GroupFacts, group_digests, group_facts
 from gaga_core.query.index import GroupIndex, relevancy
 from gaga_core.query.search import search_words
 from gaga_core.scene.scene import Scene

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.evaluate.compare import CompareConfig, compare_variants
-from gaga_core.evaluate.metrics import Score, score_pairs
-from gaga_core.evaluate.sparse import iou_drop
+from gaga_core.evaluate.group_scores import Score, score_pairs
+from gaga_core.evaluate.published import iou_drop
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.lift import Mode
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, read_model
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, render_identity
 from gaga_core.pipeline.render import render_views

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.io.colmap import read_colmap
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import TrainUpdate, train_stage
-from gaga_core.reconstruct.views import TrainViews, load_views_stage
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.train import TrainUpdate, train_stage
+from gaga_core.training.views import TrainViews, load_views_stage
 from tests.bench.figures import Figure
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -16,14 +16,14 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.demo import make_demo_stage
-from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply_stage
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

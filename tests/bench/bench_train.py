@@ -10,12 +10,17 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.raster.cpu.backward import _sum_tiles, _walk_back, forward
 from gaga_core.raster.cpu.prepare import prepare
-from gaga_core.raster.cpu.rasterizer import _blend, _colors
-from gaga_core.reconstruct.losses import photometric
-from gaga_core.reconstruct.optimizer import Rates, Splats, adam_step
-from gaga_core.reconstruct.settings import RateConfig
+from gaga_core.raster.cpu.rasterizer import (
+    _backward_sum_tiles,
+    _blend,
+    _colors,
+    _walk_back,
+    forward,
+)
+from gaga_core.training.losses import photometric
+from gaga_core.training.optimizer import Rates, Splats, adam_step
+from gaga_core.training.settings import RateConfig
 from tests import torch_reference
 from tests.bench.bench_raster import surfaces
 from tests.bench.figures import Figure, cpu_median
@@ -63,7 +68,7 @@ def _parts() -> list[Figure]:
     target = np.ascontiguousarray(drawn.image[::-1])
     by_image = photometric(drawn.image, target)[1]
     by_alpha = np.zeros_like(drawn.transmittance)
-    sums = _sum_tiles(drawn, by_image, by_alpha)
+    sums = _backward_sum_tiles(drawn, by_image, by_alpha)
     parts: dict[str, Callable[[], object]] = {
         "prepare": lambda: prepare(gaussians, camera),
         "blend": lambda: forward(view, camera, colors, black),
@@ -71,7 +76,7 @@ def _parts() -> list[Figure]:
             view, camera, colors, black, 3
         ),
         "loss and its gradient": lambda: photometric(drawn.image, target),
-        "back through tiles": lambda: _sum_tiles(drawn, by_image, by_alpha),
+        "back through tiles": lambda: _backward_sum_tiles(drawn, by_image, by_alpha),
         "back through projection": lambda: _walk_back(gaussians, camera, drawn, sums),
     }
     took = {name: cpu_median(work, 9) for name, work in parts.items()}

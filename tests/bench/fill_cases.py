@@ -17,9 +17,9 @@ from gaga_core.demo.splats import gaussians_of
 from gaga_core.demo.surface import Item, Surface
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder, select_views
+from gaga_core.io.folder.scene_folder import open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.edits.append_values import joined

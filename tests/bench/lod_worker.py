@@ -21,10 +21,10 @@ import numpy as np
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
 from gaga_core.progress import run_stage
-from gaga_core.scene.lod.pick_rows import PickBoxes
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick

@@ -16,9 +16,9 @@ import pycolmap
 
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.io.colmap import ColmapModel, read_colmap
+from gaga_core.io.cameras.colmap import ColmapModel, read_colmap
 from gaga_core.kernels import user_cache
-from gaga_core.reconstruct.views import TrainView, TrainViews, read_view
+from gaga_core.training.views import TrainView, TrainViews, read_view
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _DISTORTED = ("fox", "sceaux")  # scenes whose photos are straightened first

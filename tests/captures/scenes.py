@@ -18,8 +18,8 @@ from gaga_core.camera import Camera
 from gaga_core.demo.build import build_stage
 from gaga_core.demo.cameras import photo_cameras, posed
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.images import read_rgb
+from gaga_core.io.video import ffmpeg_program
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
 from tests.core.reconstruct.photo_scenes import texture, write_photos

@@ -5,10 +5,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from gaga_core.placing.ladder import LadderConfig, Placement, place_stage
+from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.placing.sfm import SfmConfig
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.photos import PhotoSet, list_photos, prepare_photos
-from gaga_core.reconstruct.sfm import SfmConfig
-from gaga_core.reconstruct.sfm_ladder import LadderConfig, Placement, place_stage
 from tests.core.reconstruct.photo_scenes import write_photos
 
 _SFM = SfmConfig(feature_side=320, n_features=1500, doubled=False)

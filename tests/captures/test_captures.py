@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
 from gaga_core.progress import run_stage
 from tests.captures import scenes

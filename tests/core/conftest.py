@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from gaga_core.camera import Camera
+from gaga_core.placing.metrics import SfmFacts
+from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.placing.sfm import SfmConfig, run_sfm
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.photos import PhotoSet, list_photos, prepare_photos
-from gaga_core.reconstruct.sfm import SfmConfig, run_sfm
-from gaga_core.reconstruct.sfm_metrics import SfmFacts
 from tests.core.reconstruct.photo_scenes import write_photos
 
 

@@ -16,7 +16,7 @@ _KERNELS = (
     "print(json.dumps([k._DIGEST, [str(p) for p in k.kernel_packages()], 'above' in sys.modules]))"
 )
 _DOCTOR = (
-    "import json; from gaga_core.cli.doctor import _registered;"
+    "import json; from gaga_core.cli.files import _registered;"
     "print(json.dumps([[f.name, f.text, f.ok] for f in _registered()]))"
 )
 

@@ -9,7 +9,7 @@ import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.color import rgb_from_dc
-from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import Scene
 from tests.app.folders import write_scene

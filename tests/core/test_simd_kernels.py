@@ -5,8 +5,8 @@ import pytest
 
 from gaga_core.arrays import FloatArray
 from gaga_core.kernels import kernel
-from gaga_core.raster.cpu.row_kernels import exp8
-from gaga_core.simd_kernels import (
+from gaga_core.raster.cpu.backward_kernels import exp8
+from gaga_core.raster.cpu.simd_kernels import (
     fill,
     lane_numbers,
     larger,

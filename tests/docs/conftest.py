@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.progress import run_stage
 from tests.app.folders import write_scene

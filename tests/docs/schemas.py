@@ -6,21 +6,21 @@ from collections.abc import Mapping
 
 import msgspec
 
-from gaga_core.io.cameras_json import CameraEntry
-from gaga_core.io.mask_import_json import MaskEntry
-from gaga_core.io.masks import MaskRecord
-from gaga_core.io.splits import SplitFile
-from gaga_core.io.streamed_sog import LodMeta
-from gaga_core.models.lock_file import ModelLock
-from gaga_core.scene.camera_json import PathEntry
+from gaga_core.edit_script.computed import ComputedOperation
+from gaga_core.edit_script.folders import FolderOperation
+from gaga_core.edit_script.operations import ObjectOperation
+from gaga_core.edit_script.regions import RegionOperation
+from gaga_core.io.cameras.cameras_json import CameraEntry
+from gaga_core.io.folder.splits import SplitFile
+from gaga_core.io.masks.label_maps import MaskRecord
+from gaga_core.io.masks.other_programs import MaskEntry
+from gaga_core.io.splats.streamed_sog import LodMeta
+from gaga_core.scene.camera_path import PathEntry
 from gaga_core.scene.edits.json import AnyEntry
+from gaga_core.scene.export_manifest import Manifest
 from gaga_core.scene.lod.tree import LodFile
-from gaga_core.scene.manifest import Manifest
 from gaga_core.scene.project_file import ProjectFile
-from gaga_core.scene.script.computed import ComputedOperation
-from gaga_core.scene.script.folders import FolderOperation
-from gaga_core.scene.script.operations import ObjectOperation
-from gaga_core.scene.script.regions import RegionOperation
+from gaga_core.segmentation.models.download import ModelLock
 from gaga_studio.actions.autosave import RecoveryNote
 from gaga_studio.session.settings import Settings
 from tests.docs.pages import DOCS

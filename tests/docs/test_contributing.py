@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage

@@ -10,33 +10,38 @@ import msgspec
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_objects_stage
 from gaga_core.identity.lift import LiftFigures
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
-from gaga_core.models.catalogue import known_model
-from gaga_core.models.hub import Listing
-from gaga_core.models.lock_file import LockedFile, write_lock
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.query.index import GroupIndex, save_index
-from gaga_core.reconstruct.checkpoint import Best, TrainState, save_checkpoint
-from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.exposure import Exposures
-from gaga_core.reconstruct.optimizer import Splats
 from gaga_core.scene import edits
 from gaga_core.scene.bake import with_groups
-from gaga_core.scene.camera_json import KeyframeEntry, PathEntry, save_path
-from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot
+from gaga_core.scene.camera_path import (
+    CameraPath,
+    Keyframe,
+    KeyframeEntry,
+    PathEntry,
+    Shot,
+    save_path,
+)
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import export_objects_stage
+from gaga_core.scene.export_manifest import Manifest, ManifestEntry
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.manifest import Manifest, ManifestEntry
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.scene import State
 from gaga_core.segmentation.choose import provider_named
+from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.segmentation.models.download import LockedFile, write_lock
+from gaga_core.segmentation.models.hub import Listing
+from gaga_core.training.checkpoint import Best, Exposures, TrainState, save_checkpoint
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.optimizer import Splats
 from gaga_studio.actions.autosave import Autosave, RecoveryNote
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, save_settings, settings_file

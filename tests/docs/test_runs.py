@@ -14,9 +14,9 @@ import msgspec
 import pytest
 
 from gaga_core.cli.main import main
+from gaga_core.edit_script.run import OPERATION_TYPES, run_script
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.script.run import OPERATION_TYPES, run_script
 from tests.docs.pages import DOCS, ROOT, code_blocks, tables
 
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")])

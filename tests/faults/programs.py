@@ -12,20 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.errors import GagaError
+from gaga_core.export.export import export_objects_stage, export_scene_stage
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.cameras.colmap import read_colmap, write_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.folder.staging import finish_publishing
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.io.staging import finish_publishing
+from gaga_core.io.masks.label_maps import write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene, train_scene
 from gaga_core.pipeline.run import run_missing
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.scene.export import export_objects_stage, export_scene_stage
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.core.reconstruct.photo_scenes import FOCAL, write_photos

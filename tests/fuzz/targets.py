@@ -8,33 +8,31 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.edit_script.run import run_script
 from gaga_core.evaluate.benchmark.files import read_runs, write_runs
-from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
-from gaga_core.evaluate.metrics import Score
+from gaga_core.evaluate.benchmark.tables import BenchmarkRun, InstanceScores, PromptScores
+from gaga_core.evaluate.group_scores import Score
+from gaga_core.export.export import export_objects_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.colmap import read_colmap, write_colmap
+from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
+from gaga_core.io.cameras.colmap import read_colmap, write_colmap
+from gaga_core.io.folder.scene_folder import AssociateEntry, open_scene_folder, read_report_entry
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.io.mask_import import recognise
-from gaga_core.io.mask_import_base import MaskList
-from gaga_core.io.masks import read_further_labels, read_labels, write_labels
-from gaga_core.io.scene_folder import AssociateEntry, open_scene_folder, read_report_entry
-from gaga_core.io.splat_files import read_splats, write_splats
-from gaga_core.models.catalogue import known_model
-from gaga_core.models.hub import Listing
-from gaga_core.models.lock_file import LockedFile, read_lock, write_lock
-from gaga_core.pipeline.place import read_entry
-from gaga_core.pipeline.placement_report import notes_of, placement_of
+from gaga_core.io.masks.label_maps import read_further_labels, read_labels, write_labels
+from gaga_core.io.masks.other_programs import MaskList, recognise
+from gaga_core.io.splats.splat_files import read_splats, write_splats
+from gaga_core.pipeline.place import notes_of, placement_of, read_entry
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import export_objects_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.segmentation.models.download import LockedFile, read_lock, write_lock
+from gaga_core.segmentation.models.hub import Listing
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 from tests.core.io.ksplat_parts import ksplat
 from tests.core.io.mask_forms import FORMS

@@ -18,7 +18,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.occlusion import hidden_nodes
+from gaga_core.scene.lod.cut import hidden_nodes
 from gaga_core.scene.lod.tree import NODE, LodTree, level_file
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu import lod_view

@@ -12,8 +12,8 @@ import pytest
 
 from gaga_core.color import depth_colors
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.colmap import read_colmap
-from gaga_core.io.ply import read_ply
+from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.viewport import Viewport

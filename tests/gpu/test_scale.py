@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaga_core.io.ply import read_ply
+from gaga_core.export.export import export_scene_stage
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import export_scene_stage
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.viewport import Viewport

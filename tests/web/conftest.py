@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_scene_stage
+from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
-from gaga_core.scene.export import export_scene_stage
-from gaga_core.scene.export_options import ExportOptions, PageContent
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import objects_scene

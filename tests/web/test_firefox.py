@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.losses import psnr
 from gaga_core.scene.selection.picking import pick
+from gaga_core.training.losses import psnr
 from tests.display import xvfb
 from tests.web.conftest import DARK, Exported
 from tests.web.firefox import Firefox, firefox

@@ -12,9 +12,9 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray, FloatArray
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.losses import psnr
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.picking import pick
+from gaga_core.training.losses import psnr
 from tests.web.conftest import DARK, HOSTILE, Exported
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Let photos and masks that came later join the objects that there are, as one edit."""
 
 from gaga_core.grouping.associate import AssociateConfig, Association
-from gaga_core.io.scene_folder import select_views
+from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -84,7 +84,7 @@ def consequences(session: Session) -> tuple[str, ...]:
 def start(session: Session) -> bool:
     """Associate the new views, as a job; False when another job runs."""
     # Numba and SciPy: imported when first needed, they take a part of the launch time.
-    from gaga_core.grouping.add_to_edited import EditedGroups, add_to_edited_stage
+    from gaga_core.grouping.add_views import EditedGroups, add_to_edited_stage
 
     document = session.need()
     folder, scene = document.project.folder, document.settled().scene

@@ -4,7 +4,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene import edits
-from gaga_core.scene.arrange import ground_map
+from gaga_core.scene.orientation import ground_map
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName

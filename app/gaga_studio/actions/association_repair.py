@@ -48,7 +48,10 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
     free = edits.free_group(scene)
 
     def stage() -> "Stage[Repair]":
-        from gaga_core.grouping.repair.reassociate import Move, reassociate_stage  # numba, scipy
+        from gaga_core.grouping.repair.reassociate import (
+            Move,
+            reassociate_stage,  # numba, scipy
+        )
 
         move = Move(decision.view, decision.mask, group)
         return reassociate_stage(evidence, bank, labels, confidence, move, choose(), free=free)

@@ -25,7 +25,7 @@ from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
-from gaga_core.scene.project_file import FILE, saved_scene
+from gaga_core.scene.project_file import PROJECT_FILE, saved_scene
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.history_copy import (
     HistoryCopy,
@@ -258,7 +258,7 @@ def _read_quality(file: Path) -> "dict[str, Quality]":
 
 def _is_older(place: Path, saved_at: float) -> bool:
     """Whether the project saved in ``place`` is what the autosave was made from."""
-    file = place / FILE
+    file = place / PROJECT_FILE
     return file.is_file() and file.stat().st_mtime <= saved_at
 
 

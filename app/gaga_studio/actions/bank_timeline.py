@@ -20,7 +20,7 @@ from gaga_studio.session.timeline import Timeline
 from gaga_studio.session.view_state import Mode
 
 if TYPE_CHECKING:
-    from gaga_core.grouping.bank_growth import BankGrowth
+    from gaga_core.grouping.figures import BankGrowth
 
 _ALL_S, _LEAST_S, _MOST_S = 16.0, 0.15, 0.8  # of a replay, and of one view
 
@@ -47,7 +47,7 @@ def toggle(session: Session) -> bool:
     evidence, (labels, _) = evidence_of(session, document), file_columns(document.scene)
 
     def stage() -> "Stage[BankGrowth]":
-        from gaga_core.grouping.bank_growth import growth_stage  # numba
+        from gaga_core.grouping.figures import growth_stage  # numba
 
         return growth_stage(evidence.gated, bank, labels, choose())
 

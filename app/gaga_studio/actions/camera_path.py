@@ -7,11 +7,16 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
-from gaga_core.pipeline import video
-from gaga_core.pipeline.split_picture import What
-from gaga_core.pipeline.video import FilmConfig
-from gaga_core.scene.camera_json import load_path, save_path
-from gaga_core.scene.camera_path import CameraPath, Keyframe, carried_path, turntable
+from gaga_core.pipeline import film as video
+from gaga_core.pipeline.film import FilmConfig, What
+from gaga_core.scene.camera_path import (
+    CameraPath,
+    Keyframe,
+    carried_path,
+    load_path,
+    save_path,
+    turntable,
+)
 from gaga_studio.actions import split_view
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies

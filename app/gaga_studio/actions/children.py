@@ -10,7 +10,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.children import groups_under_selection, splats_under_selection
+from gaga_core.scene.selection.algebra import groups_under_selection, splats_under_selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session

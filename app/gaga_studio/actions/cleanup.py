@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.arrays import IntArray
-from gaga_core.io.splat_files import SplatFormat
+from gaga_core.export.export import MeshExport
+from gaga_core.export.options import ExportOptions
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.progress import Stage
-from gaga_core.scene.cleanup import edits
+from gaga_core.scene import cleanup
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.export_mesh import MeshExport
-from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.actions import children, files, history, objects, unchanged
 from gaga_studio.session import stages
@@ -22,7 +22,7 @@ from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
-    from gaga_core.scene.cleanup.clean import CleanPreview
+    from gaga_core.scene.cleanup import CleanPreview
 
 _CHANGED = "The scene changed while the object was cleaned, so nothing is done. Try it again."
 _AS_IS = ExportOptions()
@@ -43,7 +43,7 @@ def start(session: Session) -> None:
     if session.document is None or len(groups) != 1:
         return
     document, group = session.document, groups[0]
-    stage = edits.clean_object_stage(document.settled().scene, group)
+    stage = cleanup.clean_object_stage(document.settled().scene, group)
     is_same = _watch(session, document)
 
     def done(found: "CleanPreview") -> None:
@@ -63,7 +63,7 @@ def apply(session: Session) -> bool:
     if found is None:
         return False
     title = f"Clean {document.name_of(found.group)}"
-    return document.do(edits.cleaned_edit(document.settled().scene, found, title))
+    return document.do(cleanup.cleaned_edit(document.settled().scene, found, title))
 
 
 def cancel(session: Session) -> bool:
@@ -82,14 +82,14 @@ def isolate_selected(session: Session) -> None:
     also = children.locked_along(session)
 
     def build(scene: Scene, groups: Sequence[int], labels: IntArray, title: str) -> Edit | None:
-        return edits.isolate_cleaned(scene, groups, labels, title, also)
+        return cleanup.isolate_cleaned(scene, groups, labels, title, also)
 
     _clean_then(session, "Isolate", build, objects.isolate, with_locked=True)
 
 
 def delete_selected(session: Session) -> None:
     """Delete the selection; whole objects are cleaned first if that is wanted."""
-    _clean_then(session, "Delete", edits.delete_cleaned, objects.delete)
+    _clean_then(session, "Delete", cleanup.delete_cleaned, objects.delete)
 
 
 def export(
@@ -109,8 +109,8 @@ def export(
     chosen = (*groups, *np.unique(scene.labels[also]).tolist())
 
     def stage() -> Stage[str]:
-        labels = yield from edits.clean_objects_stage(scene, groups)
-        copy = edits.cleaned_copy(scene, groups, labels)
+        labels = yield from cleanup.clean_objects_stage(scene, groups)
+        copy = cleanup.cleaned_copy(scene, groups, labels)
         state = copy.state.copy()
         state[also] |= np.uint8(State.SELECTED)  # written as they are
         copy.state = state
@@ -142,7 +142,7 @@ def _clean_then(
     document = session.need()
     under = children.along(session, with_locked=with_locked).groups
     title = children.title_along(document, verb, under)
-    stage = edits.clean_objects_stage(document.settled().scene, groups)
+    stage = cleanup.clean_objects_stage(document.settled().scene, groups)
     is_same = _watch(session, document)
 
     def done(labels: IntArray) -> None:
@@ -156,7 +156,7 @@ def _to_clean(session: Session) -> tuple[int, ...]:
     """Objects to clean before something is done to the selection; parts of objects never are."""
     if session.scene is None or not session.settings.clean_first:
         return ()
-    return edits.whole_objects(children.scene_along(session, with_locked=False))
+    return cleanup.whole_objects(children.scene_along(session, with_locked=False))
 
 
 def _watch(session: Session, document: Document) -> Callable[[], bool]:

@@ -17,8 +17,8 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
-    from gaga_core.scene.selection.click_cut import Answer
-    from gaga_core.segmentation.prompter import Prompter
+    from gaga_core.scene.selection.click import Answer
+    from gaga_core.segmentation.sam import Prompter
 
 NO_MODEL = "none"  # as a setting: clicks ask no model even if one is here
 _MISSED = "You went on meanwhile, so the model's answer was left out. The next click asks again."
@@ -133,7 +133,7 @@ def _take(
     session: Session, document: Document, at: int, model: ProviderEntry, splats: IntArray
 ) -> None:
     """Show the model's answer to the clicks that led to state ``at`` of the history."""
-    from gaga_core.scene.selection.click_cut import adopted
+    from gaga_core.scene.selection.click import adopted
 
     clicks, history = document.clicks, document.history
     is_now = history.state_id == at and clicks.made_for == key_of(document.scene)

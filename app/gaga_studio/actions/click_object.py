@@ -27,8 +27,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 
 if TYPE_CHECKING:
-    from gaga_core.scene.selection.click_cut import Answer, Click
-    from gaga_core.scene.selection.click_graph import ClickGraph
+    from gaga_core.scene.selection.click import Answer, Click, ClickGraph
 
 TITLE = "Prepare clicks"
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
@@ -76,8 +75,7 @@ def prepare(session: Session) -> bool:
 
     def stage() -> "Stage[ClickGraph]":
         # Imported when first needed: numba and scipy take a large part of the launch time.
-        from gaga_core.scene.selection.click_graph import click_graph_stage
-        from gaga_core.scene.selection.click_views import click_views
+        from gaga_core.scene.selection.click import click_graph_stage, click_views
 
         views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
         return click_graph_stage(scene, views, choose())
@@ -102,7 +100,7 @@ def prepare(session: Session) -> bool:
 @notifies
 def click(session: Session, u: float, v: float, width: int, height: int, *, is_on: bool) -> bool:
     """Click the surface at a pixel: what is there is part of the thing, or not."""
-    from gaga_core.scene.selection.click_cut import Click
+    from gaga_core.scene.selection.click import Click
 
     document = session.need()
     found = session.pick(u, v, width, height)
@@ -129,7 +127,7 @@ def box(
     session: Session, corners: tuple[float, float, float, float], width: int, height: int
 ) -> bool:
     """Begin an object with what lies in a box (u0, v0, u1, v1), pixels of the picture."""
-    from gaga_core.scene.selection.click_cut import boxed
+    from gaga_core.scene.selection.click import boxed
 
     document = session.need()
     scene = document.settled().scene
@@ -174,7 +172,7 @@ def clear(session: Session) -> bool:
 
 def _answer(document: Document, click: "Click", camera: Camera) -> bool:
     """Answer one more click, made in the picture of ``camera``, as an entry of the history."""
-    from gaga_core.scene.selection.click_cut import clicked, nothing_yet
+    from gaga_core.scene.selection.click import clicked, nothing_yet
 
     state = document.clicks
     assert state.graph is not None

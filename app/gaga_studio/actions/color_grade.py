@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from gaga_core.arrays import IntArray
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.grade import Grade, grade_affine
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.tint import mean_color, tint_affine
+from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.actions import history
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session

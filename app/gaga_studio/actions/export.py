@@ -8,26 +8,23 @@ from typing import Literal
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
-from gaga_core.io.mesh_files import MeshFile
-from gaga_core.io.splat_files import SplatFormat, form_of
-from gaga_core.pipeline.export_cameras import (
-    CameraForm,
-    estimated_camera_bytes,
-    export_cameras,
-)
-from gaga_core.progress import Progress, Stage
-from gaga_core.scene.export import (
+from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_cameras
+from gaga_core.export.export import (
+    MeshExport,
+    MeshForm,
     export_losses,
     exported_indices,
     objects_indices,
     objects_losses,
 )
-from gaga_core.scene.export_mesh import MeshExport, MeshForm
-from gaga_core.scene.export_options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.export.options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.export.page import content_of
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.meshes import MeshFile
+from gaga_core.io.splats.splat_files import SplatFormat, form_of
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.web_page import content_of
 from gaga_studio.actions import children, cleanup, files
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session

@@ -7,15 +7,15 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from gaga_core.export.export import MeshExport
+from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import Association, BankSnapshot
 from gaga_core.io.files import atomic_write
-from gaga_core.io.splat_files import SplatFormat
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import ids_of_added, read_added_stage, spread
-from gaga_core.scene.export_mesh import MeshExport
-from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.objects import selected_groups
 from gaga_studio.actions import children, identities
 from gaga_studio.session import level_of_detail, stages

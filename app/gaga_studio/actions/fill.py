@@ -5,16 +5,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
+from gaga_core.fill import inpaint
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.fill import inpaint
 from gaga_core.scene.scene import State
 from gaga_studio.actions import children, history, unchanged
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
-    from gaga_core.scene.fill.fill import Filling
+    from gaga_core.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
 _COVERED = "the place is covered already, or nothing around it continues well there."
@@ -79,10 +79,9 @@ def start(session: Session, *, lighten: bool = True) -> None:
     def stage() -> "Stage[tuple[Filling, Edit | None]]":
         yield Progress("Look behind the object", 0, 0)
         # SciPy's and numba's import takes long: it belongs to the job.
+        from gaga_core.fill.fill import fill_stage, fill_title, fillable, filled_edit
+        from gaga_core.fill.surfaces import FillConfig
         from gaga_core.raster import choose
-        from gaga_core.scene.fill.config import FillConfig
-        from gaga_core.scene.fill.edits import filled_edit
-        from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
 
         splats = fillable(scene) if taken is None else taken.splats
         config = FillConfig(lighten=lighten, model=model)

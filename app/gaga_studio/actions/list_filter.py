@@ -3,8 +3,7 @@
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
-from gaga_core.scene.confidence import confidence_of_groups
-from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.objects import ObjectTable, confidence_of_groups
 from gaga_studio.session.object_list import Measure, Measures, Range
 from gaga_studio.session.session import Session
 

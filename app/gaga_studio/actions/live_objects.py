@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot
-from gaga_core.io.masks import mask_folder
+from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.pipeline.segment import SegmentReport, ViewDone
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project

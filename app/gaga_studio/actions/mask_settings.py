@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from gaga_core.models.weights import family_of, weights_at
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
+from gaga_core.segmentation.models.weights import family_of, weights_at
 from gaga_core.segmentation.settings import GeneratorConfig
 
 Family = Literal["regions", "sam", "universal", ""]

@@ -16,7 +16,7 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
-    from gaga_core.grouping.mask_splats import MaskSplats
+    from gaga_core.grouping.figures import MaskSplats
     from gaga_core.grouping.repair.view_evidence import Evidence
 
 # Red, green, blue and share 0..255 of a color over the splat's own.
@@ -47,7 +47,7 @@ def found(session: Session, decision: Decision) -> "MaskSplats | None":
 
 
 def _splats(evidence: "Evidence", camera: Camera, mask: int) -> "MaskSplats | None":
-    from gaga_core.grouping.mask_splats import mask_splats  # numba
+    from gaga_core.grouping.figures import mask_splats  # numba
 
     try:
         return mask_splats(evidence.gated, camera, mask)
@@ -67,7 +67,7 @@ def overlaps(
     if splats is None or document is None:
         is_pending = session.jobs.quiet is not None and _view_of(session, decision) is not None
         return None if is_pending else {}
-    from gaga_core.grouping.mask_splats import shares_of_groups  # numba
+    from gaga_core.grouping.figures import shares_of_groups  # numba
 
     chosen, scene = splats.of(has_gate), document.scene
     key = (splats, has_gate, scene.revision.splats, scene.revision.labels)

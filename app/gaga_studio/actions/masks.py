@@ -8,15 +8,15 @@ from typing import Literal
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
-from gaga_core.io.mask_import import recognise
-from gaga_core.io.masks import read_labels, view_key
-from gaga_core.io.scene_folder import SceneFolder, find_mask_folders
-from gaga_core.models.speed import record
-from gaga_core.models.weights import models_folder, weights_at
+from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
+from gaga_core.io.masks.label_maps import read_labels, view_key
+from gaga_core.io.masks.other_programs import recognise
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
 from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, segment_scene
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers
+from gaga_core.segmentation.models.status import record
+from gaga_core.segmentation.models.weights import models_folder, weights_at
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document

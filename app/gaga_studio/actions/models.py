@@ -3,11 +3,11 @@
 import webbrowser
 from collections.abc import Callable
 
-from gaga_core.models.catalogue import KnownModel, known_model
-from gaga_core.models.download import Consent, Installed, download, remove
-from gaga_core.models.hub import HubConfig, Listing, list_files
-from gaga_core.models.status import all_models
 from gaga_core.progress import Progress, Stage
+from gaga_core.segmentation.models.catalogue import KnownModel, known_model
+from gaga_core.segmentation.models.download import Consent, Installed, download, remove
+from gaga_core.segmentation.models.hub import HubConfig, Listing, list_files
+from gaga_core.segmentation.models.status import all_models
 from gaga_studio.actions import live_objects, masks
 from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import Level, notifies

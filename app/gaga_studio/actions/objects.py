@@ -103,7 +103,7 @@ def assign(session: Session, group: int, splats: IntArray | None = None) -> bool
 @notifies
 def delete_floaters(session: Session) -> bool:
     """Delete splats that stand alone, of the selection or of everything."""
-    from gaga_core.scene.selection.components import floaters
+    from gaga_core.scene.selection.neighbourhood import floaters
 
     document = session.need()
     scene = document.settled().scene

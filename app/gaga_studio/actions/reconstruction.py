@@ -12,8 +12,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.photo_source import PhotoFind
-    from gaga_core.pipeline.reconstruct import ReconstructConfig, Reconstruction
+    from gaga_core.pipeline.reconstruct import PhotoFind, ReconstructConfig, Reconstruction
 
 TITLE = "Make splats"
 _STEPS = 1000  # of the job's bar
@@ -47,7 +46,7 @@ def why_not(session: Session) -> str:
 
 def too_few(found: "PhotoFind") -> str:
     """Return what is missing for splats when there are only a few photos; "" when nothing is."""
-    from gaga_core.reconstruct.photos import FEWEST
+    from gaga_core.placing.photos import FEWEST
 
     if found.is_video or found.is_placed or found.n_photos >= FEWEST:
         return ""
@@ -130,7 +129,7 @@ def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
 @notifies
 def _look_again(session: Session, scene: Path) -> None:
     """After a cancel or an error, offer to continue from what is finished."""
-    from gaga_core.pipeline.photo_source import look_at_photos
+    from gaga_core.pipeline.reconstruct import look_at_photos
 
     if scene.is_dir():
         session.photos = look_at_photos(scene) or session.photos
@@ -138,9 +137,9 @@ def _look_again(session: Session, scene: Path) -> None:
 
 def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstruction | _Refused]":
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
-    from gaga_core.io.scene_folder import find_sparse, open_scene_folder
+    from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
     from gaga_core.pipeline.compile_kernels import after_warm_up
-    from gaga_core.pipeline.placement_report import placement_of
+    from gaga_core.pipeline.place import placement_of
     from gaga_core.pipeline.reconstruct import WrongModelError, read_entry, reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
@@ -194,7 +193,7 @@ def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:
     """Make payloads hold everything so far."""
 
     def change(step: Progress) -> Progress:
-        from gaga_core.reconstruct.train import TrainUpdate
+        from gaga_core.training.train import TrainUpdate
 
         nonlocal seen
         if isinstance(step.payload, TrainUpdate):

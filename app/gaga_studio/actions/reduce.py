@@ -9,10 +9,10 @@ import numpy as np
 from gaga_core.arrays import LongArray
 from gaga_core.camera import Camera
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.decimate import EXACT
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.reduce import (
+    EXACT,
     LossCurve,
     Reduction,
     estimate_stage,

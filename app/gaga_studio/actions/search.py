@@ -6,7 +6,6 @@ from pathlib import Path
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.models.weights import models_folder
 from gaga_core.pipeline.search import (
     INDEX_FILE,
     Pictures,
@@ -18,11 +17,18 @@ from gaga_core.pipeline.search import (
     work_of,
 )
 from gaga_core.progress import Progress, Stage
-from gaga_core.query.embed import Embedder, load_embedder
+from gaga_core.query.embed import (
+    KNOWN_DETECTORS,
+    KNOWN_EMBEDDERS,
+    Embedder,
+    find_any,
+    load_embedder,
+    where_to_put_all,
+)
 from gaga_core.query.index import GroupIndex
-from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, find_any, where_to_put_all
 from gaga_core.query.search import Answer
 from gaga_core.scene.edits.groups import name_groups
+from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.actions import list_filter, navigation, quality, selection
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document

@@ -10,9 +10,8 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
-from gaga_core.scene.confidence import uncertain
 from gaga_core.scene.edits import How
-from gaga_core.scene.objects import group_indices
+from gaga_core.scene.objects import group_indices, uncertain
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram

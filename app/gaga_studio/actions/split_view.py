@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.evaluate.photo_pictures import TRUTH
+from gaga_core.evaluate.photo_film import TRUTH
 from gaga_core.masks import resize_labels
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
@@ -226,7 +226,7 @@ def errors_of(
 
     The groups are drawn by the best rasterizer here at the photo's exact camera.
     """
-    from gaga_core.evaluate.photo_pictures import error_picture, true_labels
+    from gaga_core.evaluate.photo_film import error_picture, true_labels
     from gaga_core.grouping.votes import splat_groups
     from gaga_core.io.images import read_rgb
     from gaga_core.raster import choose

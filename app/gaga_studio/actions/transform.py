@@ -4,8 +4,8 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene import edits
-from gaga_core.scene.arrange import mirror_map
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.orientation import mirror_map
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import children
 from gaga_studio.session.motion import shift

@@ -7,9 +7,8 @@ import numpy as np
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.scene.lod.cut import choose_cut, drawn_nodes, parent_of, picture_shares
+from gaga_core.scene.lod.cut import choose_cut, drawn_nodes, hidden_nodes, parent_of, picture_shares
 from gaga_core.scene.lod.edited import NodeFacts, node_facts, placed_boxes
-from gaga_core.scene.lod.occlusion import hidden_nodes
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.buffers import SceneBuffers

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.lod.occlusion import covers_of
+from gaga_core.scene.lod.cut import covers_of
 from gaga_core.scene.lod.tree import NODE
 from gaga_core.scene.scene import Revision, Scene, State
 from gaga_studio.gpu import sort_kernels

@@ -6,8 +6,7 @@ from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
     from gaga_core.camera import Camera
-    from gaga_core.scene.selection.click_cut import Answer, Click
-    from gaga_core.scene.selection.click_graph import ClickGraph
+    from gaga_core.scene.selection.click import Answer, Click, ClickGraph
 
 
 class ClickState:

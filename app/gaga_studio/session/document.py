@@ -10,19 +10,18 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.io.folder_lock import FolderLock
+from gaga_core.io.folder.lock import FolderLock
+from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Shot, carried_shot
-from gaga_core.scene.cleanup import edits as cleanup_edits
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras, inverse
 from gaga_core.scene.objects import group_name
-from gaga_core.scene.orientation import up_of_moved
-from gaga_core.scene.pose import Pose
+from gaga_core.scene.orientation import Pose, up_of_moved
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.oriented_box import OrientedBox
+from gaga_core.scene.selection.bounds import OrientedBox
 from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.object_list import ObjectListView
@@ -33,10 +32,10 @@ from gaga_studio.session.timeline import Timeline
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import Quality
-    from gaga_core.grouping.mask_splats import MaskSplats
+    from gaga_core.fill.fill import Filling
+    from gaga_core.grouping.figures import MaskSplats
     from gaga_core.grouping.repair.view_evidence import Evidence
-    from gaga_core.scene.cleanup.clean import CleanPreview
-    from gaga_core.scene.fill.fill import Filling
+    from gaga_core.scene.cleanup import CleanPreview
     from gaga_core.scene.lod.tree import LodTree
 
 

@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 from gaga_core.camera import Camera
-from gaga_core.scene.lod.pick_rows import PickBoxes
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick
 

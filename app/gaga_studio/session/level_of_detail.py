@@ -9,7 +9,7 @@ from gaga_core.pipeline.level_of_detail import (
     open_project_lod,
     rows_of_files,
 )
-from gaga_core.scene.lod.pick_rows import PickBoxes
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_studio.session.notices import Level, notifies
 
 if TYPE_CHECKING:

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from gaga_core.models.catalogue import KnownModel
-from gaga_core.models.hub import Listing
-from gaga_core.models.status import ModelStatus
 from gaga_core.segmentation.choose import ProviderEntry
+from gaga_core.segmentation.models.catalogue import KnownModel
+from gaga_core.segmentation.models.hub import Listing
+from gaga_core.segmentation.models.status import ModelStatus
 
 if TYPE_CHECKING:
-    from gaga_core.segmentation.prompter import Prompter
+    from gaga_core.segmentation.sam import Prompter
 
 
 @dataclass

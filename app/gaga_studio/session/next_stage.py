@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from gaga_core.identity.lift import LiftConfig
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.folder.scene_folder import SceneFolder
 from gaga_core.scene.project import Project
 
 # Measured on two cores: a depth picture, a vote and the gate, per view and million splats.

@@ -6,10 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.io.folder_lock import FolderLock, InUseError, lock_folder
-from gaga_core.io.model_files import files_of_model
-from gaga_core.scene.model_copy import ModelChangedError, has_changed
-from gaga_core.scene.project import Project, SavedElsewhereError, reopen_stage
+from gaga_core.io.folder.lock import FolderLock, InUseError, lock_folder
+from gaga_core.io.splats.splat_files import files_of_model
+from gaga_core.scene.project import (
+    ModelChangedError,
+    Project,
+    SavedElsewhereError,
+    has_changed,
+    reopen_stage,
+)
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.requests import Request

@@ -12,14 +12,12 @@ from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongAr
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
-from gaga_core.scene.confidence import confidence_histogram
 from gaga_core.scene.edits.append import spread
-from gaga_core.scene.objects import ObjectTable
-from gaga_core.scene.pose import Pose, pose_of
+from gaga_core.scene.objects import ObjectTable, confidence_histogram
+from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.bounds import robust_box, splat_box
-from gaga_core.scene.selection.oriented_box import OrientedBox, oriented_box
+from gaga_core.scene.selection.bounds import OrientedBox, oriented_box, robust_box, splat_box
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")

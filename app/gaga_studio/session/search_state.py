@@ -14,12 +14,10 @@ import numpy as np
 from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.pipeline.describe import Description, describe
-from gaga_core.pipeline.search import Pictures, noun_scorer
+from gaga_core.pipeline.search import Description, Pictures, describe, noun_scorer
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.detector import Detector
-from gaga_core.query.group_facts import GroupFacts, group_facts
-from gaga_core.query.group_hashes import group_digests
+from gaga_core.query.group_facts import GroupFacts, group_digests, group_facts
 from gaga_core.query.index import n_stale
 from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.scene.objects import ObjectTable

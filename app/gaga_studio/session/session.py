@@ -39,7 +39,7 @@ from gaga_studio.session.view_state import ImageSource, Mode, ToolName, ViewStat
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.photo_source import PhotoFind
+    from gaga_core.pipeline.reconstruct import PhotoFind
 
 _MOST_NOTICES = 50
 NO_GROUPS = "There are no groups here. Use Find objects to make them."

@@ -10,33 +10,27 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.demo import ensure_demo
 from gaga_core.errors import GagaError
+from gaga_core.export.export import MeshExport, export_objects_stage, export_scene_stage, least_psnr
+from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
-from gaga_core.identity.checkpoint import FILE as CHECKPOINT
-from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.field import FILE as IDENTITY_FILE
-from gaga_core.identity.field import save_identity
+from gaga_core.identity.field import encoding_colors, save_identity
 from gaga_core.identity.lift import LiftConfig, Mode, lift_groups, task_of_association
-from gaga_core.io.masks import mask_folder
-from gaga_core.io.scene_folder import find_model, select_views
-from gaga_core.io.splat_files import SplatFormat
+from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.io.folder.scene_folder import find_model, select_views
+from gaga_core.io.masks.label_maps import mask_folder
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
-from gaga_core.scene.export import (
-    export_objects_stage,
-    export_scene_stage,
-    least_psnr,
-)
-from gaga_core.scene.export_mesh import MeshExport
-from gaga_core.scene.export_options import ExportOptions
-from gaga_core.scene.manifest import listed_files, read_manifest
+from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.photo_source import PhotoFind
+    from gaga_core.pipeline.reconstruct import PhotoFind
 
 T = TypeVar("T")
 Export = Literal["scene", "selected", "objects"]
@@ -52,7 +46,7 @@ def open_demo_stage(folder: Path) -> Stage[Project]:
 
 def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
     """Open what is there; of photos without splats, or a video, what can be made of them."""
-    from gaga_core.pipeline.photo_source import look_at_photos
+    from gaga_core.pipeline.reconstruct import look_at_photos
 
     yield Progress("Look at the folder", 0, 1, path.name)
     found = look_at_photos(path)

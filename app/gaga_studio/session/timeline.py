@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gaga_core.grouping.bank_growth import BankGrowth
+from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_studio.session.view_state import Mode
 

@@ -11,8 +11,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.placement_report import PlacementReport
-    from gaga_core.reconstruct.train import TrainUpdate
+    from gaga_core.pipeline.place import PlacementReport
+    from gaga_core.training.train import TrainUpdate
 
 _POINTS = 240  # of a curve: more than its picture has pixels to show
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.io.spz import states_axes
+from gaga_core.io.splats.spz import states_axes
 from gaga_core.scene import edits
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.notices import Level, notifies

@@ -5,7 +5,7 @@ from time import perf_counter
 import numpy as np
 
 from gaga_core.arrays import BoolArray
-from gaga_core.scene.selection import screen_masks
+from gaga_core.scene.selection import by_screen
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
@@ -81,5 +81,5 @@ class BrushTool:
         return region_hint(session, "Paint") + " [ and ] change the size."
 
     def _paint(self, place: ViewportPoint) -> None:
-        screen_masks.stroke(self._mask, self._last, (place.u, place.v), self._radius)
+        by_screen.stroke(self._mask, self._last, (place.u, place.v), self._radius)
         self._last = (place.u, place.v)

@@ -1,6 +1,6 @@
 """Draw an outline around what is to be selected."""
 
-from gaga_core.scene.selection import screen_masks
+from gaga_core.scene.selection import by_screen
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -43,7 +43,7 @@ class LassoTool:
         self.cancel(session)
         if region is not None:
             height, width = region.shape
-            region.take(screen_masks.polygon(points, width, height))
+            region.take(by_screen.polygon(points, width, height))
 
     def cancel(self, session: Session) -> None:
         """Forget the outline."""

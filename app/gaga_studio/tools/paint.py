@@ -9,8 +9,8 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.duplicate import clone
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection import screen_masks
-from gaga_core.scene.selection.surface_point import (
+from gaga_core.scene.selection import by_screen
+from gaga_core.scene.selection.by_volume import (
     SurfacePoint,
     in_stroke,
     map_between,
@@ -121,7 +121,7 @@ class _SurfaceBrush(_Brush):
         return True
 
     def _go(self, session: Session, place: ViewportPoint) -> None:
-        screen_masks.stroke(self._mask, self._last, (place.u, place.v), self._radius)
+        by_screen.stroke(self._mask, self._last, (place.u, place.v), self._radius)
 
     def _can_show(self) -> bool:
         return self._region is not None and self._region.is_known

@@ -1,6 +1,6 @@
 """Click the corners of an outline; Enter or a double click closes it."""
 
-from gaga_core.scene.selection import screen_masks
+from gaga_core.scene.selection import by_screen
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Outline, ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
@@ -82,7 +82,7 @@ def close_outline(session: Session) -> None:
         return
     first = outline.points[0]
     region = Region(session, ViewportPoint(*first, outline.width, outline.height, outline.how))
-    region.take(screen_masks.polygon(outline.points, outline.width, outline.height))
+    region.take(by_screen.polygon(outline.points, outline.width, outline.height))
 
 
 def _is_near(corner: tuple[float, float], place: ViewportPoint) -> bool:

@@ -1,6 +1,6 @@
 """Drag a rectangle: what lies in it is selected, whole objects or single splats."""
 
-from gaga_core.scene.selection import screen_masks
+from gaga_core.scene.selection import by_screen
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -40,7 +40,7 @@ class RectTool:
             return
         height, width = region.shape
         corners = (first.u, first.v, place.u, place.v)
-        region.take(screen_masks.rectangle(corners, width, height))
+        region.take(by_screen.rectangle(corners, width, height))
 
     def cancel(self, session: Session) -> None:
         """Forget the rectangle."""

@@ -9,11 +9,11 @@ from pathlib import Path
 import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.benchmark_tables import BenchmarkRun, InstanceScores, PromptScores
-from gaga_core.evaluate.protocol import MADE_ELSEWHERE
+from gaga_core.evaluate.benchmark.tables import BenchmarkRun, InstanceScores, PromptScores
+from gaga_core.evaluate.published import MADE_ELSEWHERE
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.json_file import read_foreign_json
-from gaga_core.io.masks import RECORD, MaskRecord
+from gaga_core.io.masks.label_maps import RECORD, MaskRecord
 
 VERSION = 2  # grows whenever the same settings give other figures
 

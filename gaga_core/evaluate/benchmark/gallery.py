@@ -14,13 +14,12 @@ from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ffmpeg import ffmpeg_program
 from gaga_core.io.files import atomic_write
+from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import SceneFolder, select_views
-from gaga_core.io.video_out import VideoConfig
-from gaga_core.pipeline.video import FilmConfig, film_stage
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.video import VideoConfig, ffmpeg_program
+from gaga_core.pipeline.film import FilmConfig, film_stage
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot

@@ -11,20 +11,20 @@ from PIL import Image
 from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.protocol import PUBLISHED_RULE
+from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import IdentityField
 from gaga_core.io.datasets.base import PromptTruth
-from gaga_core.io.masks import read_labels
-from gaga_core.io.staging import publish_all, staging_folder
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.search import Pictures, find_in_view, index_scene, search
 from gaga_core.progress import Progress, Stage
-from gaga_core.query.box_voting import CONTAINED, contained
+from gaga_core.query.detector import CONTAINED, contained
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from gaga_core.segmentation.prompter import SamPrompter
+    from gaga_core.segmentation.sam import SamPrompter
 
 STAGE = "Find prompts"
 TEXT_THRESHOLD = 0.45  # of a word in a box (Gaussian Grouping's script)

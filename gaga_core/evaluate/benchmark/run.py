@@ -6,10 +6,13 @@ are missing are trained on the train views alone. Results lie in one folder, a J
 after every run: what is finished is not run again while its settings, masks and model are the same.
 """
 
+import hashlib
+import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,28 +22,142 @@ from gaga_core.errors import CancelledError, GagaError
 from gaga_core.evaluate.benchmark.files import digest_of, made_by, read_runs, write_runs
 from gaga_core.evaluate.benchmark.gallery import show_scene
 from gaga_core.evaluate.benchmark.prompts import Find, FindConfig, Question, answer_prompts
-from gaga_core.evaluate.benchmark.scoring import Scored, score_scene
-from gaga_core.evaluate.benchmark.splats import trained_splats
-from gaga_core.evaluate.benchmark_tables import (
+from gaga_core.evaluate.benchmark.tables import (
     BenchmarkReport,
     BenchmarkRun,
+    InstanceScores,
+    PromptScores,
     SceneResult,
 )
-from gaga_core.evaluate.protocol import Conditions
-from gaga_core.evaluate.sparse import sparse_views
+from gaga_core.evaluate.group_scores import UNANSWERED, score_stage
+from gaga_core.evaluate.prompt_scores import lerf_mask_stage
+from gaga_core.evaluate.published import Conditions, sparse_views
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.io.datasets.base import Dataset, DatasetScene
-from gaga_core.io.scene_folder import SceneFolder, read_model, select_views
+from gaga_core.io.files import atomic_write
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
+from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.masks.label_maps import label_files_of, read_labels
+from gaga_core.io.splats.splat_files import read_splats_stage
+from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
-from gaga_core.pipeline.reconstruct import ReconstructConfig
+from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
+
+# --- The scores of a scene's predictions: Algorithm 1, or masks of text prompts.
+
+
+@dataclass(frozen=True)
+class Scored:
+    """The scores of a scene."""
+
+    scores: InstanceScores | PromptScores
+    missing: tuple[str, ...]  # predictions that were not there
+    notes: tuple[str, ...] = ()
+
+
+def score_scene(scene: DatasetScene, predictions: Path) -> Stage[Scored]:
+    """The scores of the predictions in a folder; those that are missing count as 0."""
+    if scene.prompts is None:
+        return (yield from _score_maps(scene, predictions))
+    prompts = scene.prompts
+    with TemporaryDirectory() as nothing:
+        folder = predictions if predictions.is_dir() else Path(nothing)
+        report = yield from lerf_mask_stage(folder, prompts.folder, views=prompts.views)
+    by_prompt = {p.prompt: (p.iou, p.boundary_iou) for p in report.prompts}
+    scores = PromptScores(report.miou, report.mean_boundary_iou, by_prompt)
+    n, notes = len(report.unused), []
+    if n:
+        notes.append(f"{n} predictions answer no prompt of the data set ({report.unused[0]}, ...).")
+    return Scored(scores, report.missing, tuple(notes))
+
+
+def _score_maps(scene: DatasetScene, predictions: Path) -> Stage[Scored]:
+    """Algorithm 1 over the group maps ``<stem>.png`` of the test views that have a true map."""
+    truth = scene.truth
+    names = [name for name in scene.folder.test if name in truth]
+    files: Mapping[str, Path] = {}
+    if predictions.is_dir():
+        files = label_files_of(predictions, names, [c.name for c in scene.folder.cameras])
+
+    def pair(name: str) -> tuple[IntArray, IntArray]:
+        true = truth.loaders[name]()
+        file = files.get(name)
+        if file is None:
+            return true, np.full_like(true, UNANSWERED)
+        return true, resize_labels(read_labels(file), true.shape[1], true.shape[0])
+
+    with_void, without_void = yield from score_stage((pair(name) for name in names), len(names))
+    missing = tuple(name for name in names if name not in files)
+    return Scored(InstanceScores(with_void, without_void), missing)
+
+
+# --- Splats of a benchmark scene that has none, or none of so few views: trained on training
+# views.
+
+
+RECORD = "splats.json"  # what the splats next to it were made of
+
+
+def trained_splats(
+    folder: SceneFolder, config: ReconstructConfig, out: Path, rasterizer: Rasterizer
+) -> Stage[Gaussians]:
+    """Splats of the training views of ``folder`` alone, kept in ``out``.
+
+    Test views take no part, not even to measure on; views of neither part likewise. What was made
+    of the same photos and settings is read again. Raises ``GagaError`` without photos.
+    """
+    lacking = [name for name in folder.train if name not in folder.image_paths]
+    if lacking or not folder.train:
+        raise GagaError(
+            f"There are no splats of {folder.root.name}, and {len(lacking)} of its "
+            f"{len(folder.train)} training photos are missing, so none can be trained. Put the "
+            "photos there, or name the folder of the trained models."
+        )
+    wanted = _record_of(folder, config)
+    model = out / "point_cloud.ply"
+    if model.is_file() and _recorded(out / RECORD) == wanted:
+        return (yield from read_splats_stage(model))
+    kept = {camera.name: camera for camera in folder.cameras}
+    alone = replace(folder, cameras=tuple(kept[name] for name in folder.train), test=())
+    gaussians = yield from train_scene(alone, config, rasterizer=rasterizer, out=out)
+    with atomic_write(out / RECORD) as temporary:
+        temporary.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
+    return gaussians
+
+
+def _recorded(path: Path) -> dict[str, object]:
+    """What splats were made of; nothing where it is not known."""
+    try:
+        return read_foreign_json(path, dict[str, object])
+    except GagaError:
+        return {}
+
+
+def _record_of(folder: SceneFolder, config: ReconstructConfig) -> dict[str, object]:
+    poses = [camera.cam_from_world.tolist() for camera in folder.cameras]
+    return {
+        "config": asdict(config),
+        "views": list(folder.train),
+        "photos": [digest_of(folder.image_paths[name]) for name in folder.train],
+        "poses": hashlib.sha256(str(poses).encode()).hexdigest()[:16],
+    }
+
+
+# --- The published protocols over whole data sets: every stage, every scene, one table.
+# A scene is associated from the masks of its train views, lifted, rendered in its test views and
+# scored as its data set is: Algorithm 1, masks of text prompts, or pictures for people. Splats
+# that are missing are trained on the train views alone. Results lie in one folder, a JSON a scene,
+# written after every run: what is finished is not run again while its settings, masks and model
+# are the same.
+
 
 TITLE = "Benchmark"
 Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups

@@ -13,9 +13,8 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.gated_views import GatedViews
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
-from gaga_core.grouping.views import views_with_masks
+from gaga_core.grouping.views import GatedViews, views_with_masks
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer

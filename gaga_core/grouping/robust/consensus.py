@@ -17,29 +17,306 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.arrays import (
+    BoolArray,
+    DoubleArray,
+    IntArray,
+    LongArray,
+    UInt16Array,
+    UInt32Array,
+)
 from gaga_core.camera import Camera
-from gaga_core.grouping.robust.contacts import APART, Priors, contacts_of, surface_normals
-from gaga_core.grouping.robust.linkage import (
-    MOST_POINTS,
-    LinkageRules,
-    linkage_stage,
-    renumbered,
-)
-from gaga_core.grouping.robust.point_tables import (
-    Leaders,
-    PointTables,
-    Sightings,
-    point_tables,
-)
+from gaga_core.grouping.robust import linkage_kernels as kernels
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
+    Leaders,
     LoadMasks,
+    PointTables,
+    Sightings,
+    full_size,
     masks_of_points,
+    point_tables,
     sample_points,
 )
 from gaga_core.progress import Progress, Stage, part
+from gaga_core.threads import run_chunks
+
+# --- Beyond the paper: what the shape of the surface says of two clusters of points.
+# Where few views see two clusters at once, the views alone do not show whether they are parts of
+# one object. Parts of one object touch along a long border, and the surface is smooth or convex
+# there; two objects that touch mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
+# This is a prior only: views that see both outvote it.
+
+
+_NEIGHBOURS = 16
+_RADIUS = 4  # pixels on each side of a point whose depths make its plane
+_DEEP = 0.03  # share of its depth by which pixels of that plane may differ from the point
+_LEAST = 12  # pixels of a plane
+_BORDER = 3.0  # neighbours per point of the smaller cluster at which the border says nothing
+_TOUCH = 0.25  # with fewer neighbours per point clusters do not touch
+APART = 0.34  # prior of clusters that do not touch
+_BIAS, _OF_BORDER, _OF_SHAPE = -0.3, 0.5, 1.0  # log odds; of log border and of convexity
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Pairs of neighbouring points: each with its 16 nearest."""
+
+    first: LongArray  # (P,)
+    second: LongArray  # (P,)
+    convexity: DoubleArray  # (P,) > 0 the surface bulges between them, < 0 it has a crease
+
+    def priors(self, cluster: IntArray) -> "Priors":
+        """Chance that two clusters are parts of one object, before the views vote.
+
+        ``cluster`` (S,) has ids 1..C, or 0 = none.
+        """
+        width = int(cluster.max(initial=0)) + 1
+        a, b = cluster[self.first].astype(np.int64), cluster[self.second].astype(np.int64)
+        between = (a != b) & (a > 0) & (b > 0)
+        a, b, convexity = a[between], b[between], self.convexity[between]
+        key, pair = np.unique(np.minimum(a, b) * width + np.maximum(a, b), return_inverse=True)
+        count, bulge = np.zeros(len(key)), np.zeros(len(key))
+        for way in (a < b, a > b):
+            count += np.bincount(pair[way], minlength=len(key))
+            bulge += np.bincount(pair[way], convexity[way], minlength=len(key))
+        n_points = np.bincount(cluster, minlength=width)
+        first, second = np.divmod(key, width)
+        border = count / np.maximum(np.minimum(n_points[first], n_points[second]), 1)
+        odds = _OF_BORDER * np.log((border + 0.01) / _BORDER)
+        odds += _BIAS + _OF_SHAPE * bulge / np.maximum(count, 1)
+        return Priors(width, key, np.where(border < _TOUCH, APART, 1 / (1 + np.exp(-odds))))
+
+
+@dataclass(frozen=True, eq=False)
+class Priors:
+    """Chances of pairs of clusters; `APART` of all that are not listed."""
+
+    width: int  # C + 1
+    key: LongArray  # (P,) first * width + second, first < second, ascending
+    value: DoubleArray  # (P,) 0..1
+
+    def of(self, key: LongArray) -> DoubleArray:
+        """Chances (Q,) of pairs by their keys."""
+        result = np.full(len(key), APART)
+        if len(self.key) > 0:
+            at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+            listed = self.key[at] == key
+            result[listed] = self.value[at[listed]]
+        return result
+
+
+def contacts_of(points: DoubleArray, normals: DoubleArray) -> Contacts:
+    """Neighbours among points (S, 3) with unit normals (S, 3); a normal of 0 is unknown."""
+    k = min(_NEIGHBOURS, len(points) - 1)
+    if k < 1:
+        return Contacts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    found = cKDTree(points).query(points, k=k + 1)
+    distance = np.asarray(found[0])[:, 1:].ravel()
+    second = np.asarray(found[1], np.int64)[:, 1:].ravel()
+    first = np.repeat(np.arange(len(points)), k)
+    way = (points[second] - points[first]) / np.maximum(distance, 1e-12)[:, None]
+    convexity = ((normals[second] - normals[first]) * way).sum(axis=1)
+    known = np.abs(normals).sum(axis=1) > 0
+    return Contacts(first, second, np.where(known[first] & known[second], convexity, 0))
+
+
+def surface_normals(
+    points: DoubleArray,  # (S, 3) world
+    mask_of: IntArray,  # (S, V) mask that each point shows in each view, 0 = unknown
+    views: Sequence[Camera],
+    load_masks: LoadMasks,
+    depths: DepthMaps,
+) -> Stage[DoubleArray]:
+    """Unit normals (S, 3), towards the camera, from the depths of the first view that sees a point
+    in a mask; 0 where there are too few."""
+    normals = np.zeros((len(points), 3))
+    first = np.where((mask_of > 0).any(axis=1), (mask_of > 0).argmax(axis=1), -1)
+    for i, camera in enumerate(views):
+        yield Progress("Find contacts", i, len(views), camera.name)
+        rows = np.flatnonzero(first == i)
+        if len(rows) > 0:
+            labels = load_masks(camera).labels
+            found = _normals(camera, labels, depths, points[rows], mask_of[rows, i])
+            normals[rows] = found @ camera.world_from_cam[:3, :3].T
+    return normals
+
+
+def _normals(
+    camera: Camera, labels: IntArray, depths: DepthMaps, points: DoubleArray, mask: IntArray
+) -> DoubleArray:
+    """Normals (P, 3) in the camera's frame of points that show ``mask`` (P,)."""
+    pixels, z = camera.project(points)
+    columns, rows = pixels.astype(np.int64).T
+    dy, dx = np.mgrid[-_RADIUS : _RADIUS + 1, -_RADIUS : _RADIUS + 1]
+    rows = np.clip(rows[:, None] + dy.ravel(), 0, camera.height - 1)
+    columns = np.clip(columns[:, None] + dx.ravel(), 0, camera.width - 1)
+    depth = full_size(camera, depths)[rows, columns].astype(np.float64)
+    near = np.abs(depth - z[:, None]) < _DEEP * z[:, None]
+    usable = near & (labels[rows, columns] == mask[:, None])
+    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * depth
+    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * depth
+    cloud = np.stack([x, y, depth], axis=2)
+    weight = usable[:, :, None]
+    middle = (cloud * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
+    offsets = (cloud - middle[:, None]) * weight
+    normal = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))[1][:, :, 0]
+    away = (normal * middle).sum(axis=1) > 0
+    result: DoubleArray = np.where(away[:, None], -normal, normal)
+    result[usable.sum(axis=1) < _LEAST] = 0
+    return result
+
+
+# --- Clusters of points by average linkage over the views that show them in one mask.
+# Time and memory grow with the pairs of points that some view shows in one mask, not with the
+# square of the points: points of things far apart are never looked at together.
+
+
+_ROWS = 256  # points in one piece of work
+_SLICE = 8192  # points between two chances to cancel
+_MERGES = 256  # merges between two chances to cancel
+MOST_POINTS = (1 << 17) - 1
+
+
+@dataclass(frozen=True)
+class LinkageRules:
+    """When two clusters join."""
+
+    agreement: float  # share of views, above 1/2: pairs that are never together stay apart
+    min_views: float  # least views that see both, mean over their pairs
+    doubt: float  # weight of the prior 1/2, in views
+
+    def array(self) -> DoubleArray:
+        """For the kernels (3,)."""
+        return np.array([self.agreement, self.min_views, self.doubt])
+
+
+def linkage_stage(
+    mask_of: IntArray,  # (S, V) mask that each point shows in each view, 0 = unknown
+    rules: LinkageRules,
+    title: str,  # of the progress
+) -> Stage[IntArray]:
+    """Clusters (S,) 1.. of points, in the order of their first points.
+
+    The two clusters that agree most join, as long as their agreement is above the threshold: the
+    mean over all pairs of their points of the views that show both in one mask, over those that
+    see both. Raises ``ValueError`` for more than `MOST_POINTS` points.
+    """
+    n = len(mask_of)
+    if n > MOST_POINTS:
+        raise ValueError(f"mask_of: at most {MOST_POINTS} points, got {n}")
+    start, length, other, together = yield from _pairs(mask_of, title)
+    # A merged list is no longer than both that it replaces: packed, all fit into the first part.
+    room, end = len(other) + len(other) // 4 + n, np.array([len(other)])
+    other = np.append(other, np.zeros(room - len(other), np.int32))
+    together = np.append(together, np.zeros(room - len(together)))
+    seen, size = _counts(mask_of > 0), np.ones(n)
+    partner, score = np.full(n, -1, np.int32), np.full(n, -1.0)
+    parent, numbers = np.arange(n, dtype=np.int32), rules.array()
+    state = (start, length, other, together)
+
+    def find(first: int, last: int) -> None:
+        kernels.find_partners(first, last, *state, parent, seen, size, numbers, partner, score)
+
+    run_chunks(find, n, _ROWS)
+    tree = _maxima(score)
+    n_merges = _MERGES
+    while n_merges == _MERGES:
+        left = int((size > 0).sum())
+        yield Progress(title, 2 * n - left, 2 * n, f"{left} clusters")
+        n_merges = kernels.merge_clusters(
+            *state, end, parent, seen, size, numbers, partner, score, tree, _MERGES
+        )
+    return renumbered(_roots(parent))
+
+
+def renumbered(cluster: IntArray) -> IntArray:
+    """The same clusters (S,) as 1, 2, ... in the order of their first points."""
+    _, first, inverse = np.unique(cluster, return_index=True, return_inverse=True)
+    order = np.empty(len(first), np.int32)
+    order[np.argsort(first)] = np.arange(1, len(first) + 1)
+    result: IntArray = order[inverse]
+    return result
+
+
+def _pairs(
+    mask_of: IntArray, title: str
+) -> Stage[tuple[LongArray, LongArray, IntArray, DoubleArray]]:
+    """Start (S,) and length (S,) of each point's list of pairs, the other points (P,) of these
+    lists, and in how many views each pair is together (P,)."""
+    n = len(mask_of)
+    masks = mask_of.max(axis=0, initial=0).astype(np.int64) + 1
+    first_row = np.cumsum(masks) - masks
+    point, view = np.nonzero(mask_of)
+    row = first_row[view] + mask_of[point, view]
+    members = point[np.argsort(row, kind="stable")].astype(np.int32)
+    row_start = np.append(0, np.cumsum(np.bincount(row, minlength=int(masks.sum()))))
+    degree, pair_start = np.zeros(n, np.int64), np.zeros(n + 1, np.int64)
+    other, together = np.zeros(0, np.int32), np.zeros(0)
+
+    def work(begin: int, stop: int) -> None:
+        kernels.list_pairs(
+            mask_of,
+            first_row,
+            row_start,
+            members,
+            first + begin,
+            first + stop,
+            pair_start,
+            degree,
+            other,
+            together,
+        )
+
+    for is_written in (False, True):
+        if is_written:
+            pair_start[1:] = np.cumsum(degree)
+            other, together = np.empty(pair_start[-1], np.int32), np.empty(pair_start[-1])
+            if len(other) == 0:
+                break
+        for first in range(0, n, _SLICE):
+            yield Progress(title, (first + is_written * n) // 2, 2 * n, f"{n} points")
+            run_chunks(work, min(_SLICE, n - first), _ROWS)
+    return pair_start[:-1].copy(), degree, other, together
+
+
+def _counts(seen: BoolArray) -> UInt16Array | UInt32Array:
+    """``seen`` (S, V) as numbers whose sums over points fit."""
+    few = int(seen.sum(axis=0).max(initial=0)) < 1 << 16
+    return seen.astype(np.uint16) if few else seen.astype(np.uint32)
+
+
+def _maxima(score: DoubleArray) -> DoubleArray:
+    """The tree (2 L,) of maxima whose leaves are the scores (S,); entry 1 is its root."""
+    leaves = 1 << max(0, len(score) - 1).bit_length()
+    levels = [np.append(score, np.full(leaves - len(score), -1.0))]
+    while len(levels[-1]) > 1:
+        levels.append(levels[-1].reshape(-1, 2).max(axis=1))
+    return np.concatenate([[-1.0], *reversed(levels)])
+
+
+def _roots(parent: IntArray) -> IntArray:
+    """The surviving cluster (S,) of each point."""
+    root = parent
+    while (root[root] != root).any():
+        root = root[root]
+    return root
+
+
+# --- Beyond the paper: groups by the consensus of all views (the preset "robust").
+# A segmenter errs view by view: it splits an object in one view and merges two objects in another.
+# Two points of one object show in one mask in most of the views that see both; two points of
+# different objects rarely do. So points on the surfaces (`surface_points`) are clustered by the
+# share of views that show them in one mask, over the views that see both: average linkage, where a
+# cluster's agreement with another is the mean over all pairs of their points. No view comes first,
+# and a mask that merges two objects is one vote among many. (The view consensus rate between masks
+# is from MaskClustering, Yan et al., CVPR 2024; here its members are points, so that merged masks
+# need not be found and dropped beforehand.)
+#
+# What was tried on top of this and left out, with its figures: docs/experiments.md.
+
 
 STAGE = "Compare views"
 _PAIRS = 4096  # pairs of clusters whose views are compared at a time

@@ -17,7 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.grouping.robust.point_tables import Leaders
+from gaga_core.grouping.robust.surface_points import Leaders
 from gaga_core.grouping.views import load_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage

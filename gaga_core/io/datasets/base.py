@@ -11,9 +11,9 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders, find_model
+from gaga_core.io.folder.splits import ViewSplit
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
-from gaga_core.io.scene_folder import SceneFolder, find_mask_folders, find_model
-from gaga_core.io.splits import ViewSplit
 from gaga_core.masks import Loader, MaskSet
 
 # How a data set is scored; qualitative: pictures and a film, and scores where there is truth.

@@ -7,7 +7,7 @@ from pathlib import Path
 from gaga_core.errors import GagaError
 from gaga_core.io.datasets import lerf_mask, mipnerf360, ovs3d, replica, scannet
 from gaga_core.io.datasets.base import Dataset, DatasetScene, Layout, Protocol
-from gaga_core.io.scene_folder import find_model
+from gaga_core.io.folder.scene_folder import find_model
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-from gaga_core.io.colmap import has_colmap, read_colmap
+from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
     DatasetViews,
@@ -18,7 +18,7 @@ from gaga_core.io.datasets.base import (
     photos_of,
     scene_of,
 )
-from gaga_core.io.splits import split_views
+from gaga_core.io.folder.splits import split_views
 
 
 def read_lerf_mask(root: Path, model: Path | None = None) -> DatasetScene:

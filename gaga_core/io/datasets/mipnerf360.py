@@ -20,9 +20,9 @@ from gaga_core.io.datasets.base import (
     picture_size,
     scene_of,
 )
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.io.splits import ViewSplit
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.folder.splits import ViewSplit
+from gaga_core.io.masks.label_maps import read_labels
 
 WIDEST = 1600  # pixels
 _QUARTER = "images_4"  # the factor of the paper

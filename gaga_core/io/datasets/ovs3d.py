@@ -14,7 +14,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_array
-from gaga_core.io.colmap import has_colmap, read_colmap
+from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
     DatasetViews,
@@ -28,7 +28,7 @@ from gaga_core.io.datasets.base import (
 )
 from gaga_core.io.datasets.lerf_mask import prompts_of
 from gaga_core.io.files import read_names
-from gaga_core.io.splits import split_views
+from gaga_core.io.folder.splits import split_views
 
 
 def read_ovs3d(root: Path, model: Path | None = None) -> DatasetScene:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.io.colmap import has_colmap, read_colmap
+from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
     DatasetViews,
@@ -27,8 +27,8 @@ from gaga_core.io.datasets.base import (
     read_numbers,
     scene_of,
 )
-from gaga_core.io.masks import read_labels
-from gaga_core.io.splits import REPLICA_AFTER, REPLICA_EVERY, split_views
+from gaga_core.io.folder.splits import REPLICA_AFTER, REPLICA_EVERY, split_views
+from gaga_core.io.masks.label_maps import read_labels
 
 TRUTH = "semantic_instance"
 _INSTANCES = "Replica_Instance_Segmentation"

@@ -18,7 +18,7 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.colmap import has_colmap, read_colmap
+from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.datasets.base import (
     DatasetScene,
     DatasetViews,
@@ -31,8 +31,8 @@ from gaga_core.io.datasets.base import (
     read_numbers,
     scene_of,
 )
-from gaga_core.io.masks import read_labels
-from gaga_core.io.splits import PARTS, split_views
+from gaga_core.io.folder.splits import PARTS, split_views
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import Loader
 
 _KEY = "ins_2d_label_id"

@@ -7,9 +7,9 @@ import numpy as np
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.kernels import n_threads, run_chunks
 from gaga_core.raster.base import BLUR, NEAR
 from gaga_core.raster.cpu import project_kernels as kernels
+from gaga_core.threads import n_threads, run_chunks
 
 _CHUNK = 16384  # Gaussians of one piece of work
 TILES_AT_ONCE = 16  # tiles of one piece of work

@@ -1,13 +1,12 @@
 """The numba backend of `raster.base.Rasterizer`."""
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import (
     Frame,
     Gradients,
@@ -15,20 +14,321 @@ from gaga_core.raster.base import (
     ImageLoss,
     LabelFrame,
     PixelWeights,
+    SpatialChunks,
     TrainStep,
     check_pixels,
     check_render,
     check_vote,
+    empty_gradients,
 )
-from gaga_core.raster.chunks import SpatialChunks
+from gaga_core.raster.cpu import backward_kernels
 from gaga_core.raster.cpu import blend_kernels as kernels
-from gaga_core.raster.cpu.backward import Forward, backward, forward
-from gaga_core.raster.cpu.label_kernels import label_tiles
-from gaga_core.raster.cpu.prepare import TILES_AT_ONCE, TiledView, for_kernel, prepare
-from gaga_core.raster.cpu.sample import sampled_weights
-from gaga_core.raster.cpu.sh_kernels import sh_colors
-from gaga_core.raster.cpu.vote import add_votes
+from gaga_core.raster.cpu.backward_kernels import backward_splats
+from gaga_core.raster.cpu.blend_kernels import label_tiles
+from gaga_core.raster.cpu.prepare import (
+    TILES_AT_ONCE,
+    TiledView,
+    for_kernel,
+    pose_and_lens,
+    prepare,
+)
+from gaga_core.raster.cpu.project_kernels import TILE, backward_colors, sh_colors
 from gaga_core.raster.vote_slots import VoteSlots
+from gaga_core.threads import n_threads, run_chunks
+
+# --- Blending weights of sampled pixels as sparse rows (rows of W).
+
+
+def sampled_weights(view: TiledView, width: int, pixels: LongArray, w_min: float) -> PixelWeights:
+    """Rows in the order of ``pixels``, entries above ``w_min``: counted first, then written."""
+    n_tiles_x = -(-width // TILE)
+    flat = np.ascontiguousarray(pixels, np.int64)
+    tile = flat // width // TILE * n_tiles_x + flat % width // TILE
+    by_tile = np.lexsort((flat, tile))
+    samples = flat[by_tile]
+    sample_offsets = np.searchsorted(tile[by_tile], np.arange(view.n_tiles + 1)).astype(np.int64)
+    row_ends = np.zeros(len(flat), np.int64)
+
+    def run(indices: IntArray, values: FloatArray, writes: bool) -> None:
+        def work(start: int, stop: int) -> None:
+            kernels.sample_weights(
+                view.splats,
+                view.order,
+                view.offsets,
+                view.ids,
+                samples,
+                sample_offsets,
+                n_tiles_x,
+                width,
+                w_min,
+                row_ends,
+                indices,
+                values,
+                writes,
+                start,
+                stop,
+            )
+
+        run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+
+    run(np.empty(0, np.int32), np.empty(0, np.float32), False)
+    counts = np.empty(len(flat), np.int64)
+    counts[by_tile] = row_ends
+    indptr = np.append(0, np.cumsum(counts)).astype(np.int64)
+    row_ends[:] = indptr[:-1][by_tile]
+    indices, values = np.empty(indptr[-1], np.int32), np.empty(indptr[-1], np.float32)
+    run(indices, values, True)
+    return PixelWeights(indptr, indices, values)
+
+
+# --- Votes: labels of pixels summed into the Gaussians that show there (W^T of one-hot labels).
+
+
+_BATCH = 1 << 23  # partial sums held at a time: 32 MiB
+
+
+@dataclass(frozen=True, eq=False)
+class _TileLabels:
+    """The label map of a view, numbered again in each tile."""
+
+    local: IntArray  # (n_tiles, TILE, TILE) position in `found`; -1 = ignore
+    found: IntArray  # (n_tiles, TILE * TILE) label of each position
+    n_found: LongArray  # (n_tiles,)
+
+
+def add_votes(view: TiledView, labels: IntArray, histogram: FloatArray | VoteSlots) -> None:
+    """histogram[i, k] += sum of w_i over the pixels of ``labels`` (H, W) that are k >= 0.
+
+    Many tiles show one splat. So a batch of tiles is summed in parallel, each tile for itself, and
+    then the sums are added tile by tile, in parallel over splats: no atomics, no dependence of the
+    result on the number of threads.
+    """
+    size = np.array([labels.shape[1], labels.shape[0]], np.int64)
+    tiles = _number_labels(labels, view.n_tiles)
+    n_sums = np.cumsum(np.append(0, np.diff(view.offsets) * tiles.n_found))
+    first = 0
+    while first < view.n_tiles:
+        last = int(np.searchsorted(n_sums, n_sums[first] + _BATCH, side="right")) - 1
+        last = min(view.n_tiles, max(last, first + 1))
+        sum_offsets = n_sums[first : last + 1] - n_sums[first]
+        sums = _vote_sum_tiles(view, tiles, size, first, sum_offsets)
+        _add_sums(view, tiles, first, sum_offsets, sums, histogram)
+        first = last
+
+
+def _number_labels(labels: IntArray, n_tiles: int) -> _TileLabels:
+    local = np.empty((n_tiles, TILE, TILE), np.int32)
+    found = np.empty((n_tiles, TILE * TILE), np.int32)
+    n_found = np.zeros(n_tiles, np.int64)
+
+    def work(start: int, stop: int) -> None:
+        kernels.tile_labels(labels, local, found, n_found, start, stop)
+
+    run_chunks(work, n_tiles, TILES_AT_ONCE)
+    return _TileLabels(local, found, n_found)
+
+
+def _vote_sum_tiles(
+    view: TiledView, tiles: _TileLabels, size: LongArray, first: int, sum_offsets: LongArray
+) -> FloatArray:
+    """Sums of each (splat, label) of the batch of tiles that begins at ``first``."""
+    sums = np.zeros(sum_offsets[-1], np.float32)
+
+    def work(start: int, stop: int) -> None:
+        kernels.vote_tiles(
+            view.splats,
+            view.offsets,
+            view.ids,
+            tiles.local,
+            tiles.n_found,
+            sum_offsets,
+            first,
+            size,
+            sums,
+            start,
+            stop,
+        )
+
+    run_chunks(work, len(sum_offsets) - 1, TILES_AT_ONCE)
+    return sums
+
+
+def _add_sums(
+    view: TiledView,
+    tiles: _TileLabels,
+    first: int,
+    sum_offsets: LongArray,
+    sums: FloatArray,
+    histogram: FloatArray | VoteSlots,
+) -> None:
+    batch = (view.order, view.offsets, view.ids, tiles.found, tiles.n_found, sum_offsets, first)
+
+    def work(start: int, stop: int) -> None:
+        if isinstance(histogram, VoteSlots):
+            slots = (histogram.labels, histogram.weights, histogram.lost)
+            kernels.add_sums_to_slots(*batch, sums, *slots, start, stop)
+        else:
+            kernels.add_sums(*batch, sums, histogram, start, stop)
+
+    n = len(view.order)
+    run_chunks(work, n, max(1, -(-n // n_threads())))
+
+
+# --- Training on the CPU: draw a view, and take a gradient of its picture back to the parameters.
+
+
+_CHUNK = 4096  # splats of one piece of work
+
+
+@dataclass(frozen=True, eq=False)
+class Forward:
+    """A drawn view and what its way back needs."""
+
+    view: TiledView
+    colors: FloatArray  # (n, 3) of the splats in view
+    image: FloatArray  # (H, W, 3) background included
+    transmittance: FloatArray  # (H, W)
+    ends: LongArray  # (n_tiles,) end of the part of each tile's list that was drawn
+
+
+def forward(view: TiledView, camera: Camera, colors: FloatArray, background: FloatArray) -> Forward:
+    """Blend ``colors`` (n, 3) of the splats in view over ``background`` (3,)."""
+    shape = (camera.height, camera.width)
+    image, transmittance = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
+    ends = np.empty(view.n_tiles, np.int64)
+
+    def work(start: int, stop: int) -> None:
+        backward_kernels.blend_colors(
+            view.splats,
+            colors,
+            view.offsets,
+            view.ids,
+            background,
+            image,
+            transmittance,
+            ends,
+            start,
+            stop,
+        )
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    return Forward(view, colors, image, transmittance, ends)
+
+
+def backward(
+    gaussians: Gaussians,
+    camera: Camera,
+    drawn: Forward,
+    image_gradient: FloatArray,
+    alpha_gradient: FloatArray | None = None,
+    sink: GradientSink | None = None,
+) -> Gradients:
+    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0).
+
+    With a ``sink`` they go there in pieces, and the result has no rows.
+    """
+    if alpha_gradient is None:
+        alpha_gradient = np.zeros_like(drawn.transmittance)
+    sums = _backward_sum_tiles(drawn, image_gradient, alpha_gradient)
+    return _walk_back(gaussians, camera, drawn, sums, sink)
+
+
+def _backward_sum_tiles(
+    drawn: Forward, image_gradient: FloatArray, alpha_gradient: FloatArray
+) -> FloatArray:
+    """Sums (n, SUMS) over the pixels of each splat in view, see `backward_kernels`."""
+    view = drawn.view
+    partials = np.empty((len(view.ids), backward_kernels.SUMS), np.float32)
+    sums = np.zeros((len(view.order), backward_kernels.SUMS), np.float32)
+    by_image = for_kernel(image_gradient, np.float32)
+    by_alpha = for_kernel(alpha_gradient, np.float32)
+    transmittance = drawn.transmittance
+
+    def work(start: int, stop: int) -> None:
+        backward_kernels.backward_tiles(
+            view.splats,
+            drawn.colors,
+            view.offsets,
+            view.ids,
+            drawn.image,
+            transmittance,
+            drawn.ends,
+            by_image,
+            by_alpha,
+            partials,
+            start,
+            stop,
+        )
+
+    def add(start: int, stop: int) -> None:
+        backward_kernels.add_tiles(view.offsets, view.ids, drawn.ends, partials, sums, start, stop)
+
+    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    run_chunks(add, len(sums), max(_CHUNK, -(-len(sums) // n_threads())))
+    return sums
+
+
+def _walk_back(
+    gaussians: Gaussians,
+    camera: Camera,
+    drawn: Forward,
+    sums: FloatArray,
+    sink: GradientSink | None = None,
+) -> Gradients:
+    """Go back through projection and color to its parameters.
+
+    A piece of splats goes all the way, into the ``sink`` too, before the next one begins.
+    """
+    view = drawn.view
+    means = for_kernel(gaussians.means, np.float32)
+    quats = for_kernel(gaussians.quats, np.float32)
+    log_scales = for_kernel(gaussians.log_scales, np.float32)
+    sh = for_kernel(gaussians.sh, np.float32)
+    pose, lens = pose_and_lens(camera, gaussians.is_antialiased)
+    eye = np.array(camera.position, np.float64)
+    indices, n_sh = view.order[view.rows], sh.shape[1]
+    result = empty_gradients(indices if sink is None else indices[:0], n_sh)
+
+    def work(start: int, stop: int) -> None:
+        if sink is None:
+            piece = _rows(result, start, stop)
+        else:
+            piece = empty_gradients(indices[start:stop], n_sh)
+        by_color = np.empty((stop - start, 3), np.float32)
+        backward_splats(
+            means,
+            quats,
+            log_scales,
+            pose,
+            lens,
+            view.order,
+            view.rows[start:stop],
+            view.splats,
+            drawn.colors,
+            sums,
+            piece.means,
+            piece.quats,
+            piece.log_scales,
+            piece.logit_opacities,
+            by_color,
+            piece.screen,
+            piece.radii,
+        )
+        backward_colors(sh, means, piece.indices, eye, by_color, piece.sh, piece.means)
+        if sink is not None:
+            sink(piece)
+
+    run_chunks(work, len(indices), _CHUNK)
+    return result
+
+
+def _rows(gradients: Gradients, start: int, stop: int) -> Gradients:
+    """Views of the rows ``start`` to ``stop``."""
+    columns = (getattr(gradients, field.name)[start:stop] for field in fields(Gradients))
+    return Gradients(*columns)
+
+
+# --- The numba backend of `raster.base.Rasterizer`.
 
 
 class CpuRasterizer:

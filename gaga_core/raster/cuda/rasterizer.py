@@ -1,6 +1,8 @@
 """The gsplat backend of `raster.base.Rasterizer`."""
 
 import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,19 +26,213 @@ from gaga_core.raster.base import (
     check_vote,
     empty_gradients,
 )
-from gaga_core.raster.cuda.backward import CudaForward, backward, forward, sh_colors
-from gaga_core.raster.cuda.listing import list_entries, measure_alpha_max
 from gaga_core.raster.cuda.view import (
     CHANNELS,
+    TILE,
+    Parameters,
+    Projected,
     View,
     blend,
     fetch,
+    find_splats,
     indices,
+    list_tiles,
+    long_radii,
     memory_in_words,
     prepare,
+    project_again,
     send,
 )
 from gaga_core.raster.vote_slots import VoteSlots
+
+# --- Lists of the contributions to pixels: which splat, with what weight, front to back.
+
+
+_ENTRIES = 1 << 25  # (tile entries x tile pixels) of one band: bounds what listing may allocate
+_EVERYTHING = 1 << 30
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """Contributions of a band of pixels: pixels ascending, in each front to back."""
+
+    pixels: Tensor  # (m,) int64 flat index in the whole picture
+    splats: Tensor  # (m,) int64 row of the view
+    weights: Tensor  # (m,) float64 alpha T
+    after: Tensor  # (m,) float64 transmittance behind the splat
+
+
+def list_entries(gsplat: Any, view: View, alpha_max: float) -> Iterator[Entries]:
+    """All contributions, band by band of tile rows.
+
+    Bands, not depth ranges: a pixel that is done in one range would go on in the next.
+    """
+    if view.is_empty:
+        return
+    starts = [*view.offsets[0, :, 0].tolist(), len(view.ids)]
+    top = 0
+    for row in range(1, len(starts)):
+        is_last = row == len(starts) - 1
+        if is_last or (starts[row + 1] - starts[top]) * TILE * TILE > _ENTRIES:
+            if starts[row] > starts[top]:
+                yield _band(gsplat, view, alpha_max, top, row)
+            top = row
+
+
+def measure_alpha_max(gsplat: Any, device: torch.device) -> float:
+    """gsplat's upper limit of alpha, which differs between versions: one opaque splat."""
+    one = torch.ones((1, 1), device=device)
+    centre = torch.full((1, 1, 2), 0.5, device=device)
+    conic = torch.tensor([[[1.0, 0.0, 1.0]]], device=device)
+    tile = torch.zeros((1, 1, 1), dtype=torch.int32, device=device)
+    ids = torch.zeros(1, dtype=torch.int32, device=device)
+    _, alpha = gsplat.rasterize_to_pixels(
+        centre, conic, one[..., None], one, TILE, TILE, TILE, tile, ids
+    )
+    return float(alpha[0, 0, 0, 0])
+
+
+def _band(gsplat: Any, view: View, alpha_max: float, top: int, bottom: int) -> Entries:
+    """Contributions in tile rows ``top`` to ``bottom``."""
+    is_last = bottom == view.offsets.shape[1]
+    end = len(view.ids) if is_last else int(view.offsets[0, bottom, 0])
+    first = top * TILE
+    height = min(bottom * TILE, view.height) - first
+    means2d = view.means2d - torch.tensor([0.0, first], device=view.means2d.device)
+    offsets = view.offsets[:, top:bottom].contiguous()
+    ids = view.ids[:end].contiguous()
+    size = (view.width, height, TILE)
+    splat = (means2d, view.conics, view.opacities)
+    if hasattr(gsplat, "rasterize_contributing_gaussian_ids"):  # gsplat 1.6
+        n_each, _ = gsplat.rasterize_num_contributing_gaussians(*splat, offsets, ids, *size)
+        table, weights = gsplat.rasterize_contributing_gaussian_ids(
+            *splat, offsets, ids, *size, n_each
+        )
+        filled = table.reshape(height * view.width, -1) >= 0
+        pixels = torch.nonzero(filled)[:, 0]
+        splats = table.reshape(filled.shape)[filled].long()
+        w = weights.reshape(filled.shape)[filled].double()
+    else:
+        clear = torch.ones((1, height, view.width), device=means2d.device)
+        splats, pixels, _ = gsplat.rasterize_to_indices_in_range(
+            0, _EVERYTHING, clear, *splat, *size, offsets, ids
+        )
+        w = _weights_of(means2d[0], view, alpha_max, splats, pixels)
+    after = 1 - _running_sum(w, pixels)
+    return Entries(pixels + first * view.width, splats, w, after)
+
+
+def _weights_of(
+    means2d: Tensor, view: View, alpha_max: float, splats: Tensor, pixels: Tensor
+) -> Tensor:
+    """alpha T (m,) of listed contributions: gsplat 1.5 lists them without their weights."""
+    u, v = pixels % view.width + 0.5, pixels // view.width + 0.5
+    dx, dy = means2d[splats, 0] - u, means2d[splats, 1] - v
+    a, b, c = view.conics[0, splats].unbind(dim=1)
+    sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+    alpha = (view.opacities[0, splats] * torch.exp(-sigma)).clamp_max(alpha_max)
+    logs = torch.log1p(-alpha.double())
+    return alpha * torch.exp(_running_sum(logs, pixels) - logs)
+
+
+def _running_sum(values: Tensor, pixels: Tensor) -> Tensor:
+    """Sums (m,) of ``values`` (m,) float64 up to each entry, started again at every pixel."""
+    total = torch.cumsum(values, dim=0)
+    _, lengths = torch.unique_consecutive(pixels, return_counts=True)
+    last = torch.cumsum(lengths, dim=0) - 1
+    before = torch.cat([total.new_zeros(1), total[last[:-1]]]) if len(last) else total
+    return total - torch.repeat_interleave(before, lengths)
+
+
+# --- Training on the graphics card: draw a view so that autograd can take its gradients back.
+# gsplat differentiates the blending and the spherical harmonics; our own projection in float64
+# (`project`) is differentiated by torch.
+
+
+@dataclass(frozen=True, eq=False)
+class CudaForward:
+    """A drawn view and what its way back needs."""
+
+    index: Tensor  # (n,) int64 Gaussian, ascending
+    parameters: Parameters  # of these: leaves of the graph
+    sh: Tensor  # (n, S, 3) float32, a leaf too
+    splats: Projected | None  # None when no tile lists a splat
+    image: Tensor  # (H, W, 3) background included
+    alpha: Tensor  # (H, W)
+
+
+def forward(
+    gsplat: Any, gaussians: Gaussians, camera: Camera, background: Tensor, device: torch.device
+) -> CudaForward:
+    """Draw SH color over ``background`` (3,), keeping the graph of every parameter in view."""
+    index = find_splats(gaussians, camera, device).index
+    rows = index.cpu().numpy()
+    parameters, sh = Parameters.of(gaussians, rows, device), send(gaussians.sh[rows], device)
+    for leaf in (*_columns(parameters), sh):
+        leaf.requires_grad_()
+    with torch.enable_grad():
+        splats = project_again(parameters, index, camera)
+        view = list_tiles(gsplat, splats, camera)
+        if view.is_empty:
+            size = (camera.height, camera.width)
+            alpha = torch.zeros(size, device=device)
+            return CudaForward(index, parameters, sh, None, background.expand(*size, 3), alpha)
+        eye = torch.tensor(camera.position, device=device).double()
+        colors = sh_colors(gsplat, gaussians.sh_degree, parameters.means - eye, sh)
+        image, alpha = blend(gsplat, view, colors)
+        image = image + (1 - alpha)[..., None] * background
+    return CudaForward(index, parameters, sh, splats, image, alpha)
+
+
+def sh_colors(gsplat: Any, degree: int, directions: Tensor, sh: Tensor) -> Tensor:
+    """Color (n, 3) of splats seen along ``directions`` (n, 3); 0 where it is no number."""
+    finite = torch.isfinite(sh)
+    # Not only in the result: 0 times NaN would come back as the gradient of the direction.
+    color = gsplat.spherical_harmonics(degree, directions.float(), torch.where(finite, sh, 0.0))
+    color = color + 0.5
+    return torch.where((color > 0) & (color < 1e30) & finite.all(dim=1), color, 0.0)
+
+
+def backward(
+    drawn: CudaForward, camera: Camera, by_image: Tensor, by_alpha: Tensor | None = None
+) -> Gradients:
+    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
+    leaves = (*_columns(drawn.parameters), drawn.sh)
+    n = len(drawn.index)
+    if drawn.splats is None:
+        found = [torch.zeros_like(leaf) for leaf in leaves]
+        by_centre, radii = leaves[0].new_zeros((n, 2)), leaves[0].new_zeros(n)
+    else:
+        outputs, slopes = [drawn.image], [by_image]
+        if by_alpha is not None:
+            outputs, slopes = [*outputs, drawn.alpha], [*slopes, by_alpha]
+        asked = (*leaves, drawn.splats.centres)
+        *found, by_centre = torch.autograd.grad(outputs, asked, slopes)
+        radii = long_radii(drawn.splats)
+    half_picture = by_centre.new_tensor([camera.width / 2, camera.height / 2])
+    means, quats, log_scales, logit_opacities, sh = (fetch(column) for column in found)
+    return Gradients(
+        indices=drawn.index.int().cpu().numpy(),
+        means=means,
+        quats=quats,
+        log_scales=log_scales,
+        logit_opacities=logit_opacities,
+        sh=sh,
+        screen=fetch((by_centre * half_picture).norm(dim=1)),
+        radii=fetch(radii),
+    )
+
+
+def _columns(parameters: Parameters) -> tuple[Tensor, ...]:
+    return (
+        parameters.means,
+        parameters.quats,
+        parameters.log_scales,
+        parameters.logit_opacities,
+    )
+
+
+# --- The gsplat backend of `raster.base.Rasterizer`.
 
 
 class CudaRasterizer:

@@ -8,9 +8,8 @@ import numpy as np
 from gaga_core.arrays import BoolArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.model_files import is_same_model, model_fingerprint
-from gaga_core.io.splat_files import read_splats_stage
-from gaga_core.io.spz_axes import OURS
+from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
+from gaga_core.io.splats.spz import OURS
 from gaga_core.progress import Stage
 from gaga_core.scene.edits.append_values import AppendSplats, joined
 from gaga_core.scene.edits.duplicate import free_group

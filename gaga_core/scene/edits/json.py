@@ -18,7 +18,7 @@ from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.json_file import PathText, explain_json_error
-from gaga_core.io.spz_axes import SilentAxes
+from gaga_core.io.splats.spz import SilentAxes
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.append import read_added_stage
 from gaga_core.scene.edits.append_values import AppendSplats

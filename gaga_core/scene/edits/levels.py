@@ -1,6 +1,6 @@
 """Builders of edits that change the level of detail of one group: finer, or coarser.
 
-They read the levels that `gaga_core.grouping.hierarchy` made, so they know what to part and whom to
+They read the levels that `gaga_core.grouping.surfaces` made, so they know what to part and whom to
 join; groups that were changed by hand since count as what most of their splats are.
 """
 
@@ -13,8 +13,7 @@ from gaga_core.scene.edits.duplicate import free_group
 from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.groups import merge_groups, rename, set_labels
 from gaga_core.scene.edits.values import Edit, together
-from gaga_core.scene.objects import group_indices
-from gaga_core.scene.parts import parting
+from gaga_core.scene.objects import group_indices, parting
 from gaga_core.scene.scene import Scene
 
 

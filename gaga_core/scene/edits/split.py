@@ -42,7 +42,7 @@ def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Ed
     None when the group is in one piece; ``least`` as in `components_of`.
     """
     # Imported when first needed: importing search trees takes a part of the launch time.
-    from gaga_core.scene.selection.components import components_of
+    from gaga_core.scene.selection.neighbourhood import components_of
 
     parts = components_of(scene, group_indices(scene, group), least)
     if len(parts) < 2:

@@ -8,8 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.staging import publish_all, staging_folder
-from gaga_core.kernels import run_chunks
+from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.lod.tree import (
     CHUNK,
@@ -31,6 +30,7 @@ from gaga_core.scene.lod.tree import (
     union_of_children,
 )
 from gaga_core.scene.merge_splats import merge_runs
+from gaga_core.threads import run_chunks
 
 STAGE = "Build level of detail"
 _REACH = 3.34  # standard deviations at which a splat ends
@@ -104,7 +104,7 @@ class _Nothing:
 def curve_order(means: FloatArray) -> IntArray:
     """Rows (N,) of ``means`` (N, 3) along a Hilbert curve through the scene."""
     # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.curve_kernels import hilbert_keys
+    from gaga_core.scene.lod.build_kernels import hilbert_keys
 
     sample = means[:: -(-len(means) // _SAMPLE)].astype(np.float64)
     low, middle, high = np.percentile(sample, [2, 50, 98], axis=0)
@@ -168,7 +168,7 @@ def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
     """Rows (K,) of splats, those that become one next to each other, and where runs begin (P,)."""
     # Imported when first needed: importing numba takes a large part of the launch time.
     from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.lod.cluster_kernels import cluster_windows
+    from gaga_core.scene.lod.build_kernels import cluster_windows
 
     n = len(splats)
     order, starts = np.empty(n, np.int64), np.empty(-(-n // FAN), np.int64)

@@ -8,9 +8,14 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.scene.objects import group_indices, selected_indices
+from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.screen_masks import rectangle
+from gaga_core.scene.selection.by_screen import rectangle
+
+# --- Which splats: by group, by a region of the picture, and the algebra of selections.
+# Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
+# selection.
+
 
 __all__ = [
     "everything",
@@ -110,3 +115,34 @@ def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
 
 def _rows(mask: BoolArray) -> IntArray:
     return np.flatnonzero(mask).astype(np.int32)
+
+
+# --- What lies under the objects that are selected whole (`gaga_core.scene.folders`).
+
+
+def groups_under_selection(scene: Scene) -> tuple[int, ...]:
+    """Groups under the objects that are selected whole, ascending; those too are left out.
+
+    An object is selected whole when all its splats are that can be: locked and hidden ones cannot.
+    """
+    if not scene.folders.parent:
+        return ()
+    barred = scene.has(State.DELETED | State.HIDDEN | State.LOCKED)
+    left = scene.labels[~barred & ~scene.has(State.SELECTED)]
+    whole = np.setdiff1d(selected_groups(scene), left).tolist()
+    return scene.folders.under(*whole)
+
+
+def splats_under_selection(scene: Scene, *, with_locked: bool = False) -> IntArray:
+    """Splats (K,) of `groups_under_selection` that are neither selected nor deleted.
+
+    What is hidden is among them: it belongs to what it lies under. What is locked is among them
+    only ``with_locked``: to be shown or written, never to be changed.
+    """
+    groups = groups_under_selection(scene)
+    if not groups:
+        return np.zeros(0, np.int32)
+    taken = np.isin(scene.labels, np.array(groups, np.int32))
+    left_out = State.SELECTED | State.DELETED
+    taken &= ~scene.has(left_out if with_locked else left_out | State.LOCKED)
+    return np.flatnonzero(taken).astype(np.int32)

@@ -1,12 +1,17 @@
 """Where splats are: boxes that a few stray splats do not blow up."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
-_SAMPLE = 200_000  # splats looked at: percentiles of more would not differ
+# --- Where splats are: boxes that a few stray splats do not blow up.
+
+
+_BOUNDS_SAMPLE = 200_000  # splats looked at: percentiles of more would not differ
 
 _WHOLE, _MUCH_LARGER = 0.996, 2.0
 
@@ -17,7 +22,7 @@ def robust_box(points: AnyArray, share: float = 0.9) -> tuple[DoubleArray, Doubl
     Points that are not finite do not count; a unit box around the origin when none are left.
     """
     check_shape("points", points, ("N", 3))
-    step = max(1, len(points) // _SAMPLE)
+    step = max(1, len(points) // _BOUNDS_SAMPLE)
     sample = np.asarray(points[::step], np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
     if len(sample) == 0:
@@ -32,7 +37,7 @@ def splat_box(
 ) -> tuple[DoubleArray, DoubleArray]:
     """The robust box of splats (K,), placements applied; of all that are visible by default."""
     rows = np.flatnonzero(scene.visible).astype(np.int32) if indices is None else indices
-    step = max(1, len(rows) // _SAMPLE)
+    step = max(1, len(rows) // _BOUNDS_SAMPLE)
     return robust_box(world_means(scene, rows[::step]), share)
 
 
@@ -42,3 +47,91 @@ def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:
     near, whole = splat_box(scene), splat_box(scene, share=_WHOLE)
     sizes = [float(np.linalg.norm(hi - lo)) for lo, hi in (near, whole)]
     return whole if sizes[1] <= _MUCH_LARGER * sizes[0] else near
+
+
+# --- The smallest box around points, turned as they lie.
+
+
+_ORIENTED_BOX_SAMPLE = 20_000  # points looked at
+_LEAST = 4  # points of a hull
+_FLAT = 1e-9  # size under which a side counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedBox:
+    """A box with axes of its own, the longest first."""
+
+    centre: DoubleArray  # (3,)
+    axes: DoubleArray  # (3, 3) rotation; columns are the directions of the sides
+    size: DoubleArray  # (3,) lengths of the sides, descending
+
+    def corners(self) -> DoubleArray:
+        """The corners (8, 3); bit i of the number says which end of side i."""
+        signs = np.array([[(k >> i & 1) - 0.5 for i in range(3)] for k in range(8)])
+        result: DoubleArray = self.centre + (signs * self.size) @ self.axes.T
+        return result
+
+
+def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:
+    """The box that holds the middle ``share`` of points (N, 3) along each of its axes.
+
+    Of the boxes with a side along a principal axis, and across it along an edge of the hull
+    (rotating calipers, Toussaint 1983), it is the smallest. None without finite points.
+    """
+    check_shape("points", points, ("N", 3))
+    finite = np.asarray(points, np.float64)
+    finite = finite[np.isfinite(finite).all(axis=1)]
+    if len(finite) == 0:
+        return None
+    sample = finite[:: max(1, len(finite) // _ORIENTED_BOX_SAMPLE)]
+    _, _, principal = np.linalg.svd(sample - sample.mean(axis=0), full_matrices=False)
+    if len(principal) < 3:  # fewer than three points
+        principal = np.eye(3)
+    inner = _trimmed(sample, principal.T, share)
+    boxes = [_along(sample, principal.T, share)]
+    for normal in principal:
+        boxes += [_along(sample, axes, share) for axes in _calipers(inner, normal)]
+    volumes = [float(np.prod(np.maximum(box.size, _FLAT))) for box in boxes]
+    return boxes[int(np.argmin(volumes))]
+
+
+def _trimmed(points: DoubleArray, axes: DoubleArray, share: float) -> DoubleArray:
+    """Points within the middle ``share`` along each axis; all where few would be left."""
+    places = points @ axes
+    tail = (1 - share) / 2 * 100
+    lo, hi = np.percentile(places, [tail, 100 - tail], axis=0)
+    kept = points[((places >= lo) & (places <= hi)).all(axis=1)]
+    return kept if len(kept) >= _LEAST else points
+
+
+def _calipers(points: DoubleArray, normal: DoubleArray) -> list[DoubleArray]:
+    """Axes (3, 3) with one along ``normal``: of the smallest rectangle around the points."""
+    from scipy.spatial import ConvexHull, QhullError  # a good part of the launch time
+
+    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    side /= np.linalg.norm(side)
+    across = np.cross(normal, side)
+    plane = points @ np.column_stack([side, across])
+    try:
+        hull = plane[ConvexHull(plane).vertices]
+    except QhullError:  # on a line, or one point
+        return []
+    edges = np.roll(hull, -1, axis=0) - hull
+    angles = np.unique(np.arctan2(edges[:, 1], edges[:, 0]) % (np.pi / 2))
+    turned = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (A, 2)
+    along = hull @ turned.T
+    over = hull @ np.stack([-turned[:, 1], turned[:, 0]])
+    best = turned[int(np.argmin(np.ptp(along, axis=0) * np.ptp(over, axis=0)))]
+    first = best[0] * side + best[1] * across
+    return [np.column_stack([first, np.cross(normal, first), normal])]
+
+
+def _along(points: DoubleArray, axes: DoubleArray, share: float) -> OrientedBox:
+    places = points @ axes
+    tail = (1 - share) / 2 * 100
+    lo, hi = np.percentile(places, [tail, 100 - tail], axis=0)
+    order = np.argsort(lo - hi, kind="stable")
+    turned = axes[:, order]
+    if np.linalg.det(turned) < 0:
+        turned = turned * np.array([1.0, 1.0, -1.0])
+    return OrientedBox(axes @ ((lo + hi) / 2), turned, (hi - lo)[order])

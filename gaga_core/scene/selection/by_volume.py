@@ -1,10 +1,16 @@
 """Splats whose centres lie in a sphere or a box of the world."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable, world_means
+
+# --- Splats whose centres lie in a sphere or a box of the world.
 
 
 def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
@@ -36,3 +42,73 @@ def in_box(scene: Scene, world_from_box: DoubleArray) -> IntArray:
 
 def _rows(scene: Scene, inside: BoolArray) -> IntArray:
     return np.flatnonzero(inside & selectable(scene)).astype(np.int32)
+
+
+# --- Points of a surface with their normals, and maps from one to another: for a clone brush.
+
+
+_LEAST = 6  # splats that tell a normal
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoint:
+    """A point of a surface."""
+
+    point: DoubleArray  # (3,) world
+    normal: DoubleArray  # (3,) unit, towards the eye
+    group: int  # of the surface; 0 = none
+
+
+def surface_point(
+    scene: Scene, point: DoubleArray, radius: float, eye: DoubleArray, group: int
+) -> SurfacePoint:
+    """The surface at ``point`` (3,), world, by the splats at most ``radius`` from it.
+
+    The normal is the direction in which they extend least, and looks to ``eye`` (3,); with too few
+    of them it is the direction to the eye.
+    """
+    near = world_means(scene)[in_sphere(scene, point, radius)].astype(np.float64)
+    normal = eye - point
+    if len(near) >= _LEAST:
+        _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+        normal = axes[2] * (1.0 if axes[2] @ normal >= 0 else -1.0)
+    return SurfacePoint(point, normal / np.linalg.norm(normal), group)
+
+
+def map_between(source: SurfacePoint, target: SurfacePoint) -> DoubleArray:
+    """Rigid map (3, 4) of ``source`` onto ``target``: the least turn that lines up the normals."""
+    a, b = source.normal, target.normal
+    cosine = float(a @ b)
+    axis = np.cross(a, b)
+    if cosine < -1 + 1e-9:  # opposite: half a turn about any line in the surface
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        axis /= np.linalg.norm(axis)
+        turn = 2 * np.outer(axis, axis) - np.eye(3)
+    else:
+        x, y, z = axis
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return np.column_stack([turn, target.point - turn @ source.point])
+
+
+def on_plane(at: SurfacePoint, camera: Camera, u: float, v: float) -> DoubleArray | None:
+    """Where the ray through pixel (u, v) meets the plane at ``at``; None behind the camera."""
+    eye = camera.position
+    ray = camera.unproject(u, v, 1.0) - eye
+    steep = float(ray @ at.normal)
+    if abs(steep) < 1e-9:
+        return None
+    way = float((at.point - eye) @ at.normal) / steep
+    result: DoubleArray = eye + way * ray
+    return result if way > 0 else None
+
+
+def in_stroke(
+    scene: Scene, points: Sequence[DoubleArray], radius: float, world_from_stroke: DoubleArray
+) -> IntArray:
+    """Splats (K,) at most ``radius`` from any of the ``points`` (3,), mapped (3, 4) first."""
+    found = np.zeros(0, np.int32)
+    for point in points:
+        centre = world_from_stroke[:, :3] @ point + world_from_stroke[:, 3]
+        found = np.union1d(found, in_sphere(scene, centre, radius))
+    return found.astype(np.int32)

@@ -6,11 +6,11 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.kernels import run_chunks
 from gaga_core.raster.base import T_MIN
-from gaga_core.raster.cpu.pick_kernels import pick_pixel
+from gaga_core.raster.cpu.blend_kernels import pick_pixel
 from gaga_core.raster.cpu.prepare import for_kernel, pose_and_lens
 from gaga_core.scene.scene import Scene, State
+from gaga_core.threads import run_chunks
 
 _CHUNK = 65536
 

@@ -7,8 +7,7 @@ import pytest
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
-from gaga_core.scene.selection.click_views import click_views
+from gaga_core.scene.selection.click import ClickGraph, click_graph_stage, click_views
 from gaga_studio.commands import run
 from gaga_studio.session.click_state import key_of
 from gaga_studio.session.session import Session

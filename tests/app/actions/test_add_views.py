@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_studio import commands
 from gaga_studio.actions import add_views, association_repair, children, files, folders, history
 from gaga_studio.actions import objects as objects_actions

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splat_files import SplatFormat, read_splats, write_splats
-from gaga_core.scene.export import objects_losses
-from gaga_core.scene.export_options import ExportOptions
-from gaga_core.scene.manifest import listed_files
+from gaga_core.export.export import objects_losses
+from gaga_core.export.options import ExportOptions
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
+from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_studio.actions import bookmarks, export, history, selection
 from gaga_studio.actions import files as files_actions

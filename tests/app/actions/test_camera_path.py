@@ -12,9 +12,8 @@ from PIL import Image
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.video_out import VideoConfig
-from gaga_core.pipeline.split_picture import Split
-from gaga_core.pipeline.video import FilmConfig
+from gaga_core.io.video import VideoConfig
+from gaga_core.pipeline.film import FilmConfig, Split
 from gaga_studio.actions import camera_path
 from gaga_studio.commands import run
 from gaga_studio.session.render_requests import RenderRequests

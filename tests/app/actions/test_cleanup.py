@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import State
@@ -230,6 +230,6 @@ def test_a_save_is_without_the_colors_of_the_preview(
 
 
 def test_cleaning_is_imported_when_it_runs() -> None:
-    code = "import sys, gaga_studio.studio; print('gaga_core.scene.cleanup.clean' in sys.modules)"
+    code = "import sys, gaga_studio.studio; print('gaga_core.scene.cleanup' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.color import rgb_from_dc
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.identity.checkpoint import FILE as CHECKPOINT
 from gaga_core.identity.field import load_identity
+from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import files, history, identities
 from gaga_studio.commands import command, run

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.models.catalogue import KNOWN
+from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
+from gaga_core.segmentation.models.catalogue import KNOWN
 from gaga_core.segmentation.regions import RegionsConfig
 from gaga_studio.actions import files, mask_settings, masks
 from gaga_studio.actions.masks import MaskPreview, MaskRequest

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.models.catalogue import known_model
+from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio import commands
 from gaga_studio.actions import live_objects, models
 from gaga_studio.session.requests import Request

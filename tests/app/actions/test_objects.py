@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.edit_script.run import run_script
+from gaga_core.export.export import export_scene_stage
 from gaga_core.progress import run_stage
-from gaga_core.scene.export import export_scene_stage
-from gaga_core.scene.grade import Grade
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import shown_colors
+from gaga_core.scene.tint import Grade
 from gaga_studio.actions import (
     align_ground,
     color_grade,

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.pipeline.photo_source import look_at_photos
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import ReconstructConfig, look_at_photos, reconstruct_scene
+from gaga_core.placing import ladder
+from gaga_core.placing.checks import Verdict
+from gaga_core.placing.photos import FEWEST
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct import sfm_ladder
-from gaga_core.reconstruct.photos import FEWEST
-from gaga_core.reconstruct.sfm_checks import Verdict
 from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.commands import command, run
@@ -147,7 +146,7 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
 ) -> None:
     write_photos(tmp_path / "room" / "images", 6)
     wrong = (Verdict("focal", "error", "The focal length ran away. Give it with --focal."),)
-    monkeypatch.setattr(sfm_ladder, "check_model", lambda *_: wrong)
+    monkeypatch.setattr(ladder, "check_model", lambda *_: wrong)
     session = new_session()
     opened(session, tmp_path / "room")
     found = session.photos

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gaga_core.scene.grade import Grade
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import column, shown_colors
+from gaga_core.scene.tint import Grade
 from gaga_studio.actions import history, selection, transform
 from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.commands import run

@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.evaluate.error_map import Verdict
-from gaga_core.evaluate.photo_pictures import _VERDICTS, truth_picture
+from gaga_core.evaluate.photo_film import _VERDICTS, Verdict, truth_picture
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels, write_labels
+from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.scene.scene import State
 from gaga_studio.actions import objects, photo_compare, selection, split_view
 from gaga_studio.commands import command, run

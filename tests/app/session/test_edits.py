@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray
 from gaga_core.color import rgb_from_dc
-from gaga_core.io.ply import read_ply
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import save_project
 from gaga_core.scene.project_file import saved_scene
 from gaga_studio.actions import files, history, objects, selection, transform

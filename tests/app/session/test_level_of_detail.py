@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
 from gaga_core.scene import edits
-from gaga_core.scene.lod import pick_rows
+from gaga_core.scene.lod import edited
 from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.lod.tree import level_file
 from gaga_core.scene.project import save_project
@@ -148,7 +148,7 @@ def test_boxes_for_clicks_are_looked_up_by_the_thread_of_the_mouse(
         who.append(threading.current_thread())
         return look(*given)
 
-    monkeypatch.setattr(pick_rows, "node_facts", noted)
+    monkeypatch.setattr(edited, "node_facts", noted)
     up = np.eye(3, 4)
     up[2, 3] = 0.1
     document.do(edits.transform(document.scene, np.arange(N // 2), up))

@@ -12,8 +12,8 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.model_files import model_fingerprint
-from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splats.ply import read_ply, write_ply
+from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.streamed import write_streamed_sog_stage

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
 from gaga_studio.actions import history

@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.surface_point import SurfacePoint, map_between
+from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName

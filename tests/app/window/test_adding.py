@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from tests.app.window.driver import Driver, drive
 from tests.scenes import objects_scene, random_gaussians
 

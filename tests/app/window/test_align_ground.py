@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.io.splat_files import write_splats
+from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene

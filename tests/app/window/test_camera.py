@@ -8,7 +8,7 @@ from imageio_ffmpeg import count_frames_and_secs
 from imgui_bundle import ImVec2
 from PIL import Image
 
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_studio import commands
 from gaga_studio.actions import camera_path
 from gaga_studio.session.view_state import PhotoCompareMode

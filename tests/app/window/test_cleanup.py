@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import UInt8Array
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import State
 from gaga_studio.actions import cleanup, selection

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.cameras_json import read_cameras_json
-from gaga_core.io.colmap import read_colmap
-from gaga_core.io.splat_files import SplatFormat, read_splats
-from gaga_core.pipeline.export_cameras import CameraForm
+from gaga_core.export.cameras import CameraForm
+from gaga_core.io.cameras.cameras_json import read_cameras_json
+from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats
 from gaga_studio.actions import selection
 from gaga_studio.commands import run
 from tests.app.folders import write_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from imgui_bundle import ImVec2
 
-from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_studio.actions import mask_splats, selection
 from gaga_studio.commands import run
 from gaga_studio.session.view_state import CentreColors, Mode, Side

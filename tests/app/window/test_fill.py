@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import fill, selection

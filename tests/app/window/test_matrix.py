@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.color import rgb_from_dc
-from gaga_core.io.ply import read_ply
+from gaga_core.io.splats.ply import read_ply
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splat_files import write_splats
+from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene.frame import scale_of
 from gaga_studio.actions import measure
 from gaga_studio.session.view_state import ToolName

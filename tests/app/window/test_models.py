@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.models.catalogue import known_model
+from gaga_core.segmentation.models.catalogue import known_model
 from tests.app.window.driver import Driver, drive
 from tests.core.models.hub_server import Hub, fresh_models, serve
 

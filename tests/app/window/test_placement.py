@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.scene.pose import degrees_of
+from gaga_core.scene.orientation import degrees_of
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.actions import selection
 from gaga_studio.session.settings import Settings

@@ -7,8 +7,8 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.ply import read_ply
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.scene import State
 from gaga_studio.actions import color_grade, files, selection, transform
 from gaga_studio.actions.navigation import go_to_view

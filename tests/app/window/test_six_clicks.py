@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
 from tests.app.window.driver import Driver, drive

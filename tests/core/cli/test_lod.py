@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.ply import write_ply
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.pipeline.level_of_detail import build_project_lod_stage, open_project_lod
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.tree import FILE

@@ -18,8 +18,8 @@ from gaga_core.cli.main import main
 from gaga_core.cli.output import follow
 from gaga_core.cli.run import RunCommand
 from gaga_core.cli.scene import say_what_a_project_keeps
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History

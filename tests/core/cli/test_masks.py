@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gaga_core.cli.main import main
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import read_labels
 from tests.app.folders import write_scene
 
 Capture = pytest.CaptureFixture[str]

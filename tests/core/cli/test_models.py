@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from gaga_core.cli.main import main
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.models.catalogue import CATALOGUE, known_model
-from gaga_core.models.lock_file import read_lock
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
+from gaga_core.segmentation.models.download import read_lock
 from tests.app.folders import write_scene
 from tests.core.cli.calls import answer, refusal
 from tests.core.models.hub_server import COMMIT, Hub, fresh_models, serve

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.cli.main import main
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from tests.core.cli.calls import answer, refusal
 from tests.core.conftest import PlacedRoom
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from tests.scenes import random_gaussians
 
 

@@ -26,10 +26,10 @@ from gaga_core.demo.shadow import cone, lit_share
 from gaga_core.demo.surface import Item, Material, Surface, cover, moved, parts
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.colmap import read_colmap
+from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 

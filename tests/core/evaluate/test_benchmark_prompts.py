@@ -14,12 +14,12 @@ from gaga_core.arrays import BoolArray
 from gaga_core.cli.main import main
 from gaga_core.evaluate.benchmark.prompts import Answers, FindConfig, Question
 from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
-from gaga_core.evaluate.benchmark_tables import PromptScores
-from gaga_core.evaluate.protocol import PUBLISHED_RULE
+from gaga_core.evaluate.benchmark.tables import PromptScores
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
+from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.io.datasets.catalog import open_dataset
-from gaga_core.io.masks import read_labels
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from tests.datasets import (

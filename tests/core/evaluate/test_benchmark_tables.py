@@ -9,14 +9,13 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
-from gaga_core.evaluate.benchmark_tables import BenchmarkReport, InstanceScores
-from gaga_core.evaluate.protocol import departures
-from gaga_core.evaluate.published import INSTANCE
+from gaga_core.evaluate.benchmark.tables import BenchmarkReport, InstanceScores
+from gaga_core.evaluate.published import INSTANCE, departures
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.datasets.catalog import DATASETS, open_dataset
-from gaga_core.io.masks import read_labels
-from gaga_core.io.scene_folder import read_model, select_views
+from gaga_core.io.folder.scene_folder import read_model, select_views
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 

@@ -26,15 +26,21 @@ from gaga_core.evaluate.baselines import (
     true_masks,
     video_tracks,
 )
-from gaga_core.evaluate.compare import ABLATIONS, TITLES, CompareConfig, compare_variants
-from gaga_core.evaluate.sparse import iou_drop, sparse_views
-from gaga_core.evaluate.tables import VariantRow, VariantTable
+from gaga_core.evaluate.compare import (
+    ABLATIONS,
+    TITLES,
+    CompareConfig,
+    VariantRow,
+    VariantTable,
+    compare_variants,
+)
+from gaga_core.evaluate.published import iou_drop, sparse_views
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.lift import LiftConfig
-from gaga_core.io.colmap import write_colmap
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaga_core.evaluate.error_map import Verdict, error_map
+from gaga_core.evaluate.photo_film import Verdict, error_map
 
 
 def _maps(seed: int) -> tuple[np.ndarray, np.ndarray]:

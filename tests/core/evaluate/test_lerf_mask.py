@@ -8,7 +8,7 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.lerf_mask import boundary_iou, boundary_of, evaluate_lerf_mask, mask_iou
+from gaga_core.evaluate.prompt_scores import boundary_iou, boundary_of, evaluate_lerf_mask, mask_iou
 
 
 def box(shape: tuple[int, int], top: int, left: int, height: int, width: int) -> BoolArray:

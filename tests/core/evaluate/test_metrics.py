@@ -5,8 +5,8 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.metrics import evaluate, score_pairs
-from gaga_core.io.masks import write_labels
+from gaga_core.evaluate.group_scores import evaluate, score_pairs
+from gaga_core.io.masks.label_maps import write_labels
 
 
 def maps(seed: int, n: int = 4) -> list[IntArray]:

@@ -10,10 +10,9 @@ import pytest
 from gaga_core.arrays import UInt8Array
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.photo_film import PhotoFilmConfig
-from gaga_core.evaluate.photo_pictures import TRUTH, error_picture
-from gaga_core.io.ffmpeg import ffmpeg_program
+from gaga_core.evaluate.photo_film import TRUTH, PhotoFilmConfig, error_picture
 from gaga_core.io.images import read_rgb
+from gaga_core.io.video import ffmpeg_program
 from tests.app.folders import write_scene
 from tests.core.cli.calls import Capture, answer, refusal
 

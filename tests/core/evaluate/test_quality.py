@@ -12,8 +12,8 @@ from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.confidence import confidence_histogram, uncertain
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.objects import confidence_histogram, uncertain
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import masks_of
 from tests.scenes import Synthetic, objects_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
-from gaga_core.grouping.add_to_edited import EditedGroups, add_to_edited_stage
+from gaga_core.grouping.add_views import EditedGroups, add_to_edited_stage
 from gaga_core.grouping.associate import Association, BankSnapshot
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.progress import run_stage

@@ -11,9 +11,9 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping import add_views
 from gaga_core.grouping.add_views import FormerGroups
 from gaga_core.grouping.gate import GateConfig
-from gaga_core.grouping.gated_views import GatedViews
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.grouping.robust.consensus import ConsensusConfig
+from gaga_core.grouping.views import GatedViews
 from gaga_core.grouping.votes import VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage

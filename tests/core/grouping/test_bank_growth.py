@@ -6,9 +6,9 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.bank_file import bank_arrays, bank_of
-from gaga_core.grouping.bank_growth import BankGrowth, growth_stage
-from gaga_core.grouping.gated_views import GatedViews
+from gaga_core.grouping.figures import BankGrowth, growth_stage
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.views import GatedViews
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer

@@ -5,9 +5,8 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.grouping.gated_views import GatedViews
-from gaga_core.grouping.mask_splats import mask_splats, shares_of_groups
-from gaga_core.grouping.views import load_labels
+from gaga_core.grouping.figures import mask_splats, shares_of_groups
+from gaga_core.grouping.views import GatedViews, load_labels
 from gaga_core.raster.cpu import CpuRasterizer
 from tests.core.grouping.true_masks import masks_of
 from tests.scenes import objects_scene

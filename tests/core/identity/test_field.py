@@ -16,7 +16,7 @@ from gaga_core.identity.classifier_io import (
     with_encodings,
     write_classifier,
 )
-from gaga_core.identity.codebook import code_book
+from gaga_core.identity.closed_form import code_book
 from gaga_core.identity.field import (
     Identity,
     IdentityField,
@@ -25,7 +25,7 @@ from gaga_core.identity.field import (
     save_identity,
 )
 from gaga_core.identity.linear_kernels import D
-from gaga_core.io.ply import read_ply, write_ply
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.raster import choose
 from tests.scenes import objects_scene, random_gaussians
 

@@ -9,11 +9,9 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.identity.closed_form import ClosedForm
-from gaga_core.identity.codebook import code_book
+from gaga_core.identity.closed_form import ClosedForm, code_book
 from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
-from gaga_core.identity.fit_kernels import keep_labels
-from gaga_core.identity.linear_kernels import D
+from gaga_core.identity.linear_kernels import D, keep_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import true_map

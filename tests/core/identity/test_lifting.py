@@ -7,9 +7,9 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.identity.lifting import LiftingConfig, assigned, lift_by_assignment
+from gaga_core.evaluate.baselines import LiftingConfig, assigned, lift_by_assignment
 from gaga_core.identity.rows import RowConfig, sample_rows, view_batches
-from gaga_core.identity.training import start_from_zeros
+from gaga_core.identity.training_step import start_from_zeros
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import permuted, true_map

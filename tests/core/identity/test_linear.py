@@ -9,10 +9,9 @@ import torch
 from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import FloatArray, IntArray
-from gaga_core.identity.linear import LinearRows, join_rows, take_rows
 from gaga_core.identity.linear_kernels import D, softmax_rows
-from gaga_core.identity.rows import Batch
-from gaga_core.identity.training import (
+from gaga_core.identity.rows import Batch, LinearRows, join_rows, take_rows
+from gaga_core.identity.training_step import (
     IdentityGradients,
     IdentityRates,
     Training,

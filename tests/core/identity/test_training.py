@@ -12,8 +12,8 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.identity.closed_form import ClosedForm
-from gaga_core.identity.paper import PaperConfig, TimeEstimate, TrainedIdentity, train_identity
 from gaga_core.identity.refine import RefineConfig, Refined, refine_identity
+from gaga_core.identity.train import PaperConfig, TimeEstimate, TrainedIdentity, train_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.identity.noisy import ROWS, G, right_pixels

@@ -10,7 +10,7 @@ from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.votes import vote_labels
 from gaga_core.identity.closed_form import ClosedForm, VoteConfig, Voted, vote_identity
-from gaga_core.identity.neighbours import majority, nearest
+from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.identity.noisy import G, right_pixels

@@ -10,9 +10,9 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.io.masks import write_labels
-from gaga_core.io.rle import compress_counts, encode_rle
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.folder.scene_folder import SceneFolder
+from gaga_core.io.masks.coco import compress_counts, encode_rle
+from gaga_core.io.masks.label_maps import write_labels
 
 H, W = 30, 40
 NAMES = ("a.b.jpg", "frame_007.png", "frame_010.png")

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import IntArray
-from gaga_core.io.coco import (
+from gaga_core.io.masks.coco import (
     LabelledPicture,
+    decode_rle,
     instances_document,
     panoptic_document,
     panoptic_picture,
     segments_of,
     write_json,
 )
-from gaga_core.io.mask_import_json import recognise_json
-from gaga_core.io.rle import decode_rle
+from gaga_core.io.masks.other_programs import recognise_json
 
 
 def _map(seed: int, height: int = 30, width: int = 45) -> IntArray:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.colmap import ColmapReading, read_colmap, write_colmap
-from gaga_core.io.scene_folder import is_scene_folder, open_scene_folder
+from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
+from gaga_core.io.cameras.colmap import ColmapReading, read_colmap, write_colmap
+from gaga_core.io.folder.scene_folder import is_scene_folder, open_scene_folder
 from tests.conftest import real_scene
 from tests.scenes import orbit_cameras
 

@@ -11,19 +11,18 @@ import pytest
 from PIL import Image
 
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.metrics import UNANSWERED, evaluate, score_pairs
+from gaga_core.evaluate.group_scores import UNANSWERED, evaluate, score_pairs
 from gaga_core.grouping.bank_file import load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.arrays_file import read_array, read_arrays
-from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.colmap import read_colmap, write_colmap
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.io.scene_folder import open_scene_folder, with_entry
+from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
+from gaga_core.io.cameras.colmap import read_colmap, write_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder, with_entry
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.progress import run_stage
-from gaga_core.scene.camera_json import load_path
-from gaga_core.scene.model_copy import ModelChangedError
-from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.camera_path import load_path
+from gaga_core.scene.project import ModelChangedError, Project, open_path_stage, save_project
 from tests.core.io.damage import one_sentence_or_result
 from tests.scenes import orbit_cameras, random_gaussians
 

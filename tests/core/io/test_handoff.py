@@ -13,15 +13,15 @@ import pytest
 
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
+from gaga_core.export.colliders import box_mesh, convex_collider
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.glb_buffers import Buffers
-from gaga_core.io.mesh_files import MeshFile, write_mesh
-from gaga_core.io.packing import unit_quats
-from gaga_core.io.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
+from gaga_core.io.meshes import MeshFile, write_mesh
+from gaga_core.io.splats.glb import Buffers
+from gaga_core.io.splats.packing import unit_quats
+from gaga_core.io.splats.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
 from gaga_core.progress import run_stage
-from gaga_core.scene.collider import box_mesh, convex_collider
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.selection.oriented_box import oriented_box
+from gaga_core.scene.selection.bounds import oriented_box
 from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
 from tests.core.io.ksplat_parts import ksplat
@@ -300,9 +300,9 @@ def test_a_sog_comes_back_within_its_steps(tmp_path: Path, name: str, degree: in
 def test_a_table_of_numbers_is_made_from_all_channels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gaga_core.io import code_books
+    from gaga_core.io.splats import packing
 
-    monkeypatch.setattr(code_books, "_SAMPLE", 500)  # of 1500: every third number
+    monkeypatch.setattr(packing, "_SAMPLE", 500)  # of 1500: every third number
     g = random_gaussians(500, seed=2)
     g.sh[:, 0] = np.linspace([-0.1, 0, 1], [0.1, 1, 3], 500)
     g.log_scales[:] = np.linspace([-5, -4, -8], [-4, -2, -6], 500)
@@ -314,18 +314,18 @@ def test_a_palette_is_shared_where_sh_are_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Splats of few kinds with a little noise: the palette finds the kinds."""
-    from gaga_core.io import code_books
+    from gaga_core.io.splats import packing
 
     rng = np.random.default_rng(5)
     kinds = rng.normal(0, 0.2, (40, 8, 3))
     chosen = rng.integers(0, 40, 4000)
     rest = (kinds[chosen] + rng.normal(0, 0.002, (4000, 8, 3))).astype(np.float32)
-    monkeypatch.setattr(code_books, "PALETTE", 512)
-    monkeypatch.setattr(code_books, "_COARSE", 100)
-    entries, labels = code_books.palette_of(rest)
+    monkeypatch.setattr(packing, "PALETTE", 512)
+    monkeypatch.setattr(packing, "_COARSE", 100)
+    entries, labels = packing.palette_of(rest)
     assert 400 < len(entries) <= 512
     assert np.abs(entries[labels] - rest).mean() < 0.003
-    few, same = code_books.palette_of(rest[chosen][:300])
+    few, same = packing.palette_of(rest[chosen][:300])
     assert np.array_equal(few[same], rest[chosen][:300])
 
 

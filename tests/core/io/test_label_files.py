@@ -7,7 +7,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb, write_rgb
-from gaga_core.io.masks import (
+from gaga_core.io.masks.label_maps import (
     list_label_files,
     mask_folder,
     read_further_labels,

@@ -12,7 +12,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, remove_leftovers
-from gaga_core.io.staging import staging_folder
+from gaga_core.io.folder.staging import staging_folder
 
 _LEAVE = """
 import sys, time

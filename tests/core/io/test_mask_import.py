@@ -12,14 +12,14 @@ from PIL import Image
 from gaga_core.arrays import BoolArray
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
+from gaga_core.io.folder.scene_folder import SceneFolder
 from gaga_core.io.images import open_image
-from gaga_core.io.mask_import import recognise
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.rle import encode_rle
-from gaga_core.io.scene_folder import SceneFolder
+from gaga_core.io.masks.coco import encode_rle
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.masks.other_programs import recognise
 from gaga_core.pipeline.import_masks import ImportReport, fits, import_masks, match_views
 from gaga_core.progress import run_stage
-from gaga_core.segmentation.flatten import FlattenConfig
+from gaga_core.segmentation.base import FlattenConfig
 from tests.core.io.mask_forms import (
     FORMS,
     NAMES,

@@ -12,7 +12,7 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import read_ply, write_ply, write_ply_stage
+from gaga_core.io.splats.ply import read_ply, write_ply, write_ply_stage
 from tests.scenes import random_gaussians
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")

@@ -5,7 +5,7 @@ import pytest
 
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
-from gaga_core.io.rle import (
+from gaga_core.io.masks.coco import (
     compress_counts,
     decode_rle,
     decompress_counts,

@@ -14,8 +14,8 @@ import zstandard
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splat_files import read_splats
-from gaga_core.io.spz import states_axes
+from gaga_core.io.splats.splat_files import read_splats
+from gaga_core.io.splats.spz import states_axes
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from tests.core.io.damage import one_sentence_or_result

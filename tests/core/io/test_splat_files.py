@@ -18,7 +18,7 @@ from gaga_core.cli.main import main
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splat_files import (
+from gaga_core.io.splats.splat_files import (
     SplatFormat,
     form_of,
     losses,
@@ -26,9 +26,7 @@ from gaga_core.io.splat_files import (
     write_splats,
     write_splats_stage,
 )
-from gaga_core.io.spz import states_axes
-from gaga_core.io.spz_axes import AXES, axes_map, turned
-from gaga_core.io.spz_writer import fraction_bits
+from gaga_core.io.splats.spz import AXES, axes_map, fraction_bits, states_axes, turned
 from tests.core.io.covariances import covariances
 from tests.core.io.damage import one_sentence_or_result
 from tests.peer_tools import node_tool

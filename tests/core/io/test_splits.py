@@ -8,8 +8,14 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.datasets.catalog import open_dataset
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.io.splits import EVERY_8TH, SCANNET_FOLDERS, SCANNET_LISTS, carry_split, split_views
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.folder.splits import (
+    EVERY_8TH,
+    SCANNET_FOLDERS,
+    SCANNET_LISTS,
+    carry_split,
+    split_views,
+)
 from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
 from gaga_core.progress import run_stage
 from tests.datasets import LAYOUTS, gaga_replica, gaga_scannet, lerf_mask, write_photo

@@ -9,7 +9,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import remove_leftovers
-from gaga_core.io.staging import finish_publishing, publish_all, staging_folder
+from gaga_core.io.folder.staging import finish_publishing, publish_all, staging_folder
 
 _NAMES = ["maps", "bank.npz", "deep/er/report.json"]
 
@@ -79,7 +79,7 @@ def test_the_next_results_come_after_those_that_were_cut_off(tmp_path: Path) -> 
 def test_one_program_moves_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import fcntl
 
-    monkeypatch.setattr("gaga_core.io.staging._PATIENCE_S", 0.1)
+    monkeypatch.setattr("gaga_core.io.folder.staging._PATIENCE_S", 0.1)
     other = os.open(tmp_path, os.O_RDONLY)
     fcntl.flock(other, fcntl.LOCK_EX)
     with pytest.raises(GagaError, match="Another program"):

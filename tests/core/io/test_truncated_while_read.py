@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.rle import decode_rle
-from gaga_core.io.splat_files import write_splats_stage
+from gaga_core.io.masks.coco import decode_rle
+from gaga_core.io.splats.splat_files import write_splats_stage
 from gaga_core.progress import run_stage
 from tests.scenes import random_gaussians
 

@@ -14,23 +14,22 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ffmpeg import ffmpeg_program
-from gaga_core.io.ply import write_ply
-from gaga_core.io.video_out import VideoConfig, write_video_stage
-from gaga_core.pipeline.split_picture import Split, joined
-from gaga_core.pipeline.video import (
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.video import VideoConfig, ffmpeg_program, write_video_stage
+from gaga_core.pipeline.film import (
     FilmConfig,
     LeftSide,
+    Split,
     depth_span,
     film_stage,
+    joined,
     painter_stage,
     picture_stage,
 )
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.scene import edits
-from gaga_core.scene.camera_json import save_path
-from gaga_core.scene.camera_path import CameraPath, Keyframe, turntable
+from gaga_core.scene.camera_path import CameraPath, Keyframe, save_path, turntable
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from tests.core.scene.shots import shot_towards

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.models.catalogue import known_model
+from gaga_core.segmentation.models.catalogue import known_model
 from tests.core.models.hub_server import Hub, fresh_models, serve
 
 TINY = known_model("sam2.1-tiny")

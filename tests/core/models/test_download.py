@@ -9,12 +9,20 @@ from pathlib import Path
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.models.catalogue import CATALOGUE, known_model
-from gaga_core.models.download import Consent, Installed, download, partial_bytes, remove
-from gaga_core.models.hub import HubConfig, list_files
-from gaga_core.models.lock_file import check_against, check_folder, read_lock
-from gaga_core.models.weights import find_model
 from gaga_core.progress import Progress, run_stage
+from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
+from gaga_core.segmentation.models.download import (
+    Consent,
+    Installed,
+    check_against,
+    check_folder,
+    download,
+    partial_bytes,
+    read_lock,
+    remove,
+)
+from gaga_core.segmentation.models.hub import HubConfig, list_files
+from gaga_core.segmentation.models.weights import find_model
 from tests.core.models.conftest import TINY
 from tests.core.models.hub_server import COMMIT, Hub
 
@@ -171,8 +179,9 @@ def test_a_disk_that_fills_up_is_one_sentence(hub: Hub, models: Path) -> None:
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (150000, 150000));"
-        "from gaga_core.models.download import *; from gaga_core.models.hub import list_files;"
-        "from gaga_core.models.catalogue import known_model;"
+        "from gaga_core.segmentation.models.download import *;"
+        "from gaga_core.segmentation.models.hub import list_files;"
+        "from gaga_core.segmentation.models.catalogue import known_model;"
         "from gaga_core.progress import run_stage;"
         f"config = HubConfig({hub.url!r}); model = known_model({TINY.name!r});"
         "stage = download(list_files(model, config), Consent(model.name, 'Apache-2.0'), config)\n"
@@ -328,7 +337,7 @@ def test_a_folder_that_is_no_whole_model_is_never_overwritten(hub: Hub, models: 
 
 def test_two_programs_do_not_get_the_same_at_once(hub: Hub, models: Path) -> None:
     code = (
-        "import sys; from gaga_core.io.folder_lock import lock_folder; from pathlib import Path;"
+        "import sys; from gaga_core.io.folder.lock import lock_folder; from pathlib import Path;"
         f"lock_folder(Path({str(models / '.downloads' / f'{TINY.name}.lock')!r}));"
         "print('held', flush=True); sys.stdin.read()"
     )

@@ -5,30 +5,30 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.models import speed
-from gaga_core.models.catalogue import CATALOGUE, known_model
-from gaga_core.models.status import all_models, status_of
+from gaga_core.segmentation.models import status
+from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
+from gaga_core.segmentation.models.status import all_models, status_of
 from tests.core.models.conftest import TINY
 
 
 def test_an_estimate_comes_before_the_first_use_and_a_measurement_after(models: Path) -> None:
-    estimate = speed.seconds_a_photo(TINY)
+    estimate = status.seconds_a_photo(TINY)
     assert estimate is not None
     assert 0.05 < estimate[0] < 3600
     assert not estimate[1]
-    larger = speed.seconds_a_photo(known_model("sam2.1-large"))
+    larger = status.seconds_a_photo(known_model("sam2.1-large"))
     assert larger is not None
     ratio = known_model("sam2.1-large").gigaflop / TINY.gigaflop
     assert larger[0] / estimate[0] == pytest.approx(ratio), "this machine is timed once"
-    assert speed.seconds_a_photo(known_model("sam-huge")) is None, "its work is not known"
+    assert status.seconds_a_photo(known_model("sam-huge")) is None, "its work is not known"
     for seconds in (12.5, 9.25):
-        speed.record(TINY.name, seconds)
-        assert speed.seconds_a_photo(TINY) == (seconds, True)
-    speed.record(TINY.name, 0.0)
-    assert speed.measured(TINY.name) == 9.25
+        status.record(TINY.name, seconds)
+        assert status.seconds_a_photo(TINY) == (seconds, True)
+    status.record(TINY.name, 0.0)
+    assert status.measured(TINY.name) == 9.25
     (models / "speed.json").write_text("{")
-    assert speed.measured(TINY.name) is None, "damaged: measured again"
-    assert speed.seconds_a_photo(TINY) is not None
+    assert status.measured(TINY.name) is None, "damaged: measured again"
+    assert status.seconds_a_photo(TINY) is not None
 
 
 def test_the_list_tells_every_model_and_a_folder_put_there_by_hand(models: Path) -> None:

@@ -13,14 +13,19 @@ from PIL import Image
 
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import load_bank, read_groups
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import (
+    SceneFolder,
+    mask_path_of,
+    open_scene_folder,
+    select_views,
+)
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import RECORD, read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, mask_path_of, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import RECORD, read_labels, write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene, associated_masks, views_to_add
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import RunConfig, missing_stages

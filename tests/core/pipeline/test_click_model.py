@@ -5,10 +5,10 @@ import pytest
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
-from gaga_core.pipeline.click_model import Lifted, model_clicks_stage
+from gaga_core.pipeline.click import Lifted, model_clicks_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.scene.selection.click_cut import Click
+from gaga_core.scene.selection.click import Click
 from tests.color_oracle import ColorOracle, clicked_things
 from tests.scenes import Synthetic, objects_scene
 

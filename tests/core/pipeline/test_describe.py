@@ -7,7 +7,7 @@ import numpy as np
 from gaga_core.cli.output import object_names
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.pipeline.describe import describe, list_objects
+from gaga_core.pipeline.search import describe, list_objects
 from gaga_core.query.group_facts import group_facts
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit

@@ -11,10 +11,18 @@ import psutil
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.pipeline.executors import SUMMARY, EngineConfig, run_scenes
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.pipeline.executors import (
+    SUMMARY,
+    TRIES,
+    EngineConfig,
+    ScenesReport,
+    SceneTask,
+    list_tasks,
+    run_one,
+    run_scenes,
+)
 from gaga_core.pipeline.run import RunConfig, missing_stages
-from gaga_core.pipeline.scene_tasks import TRIES, ScenesReport, SceneTask, list_tasks, run_one
 from gaga_core.progress import Stage, run_stage
 from tests.app.folders import write_scene
 

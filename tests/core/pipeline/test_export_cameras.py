@@ -11,19 +11,15 @@ import pytest
 from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
-from gaga_core.io.cameras_json import read_cameras_json
-from gaga_core.io.colmap import count_points, read_colmap, write_colmap
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import find_sparse, open_scene_folder
-from gaga_core.pipeline.export_cameras import (
-    camera_form_of,
-    estimated_camera_bytes,
-    export_cameras,
-)
+from gaga_core.export.cameras import camera_form_of, estimated_camera_bytes, export_cameras
+from gaga_core.export.options import ExportOptions
+from gaga_core.io.cameras.cameras_json import read_cameras_json
+from gaga_core.io.cameras.colmap import count_points, read_colmap, write_colmap
+from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export_options import ExportOptions
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import open_path_stage, save_project
 from tests.app.folders import write_scene

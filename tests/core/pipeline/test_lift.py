@@ -12,22 +12,27 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.metrics import Score, score_pairs
+from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
-from gaga_core.identity.checkpoint import FILE as CHECKPOINT
 from gaga_core.identity.closed_form import Voted, vote_identity
-from gaga_core.identity.colors import encoding_colors
+from gaga_core.identity.field import encoding_colors
 from gaga_core.identity.lift import LiftConfig, Mode
-from gaga_core.identity.paper import PaperConfig
 from gaga_core.identity.refine import RefineConfig
 from gaga_core.identity.rows import RowConfig
-from gaga_core.io.colmap import write_colmap
+from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.identity.train import PaperConfig
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import (
+    SceneFolder,
+    open_scene_folder,
+    read_model,
+    select_views,
+)
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import mask_folder, read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model, select_views
+from gaga_core.io.masks.label_maps import mask_folder, read_labels, write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import (
     decode_groups,

@@ -10,12 +10,12 @@ from PIL import Image
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.rle import decode_rle
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.masks.coco import decode_rle
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.mask_dataset import export_mask_dataset
 from gaga_core.pipeline.render import export_masks

@@ -4,9 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.pipeline.photo_order import coverage_order, greedy_cover, visible
-from gaga_core.pipeline.segment import SegmentConfig, segment_scene
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.pipeline.segment import (
+    SegmentConfig,
+    coverage_order,
+    greedy_cover,
+    segment_scene,
+    visible,
+)
 from gaga_core.progress import run_stage
 from tests.app.folders import write_scene
 from tests.core.segmentation.fake_provider import Quarters

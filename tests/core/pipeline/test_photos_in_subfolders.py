@@ -12,13 +12,19 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.metrics import evaluate
-from gaga_core.io.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.colmap import write_colmap
+from gaga_core.evaluate.group_scores import evaluate
+from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb, write_rgb
-from gaga_core.io.masks import mask_folder, read_labels, view_key, view_keys, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.masks.label_maps import (
+    mask_folder,
+    read_labels,
+    view_key,
+    view_keys,
+    write_labels,
+)
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.import_masks import import_masks, match_views
 from gaga_core.pipeline.mask_dataset import export_mask_dataset

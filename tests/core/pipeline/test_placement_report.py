@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.io.scene_folder import AssociateEntry, read_report_entry, with_entry
-from gaga_core.pipeline.placement_report import notes_of, placement_of
+from gaga_core.io.folder.scene_folder import AssociateEntry, read_report_entry, with_entry
+from gaga_core.pipeline.place import notes_of, placement_of
 
 _GOOD = {"names": ["a", "b"], "why_out": {"b": "dark"}, "links": [[0, 1, 40]], "notes": ["x"]}
 

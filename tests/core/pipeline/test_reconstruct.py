@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from gaga_core.errors import GagaError
-from gaga_core.io.cameras_json import read_cameras_json
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.cameras.cameras_json import read_cameras_json
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.reconstruct import (
     WORKSPACE,
     ReconstructConfig,
@@ -22,8 +22,8 @@ from gaga_core.pipeline.reconstruct import (
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.losses import psnr
-from gaga_core.reconstruct.views import load_views_stage
+from gaga_core.training.losses import psnr
+from gaga_core.training.views import load_views_stage
 from tests.core.conftest import PlacedRoom
 
 TINY = ReconstructConfig(iterations=30, max_side=96)

@@ -12,10 +12,10 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import load_bank, save_bank
-from gaga_core.io.colmap import write_colmap
-from gaga_core.io.masks import read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder, read_model
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, read_model
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline import run
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity

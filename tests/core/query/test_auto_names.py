@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import FloatArray
-from gaga_core.query.auto_names import NameConfig, name_by_nouns, suggest_names
+from gaga_core.query.auto_names import NOUNS, NameConfig, name_by_nouns, suggest_names
 from gaga_core.query.index import GroupIndex, TextVectors
-from gaga_core.query.nouns import NOUNS
 
 _DIM = 64
 

@@ -8,8 +8,15 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
-from gaga_core.query.box_voting import contained, groups_of_box, vote_boxes
-from gaga_core.query.detector import Boxes, DetectConfig, as_boxes, load_detector
+from gaga_core.query.detector import (
+    Boxes,
+    DetectConfig,
+    as_boxes,
+    contained,
+    groups_of_box,
+    load_detector,
+    vote_boxes,
+)
 from tests.core.query.tiny_query_models import write_clip, write_grounding_dino, write_owlv2
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gaga_core.color import dc_from_rgb
-from gaga_core.query.descriptions import describe_groups
+from gaga_core.query.descriptions import describe_groups, shapes_of
 from gaga_core.query.group_facts import group_facts
-from gaga_core.query.shapes import shapes_of
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, object_table

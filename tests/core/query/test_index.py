@@ -12,19 +12,23 @@ from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
-from gaga_core.query.crops import KEEP, Shown, best_views, cut_out, shown_groups
 from gaga_core.query.embed import load_embedder
-from gaga_core.query.group_hashes import group_digests
+from gaga_core.query.group_facts import group_digests
 from gaga_core.query.index import (
+    KEEP,
     GroupIndex,
     IndexConfig,
     IndexedViews,
+    Shown,
     TextVectors,
+    best_views,
+    cut_out,
     index_stage,
     load_index,
     n_stale,
     relevancy,
     save_index,
+    shown_groups,
 )
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History

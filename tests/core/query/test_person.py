@@ -11,9 +11,9 @@ from gaga_core.camera import Camera
 from gaga_core.demo.build import build_stage
 from gaga_core.demo.cameras import photo_cameras
 from gaga_core.grouping.votes import vote_labels
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.search import search
 from gaga_core.progress import run_stage

@@ -10,7 +10,6 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
-from gaga_core.models.catalogue import KNOWN_DETECTORS, KNOWN_EMBEDDERS
 from gaga_core.pipeline.search import (
     INDEX_FILE,
     TEXTS_FILE,
@@ -26,12 +25,13 @@ from gaga_core.pipeline.search import (
 )
 from gaga_core.progress import run_stage
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
-from gaga_core.query.models import find_any, folder_of
+from gaga_core.query.embed import find_any, folder_of
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.scene import Scene
+from gaga_core.segmentation.models.catalogue import KNOWN_DETECTORS, KNOWN_EMBEDDERS
 from tests.app.folders import write_scene
 from tests.core.query.tiny_query_models import write_clip
 from tests.scenes import Synthetic, objects_scene

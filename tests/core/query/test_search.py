@@ -11,8 +11,7 @@ from gaga_core.pipeline.search import search
 from gaga_core.query.colors import NAMES
 from gaga_core.query.grammar import parse
 from gaga_core.query.group_facts import compact_rows, facts_of, group_facts
-from gaga_core.query.name_matching import name_scores
-from gaga_core.query.search import FITS, Answer
+from gaga_core.query.search import FITS, Answer, name_scores
 from gaga_core.query.spatial_relations import canonical_view
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History

@@ -7,8 +7,8 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks, open_bounds
-from gaga_core.raster import chunks, for_many_views
-from gaga_core.raster.chunks import SpatialChunks
+from gaga_core.raster import base, for_many_views
+from gaga_core.raster.base import SpatialChunks
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.vote_slots import VoteSlots
@@ -49,7 +49,7 @@ def _cameras() -> list[Camera]:
 
 @pytest.fixture
 def divided(monkeypatch: pytest.MonkeyPatch) -> SpatialChunks:
-    monkeypatch.setattr(chunks, "_SIZE", 64)
+    monkeypatch.setattr(base, "_SIZE", 64)
     found = SpatialChunks.of(_wide_scene())
     assert found is not None
     return found
@@ -70,8 +70,8 @@ def test_a_chunk_is_seen_as_soon_as_one_of_its_splats_is_drawn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Chunks of one splat each: those in view are all that projection keeps, and hardly more."""
-    monkeypatch.setattr(chunks, "_SIZE", 1)
-    monkeypatch.setattr(chunks, "_MOST", 1.0)
+    monkeypatch.setattr(base, "_SIZE", 1)
+    monkeypatch.setattr(base, "_MOST", 1.0)
     rng = np.random.default_rng(6)
     cameras = _cameras()
     n = 4000

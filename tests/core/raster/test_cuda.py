@@ -35,7 +35,7 @@ def cuda(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bas
 def stand_in(monkeypatch: pytest.MonkeyPatch, *, contributors: bool = False) -> CudaRasterizer:
     """The backend on the processor, with several bands of pixels and pieces of Gaussians."""
     gsplat_stand_in.install(monkeypatch, contributors=contributors)
-    monkeypatch.setattr("gaga_core.raster.cuda.listing._ENTRIES", 100_000)
+    monkeypatch.setattr("gaga_core.raster.cuda.rasterizer._ENTRIES", 100_000)
     monkeypatch.setattr("gaga_core.raster.cuda.view._ROWS", 300)
     return CudaRasterizer("cpu")
 

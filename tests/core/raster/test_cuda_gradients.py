@@ -14,7 +14,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, probe
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cuda import CudaRasterizer
-from gaga_core.reconstruct.losses import photometric
+from gaga_core.training.losses import photometric
 from tests import gsplat_stand_in, torch_reference
 from tests.core.raster.autograd import BACKGROUND, autograd
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians

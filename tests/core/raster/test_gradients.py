@@ -12,9 +12,9 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer, backward_kernels
-from gaga_core.raster.cpu.splat_gradient_kernels import backward_splats
+from gaga_core.raster.cpu.backward_kernels import backward_splats
 from gaga_core.raster.reference import project
-from gaga_core.reconstruct.losses import photometric, psnr
+from gaga_core.training.losses import photometric, psnr
 from tests import torch_reference
 from tests.core.raster.autograd import BACKGROUND, autograd
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians

@@ -8,10 +8,10 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder
-from gaga_core.raster.cpu import CpuRasterizer, vote
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply
+from gaga_core.raster.cpu import CpuRasterizer, rasterizer
 from gaga_core.raster.reference import ReferenceRasterizer
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
@@ -55,7 +55,7 @@ def test_vote_is_the_transpose_product_of_the_weights(
     batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And adds to what is there; negative labels are ignored; batches change nothing."""
-    monkeypatch.setattr(vote, "_BATCH", batch)
+    monkeypatch.setattr(rasterizer, "_BATCH", batch)
     scene = objects_scene(4, 150)
     camera = scene.cameras[0].resized(75, 52)
     rng = np.random.default_rng(0)

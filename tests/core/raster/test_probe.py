@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core import raster
-from gaga_core.cli.doctor import examine
+from gaga_core.cli.files import examine
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.raster import base, probe

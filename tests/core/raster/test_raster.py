@@ -11,7 +11,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, choose
-from gaga_core.raster.cpu import CpuRasterizer, blend_kernels, project_kernels, sh_kernels
+from gaga_core.raster.cpu import CpuRasterizer, blend_kernels, project_kernels
 from gaga_core.raster.reference import ReferenceRasterizer
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
@@ -186,7 +186,7 @@ def test_read_only_columns_are_drawn_alike() -> None:
     gaussians = random_gaussians(100, seed=7, sh_degree=1)
     camera = orbit_cameras(3, width=48, height=40)[1]
     want = CPU.render(gaussians, camera).image
-    kernels: list[Any] = [project_kernels.project, sh_kernels.sh_colors]
+    kernels: list[Any] = [project_kernels.project, project_kernels.sh_colors]
     n_versions = [len(k.signatures) for k in kernels]
     locked = gaussians.take(np.arange(100))
     for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):

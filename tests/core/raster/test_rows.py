@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from gaga_core.raster.cpu.prepare import prepare
-from gaga_core.raster.cpu.row_kernels import (
+from gaga_core.raster.cpu.backward_kernels import (
     AT_ONCE,
     N_COLUMNS,
     N_LISTS,
@@ -14,6 +13,7 @@ from gaga_core.raster.cpu.row_kernels import (
     SMALL_S,
     list_rows,
 )
+from gaga_core.raster.cpu.prepare import prepare
 from tests.scenes import orbit_cameras, random_gaussians
 
 TILE = 16

@@ -8,7 +8,7 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.cpu import CpuRasterizer, vote
+from gaga_core.raster.cpu import CpuRasterizer, rasterizer
 from tests.scenes import objects_scene
 
 CPU = CpuRasterizer()
@@ -37,7 +37,7 @@ def _everything(
 
 
 def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vote, "_BATCH", 20_000)  # several batches
+    monkeypatch.setattr(rasterizer, "_BATCH", 20_000)  # several batches
     scene = objects_scene(8, 2500, sh_degree=1)  # several pieces of Gaussians
     camera = scene.cameras[0]
     labels = (np.indices((120, 160)).sum(axis=0) // 9 % 11 - 1).astype(np.int32)

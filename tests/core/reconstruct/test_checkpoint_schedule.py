@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.reconstruct.checkpoint import TrainState, iteration_of
-from gaga_core.reconstruct.checkpoint_schedule import Keeper, seconds_between
-from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.exposure import Exposures
-from gaga_core.reconstruct.optimizer import Splats
-from gaga_core.reconstruct.settings import TrainConfig
+from gaga_core.training.checkpoint import Exposures, TrainState, iteration_of
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.optimizer import Splats
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import Keeper, seconds_between
 from tests.scenes import random_gaussians
 
 

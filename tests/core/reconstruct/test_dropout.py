@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import FloatArray
-from gaga_core.reconstruct.checkpoint import TrainState
-from gaga_core.reconstruct.cpu_train import CpuEngine
-from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.dropout import HIGHEST, thinned
-from gaga_core.reconstruct.engine import Setting, turns_of
-from gaga_core.reconstruct.exposure import Exposures
-from gaga_core.reconstruct.losses import photometric
-from gaga_core.reconstruct.optimizer import COLUMNS, Splats, adam_step
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.team import SINGLE_WORKER
+from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.cpu_train import CpuEngine
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.engine import HIGHEST, SINGLE_WORKER, Setting, thinned, turns_of
+from gaga_core.training.losses import photometric
+from gaga_core.training.optimizer import COLUMNS, Splats, adam_step
+from gaga_core.training.settings import TrainConfig
 from tests.core.reconstruct.train_scenes import CPU, known_scene, short
 from tests.scenes import orbit_cameras, random_gaussians
 

@@ -11,11 +11,14 @@ from gaga_core.color import rgb_from_dc
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.cover import CameraBall
-from gaga_core.reconstruct.far_shell import even_directions, far_shell
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.initial import round_gaussians
-from gaga_core.reconstruct.views import TrainView
+from gaga_core.training.start import (
+    CameraBall,
+    even_directions,
+    far_shell,
+    first_splats_stage,
+    round_gaussians,
+)
+from gaga_core.training.views import TrainView
 from tests.core.reconstruct.train_scenes import CPU, short
 
 _MIDDLE = np.array([3.0, -1.0, 0.5])

@@ -8,13 +8,9 @@ from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb
+from gaga_core.placing.foreground import masks_from_folder, masks_of_what_moves, paint_background
+from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.foreground import (
-    masks_from_folder,
-    masks_of_what_moves,
-    paint_background,
-)
-from gaga_core.reconstruct.photos import Photo, PhotoSet
 
 
 @pytest.fixture

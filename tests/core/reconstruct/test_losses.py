@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from gaga_core.arrays import AnyArray, FloatArray
-from gaga_core.reconstruct import losses_kernels
-from gaga_core.reconstruct.losses import photometric, psnr, ssim
+from gaga_core.training import losses_kernels
+from gaga_core.training.losses import photometric, psnr, ssim
 
 
 def pictures(height: int, width: int) -> tuple[FloatArray, FloatArray]:

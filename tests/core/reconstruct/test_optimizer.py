@@ -8,8 +8,8 @@ import torch
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
-from gaga_core.reconstruct.optimizer import COLUMNS, Rates, Splats, adam_step, camera_extent
-from gaga_core.reconstruct.settings import RateConfig
+from gaga_core.training.optimizer import COLUMNS, Rates, Splats, adam_step, camera_extent
+from gaga_core.training.settings import RateConfig
 from tests.scenes import random_gaussians
 
 RATES = Rates(means=1e-3, quats=2e-3, log_scales=3e-3, logit_opacities=4e-2, sh=5e-3, sh_rest=6e-4)

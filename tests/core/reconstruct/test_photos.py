@@ -11,19 +11,18 @@ from PIL import Image, ImageFilter
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb
-from gaga_core.pipeline.photo_source import look_at_photos, source_of
-from gaga_core.pipeline.reconstruct import reconstruct_scene
-from gaga_core.progress import run_stage
-from gaga_core.reconstruct.photos import (
+from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene, source_of
+from gaga_core.placing.photos import (
     PhotoSet,
     exif_focal,
     list_photos,
     prepare_photos,
     read_photo_set,
+    sharpness,
     unread_kinds,
 )
-from gaga_core.reconstruct.sharpness import sharpness
-from gaga_core.reconstruct.video import extract_frames, extract_moving_frames
+from gaga_core.placing.video import extract_frames, extract_moving_frames
+from gaga_core.progress import run_stage
 from tests.core.reconstruct.photo_scenes import photograph, walk_cameras
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.geometry import look_at
+from gaga_core.placing.pose_check import check_poses_stage
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.pose_check import check_poses_stage
 from tests.core.conftest import PlacedRoom
 
 

@@ -13,11 +13,11 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
+from gaga_core.placing.metrics import SfmFacts
+from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.placing.sfm import SfmConfig, run_sfm
+from gaga_core.placing.worker import similar_pairs
 from gaga_core.progress import Progress, run_stage
-from gaga_core.reconstruct.photos import PhotoSet, list_photos, prepare_photos
-from gaga_core.reconstruct.sfm import SfmConfig, run_sfm
-from gaga_core.reconstruct.sfm_metrics import SfmFacts
-from gaga_core.reconstruct.sfm_pairs import similar_pairs
 from tests.conftest import real_scene
 from tests.core.conftest import ROOM_SFM, PlacedRoom
 from tests.core.reconstruct.photo_scenes import FOCAL, write_photos
@@ -163,7 +163,7 @@ def test_the_last_digits_of_a_model_do_not_depend_on_the_order_of_threads(
     placed_room: PlacedRoom,
 ) -> None:
     pycolmap = pytest.importorskip("pycolmap")
-    from gaga_core.reconstruct.sfm_worker import _round
+    from gaga_core.placing.worker import _round
 
     def numbers(model: Any) -> list[float]:
         poses = [frame.rig_from_world for _, frame in sorted(model.frames.items())]

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.reconstruct.sfm_bridge import Bridge, weakest_bridge
-from gaga_core.reconstruct.sfm_checks import check_model
-from gaga_core.reconstruct.sfm_metrics import SfmFacts, summarize
+from gaga_core.placing.checks import Bridge, check_model, weakest_bridge
+from gaga_core.placing.metrics import SfmFacts, summarize
 
 ARC = 8  # views of an arc
 FOCAL, NOISE = 500.0, 0.7  # pixels

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import BoolArray, DoubleArray
-from gaga_core.reconstruct.sfm_checks import Verdict, check_model
-from gaga_core.reconstruct.sfm_metrics import SfmFacts, summarize
+from gaga_core.placing.checks import Verdict, check_model
+from gaga_core.placing.metrics import SfmFacts, summarize
 from tests.core.conftest import PlacedRoom
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.reconstruct.photos import Photo, PhotoSet
-from gaga_core.reconstruct.sfm_cycles import photo_cycles
-from gaga_core.reconstruct.sfm_diagnosis import Diagnosis, MatchFacts, chain_breaks, diagnose
+from gaga_core.placing.diagnosis import Diagnosis, MatchFacts, chain_breaks, diagnose, photo_cycles
+from gaga_core.placing.photos import Photo, PhotoSet
 
 _N = 12
 

@@ -7,8 +7,8 @@ import pycolmap
 import pytest
 
 from gaga_core.geometry import quats_to_matrices
-from gaga_core.reconstruct.sfm_join import join_parts, similarity
-from gaga_core.reconstruct.sfm_scenes import is_well_joined
+from gaga_core.placing.join import join_parts, similarity
+from gaga_core.placing.ladder import is_well_joined
 from tests.captures.placing import off_after_alignment
 from tests.core.conftest import PlacedRoom
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaga_core.reconstruct.sfm_metrics import SfmFacts
-from gaga_core.reconstruct.sfm_scenes import scenes_of
+from gaga_core.placing.ladder import scenes_of
+from gaga_core.placing.metrics import SfmFacts
 from tests.core.conftest import PlacedRoom
 
 

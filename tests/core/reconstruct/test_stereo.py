@@ -6,10 +6,10 @@ import pytest
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.stereo import stereo_points_stage
-from gaga_core.reconstruct.stereo_kernels import count_agreeing
-from gaga_core.reconstruct.views import TrainView
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.stereo import stereo_points_stage
+from gaga_core.training.stereo_kernels import count_agreeing
+from gaga_core.training.views import TrainView
 from tests.core.reconstruct.train_scenes import CPU, short
 from tests.scenes import orbit_cameras
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.reconstruct.distributed import joined_team
-from gaga_core.reconstruct.optimizer import COLUMNS
-from gaga_core.reconstruct.team import SINGLE_WORKER
-from gaga_core.reconstruct.train import TrainUpdate, train, train_stage
+from gaga_core.training.distributed import joined_team
+from gaga_core.training.engine import SINGLE_WORKER
+from gaga_core.training.optimizer import COLUMNS
+from gaga_core.training.train import TrainUpdate, train, train_stage
 from tests.core.reconstruct.train_scenes import CPU, known_scene
 from tests.core.reconstruct.train_worker import worker_config
 

@@ -13,15 +13,12 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
-from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.initial import initial_gaussians
-from gaga_core.reconstruct.optimizer import COLUMNS, Splats
-from gaga_core.reconstruct.report import Cost, report_of
-from gaga_core.reconstruct.settings import QUALITIES, TrainConfig
-from gaga_core.reconstruct.train import Trained, TrainUpdate, train, train_stage
-from gaga_core.reconstruct.view_quality import quality_stage
-from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.optimizer import COLUMNS, Splats
+from gaga_core.training.settings import QUALITIES, TrainConfig
+from gaga_core.training.start import first_splats_stage, initial_gaussians
+from gaga_core.training.train import Cost, Trained, TrainUpdate, report_of, train, train_stage
+from gaga_core.training.views import TrainView, TrainViews, quality_stage
 from tests.core.reconstruct.train_scenes import CPU, Known, known_scene, short
 
 BLACK = np.zeros(3, np.float32)

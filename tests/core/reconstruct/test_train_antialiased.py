@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
-from gaga_core.reconstruct import cuda_train
-from gaga_core.reconstruct.checkpoint import TrainState
-from gaga_core.reconstruct.cpu_train import CpuEngine
-from gaga_core.reconstruct.densify import ScreenSums
-from gaga_core.reconstruct.engine import Engine, Setting
-from gaga_core.reconstruct.exposure import Exposures
-from gaga_core.reconstruct.optimizer import Splats
-from gaga_core.reconstruct.team import SINGLE_WORKER
-from gaga_core.reconstruct.train import Trained, TrainUpdate, train_stage
-from gaga_core.reconstruct.view_quality import quality_stage
-from gaga_core.reconstruct.views import TrainView
+from gaga_core.training import cuda_train
+from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.cpu_train import CpuEngine
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.engine import SINGLE_WORKER, Engine, Setting
+from gaga_core.training.optimizer import Splats
+from gaga_core.training.train import Trained, TrainUpdate, train_stage
+from gaga_core.training.views import TrainView, quality_stage
 from tests.core.reconstruct import train_gsplat
 from tests.core.reconstruct.train_scenes import CPU, known_scene, short
 from tests.scenes import orbit_cameras, random_gaussians

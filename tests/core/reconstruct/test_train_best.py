@@ -8,10 +8,10 @@ import pytest
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.optimizer import COLUMNS
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import Trained, TrainUpdate, train, train_stage
-from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.training.optimizer import COLUMNS
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import Trained, TrainUpdate, train, train_stage
+from gaga_core.training.views import TrainView, TrainViews
 from tests.core.reconstruct.train_scenes import CPU, Known, known_scene, short
 
 

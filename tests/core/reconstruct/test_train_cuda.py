@@ -13,13 +13,13 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
 from gaga_core.raster import base, probe
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct import cuda_train
-from gaga_core.reconstruct.dropout import thinned
-from gaga_core.reconstruct.losses import photometric
-from gaga_core.reconstruct.optimizer import COLUMNS
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import Trained, TrainUpdate, train_stage
-from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.training import cuda_train
+from gaga_core.training.engine import thinned
+from gaga_core.training.losses import photometric
+from gaga_core.training.optimizer import COLUMNS
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import Trained, TrainUpdate, train_stage
+from gaga_core.training.views import TrainView, TrainViews
 from tests.scenes import orbit_cameras, random_gaussians
 
 CPU = CpuRasterizer()

@@ -9,17 +9,19 @@ from gaga_core.arrays import AnyArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import empty_gradients
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.densify import (
+from gaga_core.training.densification import (
     ScreenSums,
     control_density,
     quota,
+    relocate_and_grow,
     reset_opacities,
+    shared,
     shared_opacity,
+    walk,
 )
-from gaga_core.reconstruct.losses import psnr
-from gaga_core.reconstruct.optimizer import COLUMNS, Splats, concatenate
-from gaga_core.reconstruct.relocate import relocate_and_grow, shared, walk
-from gaga_core.reconstruct.settings import DensityConfig
+from gaga_core.training.losses import psnr
+from gaga_core.training.optimizer import COLUMNS, Splats, concatenate
+from gaga_core.training.settings import DensityConfig
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CPU = CpuRasterizer()

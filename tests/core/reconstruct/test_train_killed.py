@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.checkpoint import iteration_of
-from gaga_core.reconstruct.optimizer import COLUMNS
-from gaga_core.reconstruct.train import train, train_stage
+from gaga_core.training.checkpoint import iteration_of
+from gaga_core.training.optimizer import COLUMNS
+from gaga_core.training.train import train, train_stage
 from tests.core.reconstruct.train_scenes import CPU, known_scene
 from tests.core.reconstruct.train_worker import worker_config
 

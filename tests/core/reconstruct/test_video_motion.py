@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaga_core.reconstruct.video_motion import (
+from gaga_core.placing.video import (
     FilmMotion,
     MotionConfig,
     choose_frames,

@@ -9,7 +9,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.images import write_rgb
 from gaga_core.progress import run_stage
-from gaga_core.reconstruct.views import TrainView, TrainViews, load_views_stage
+from gaga_core.training.views import TrainView, TrainViews, load_views_stage
 from tests.scenes import orbit_cameras
 
 

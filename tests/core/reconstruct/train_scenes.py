@@ -7,9 +7,9 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.initial import initial_gaussians
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.start import initial_gaussians
+from gaga_core.training.views import TrainView, TrainViews
 from tests.scenes import objects_scene
 
 CPU = CpuRasterizer()

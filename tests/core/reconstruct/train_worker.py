@@ -13,11 +13,11 @@ import numpy as np
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.reconstruct.distributed import joined_team
-from gaga_core.reconstruct.optimizer import COLUMNS
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.team import Team
-from gaga_core.reconstruct.train import train_stage
+from gaga_core.training.distributed import joined_team
+from gaga_core.training.engine import Team
+from gaga_core.training.optimizer import COLUMNS
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import train_stage
 from tests.core.reconstruct.train_scenes import known_scene, short
 
 

@@ -8,8 +8,8 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.arrange import ground_map, mirror_map, turn_between
 from gaga_core.scene.bake import bake
+from gaga_core.scene.orientation import ground_map, mirror_map, turn_between
 from gaga_core.scene.scene import Scene
 from tests.scenes import orbit_cameras, random_gaussians
 

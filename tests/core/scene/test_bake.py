@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.color import sh_basis
+from gaga_core.color import sh_basis, sh_rotation
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
@@ -14,7 +14,6 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake, bake_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.sh_rotation import sh_rotation
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
 from tests.scenes import orbit_cameras, random_gaussians
 

@@ -11,19 +11,17 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
-from gaga_core.scene.camera_json import (
+from gaga_core.scene.camera_path import (
+    Bookmark,
+    CameraPath,
+    Keyframe,
+    Shot,
     bookmarks_entry,
     bookmarks_of,
     load_path,
     path_entry,
     path_of,
     save_path,
-)
-from gaga_core.scene.camera_path import (
-    Bookmark,
-    CameraPath,
-    Keyframe,
-    Shot,
     turntable,
 )
 from tests.core.scene.shots import shot_towards

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_objects_stage, export_scene_stage, least_psnr
+from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.scene.decimate import decimate_stage, picture_loss_stage
-from gaga_core.scene.export import export_objects_stage, export_scene_stage, least_psnr
-from gaga_core.scene.export_options import ExportOptions
+from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
 from gaga_core.scene.scene import Scene
 from tests.scenes import Synthetic, objects_scene
 

@@ -10,26 +10,27 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io import ply
-from gaga_core.io.mesh_files import MeshFile
-from gaga_core.io.ply import read_ply, write_ply
-from gaga_core.io.splat_files import SplatFormat, read_splats
-from gaga_core.progress import run_stage
-from gaga_core.scene import edits
-from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import (
+from gaga_core.export.export import (
+    MeshExport,
+    MeshForm,
     export_objects_stage,
     export_scene_stage,
     exported_indices,
     objects_losses,
     slug,
 )
-from gaga_core.scene.export_mesh import MeshExport, MeshForm
-from gaga_core.scene.export_options import ExportOptions
-from gaga_core.scene.manifest import MANIFEST, listed_files
+from gaga_core.export.options import ExportOptions
+from gaga_core.export.proxy_mesh import MeshConfig
+from gaga_core.io.meshes import MeshFile
+from gaga_core.io.splats import ply
+from gaga_core.io.splats.ply import read_ply, write_ply
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.export_manifest import MANIFEST, listed_files
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.proxy_mesh import MeshConfig
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
 

@@ -7,12 +7,12 @@ import pytest
 
 from gaga_core.arrays import FloatArray
 from gaga_core.errors import GagaError
-from gaga_core.io.splat_files import SplatFormat, read_splats
+from gaga_core.export.export import export_objects_stage, export_scene_stage
+from gaga_core.export.options import ExportOptions, Point, box_of, estimated_bytes
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
-from gaga_core.scene.export import export_objects_stage, export_scene_stage
-from gaga_core.scene.export_options import ExportOptions, Point, box_of, estimated_bytes
-from gaga_core.scene.manifest import listed_files
+from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from tests.core.scene.edits.edit_walk import walk_scene
 

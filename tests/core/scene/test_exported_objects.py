@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.splat_files import SplatFormat
+from gaga_core.export.export import export_objects_stage
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export import export_objects_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_colors, group_indices
 from gaga_core.scene.project import save_project

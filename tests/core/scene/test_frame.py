@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot, carried_shot
@@ -24,7 +25,6 @@ from gaga_core.scene.frame import (
     scale_of,
 )
 from gaga_core.scene.project import open_path_stage, save_project
-from gaga_core.scene.script.run import run_script
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
 from tests.scenes import orbit_cameras

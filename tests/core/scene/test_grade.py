@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gaga_core.scene import edits
-from gaga_core.scene.grade import Grade, grade_affine
 from gaga_core.scene.selection.by_value import shown_colors
+from gaga_core.scene.tint import Grade, grade_affine
 from tests.core.scene.edits.edit_walk import walk_scene
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])

@@ -10,12 +10,12 @@ from plyfile import PlyData
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
+from gaga_core.export.export import export_scene_stage
 from gaga_core.identity.classifier_io import with_encodings, write_classifier
 from gaga_core.identity.field import Identity, IdentityField, save_identity
 from gaga_core.identity.linear_kernels import D
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
-from gaga_core.scene.export import export_scene_stage
 from tests.core.scene.projects import opened
 from tests.scenes import objects_scene, random_gaussians
 

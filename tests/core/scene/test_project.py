@@ -6,7 +6,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
@@ -114,7 +114,7 @@ def test_a_newer_format_is_refused(tmp_path: Path) -> None:
 
 
 def test_groups_of_a_column_are_read(tmp_path: Path) -> None:
-    from gaga_core.scene.export import export_scene_stage
+    from gaga_core.export.export import export_scene_stage
 
     synthetic = objects_scene()
     scene = Scene.of(synthetic.gaussians, synthetic.labels)

@@ -8,15 +8,15 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
+from gaga_core.export.colliders import MOST_TRIANGLES, box_mesh, convex_collider
+from gaga_core.export.proxy_mesh import MeshConfig, proxy_mesh_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
-from gaga_core.io.glb_buffers import Buffers
-from gaga_core.io.mesh_files import MeshFile, TriangleMesh, write_mesh
+from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
+from gaga_core.io.splats.glb import Buffers
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu import CpuRasterizer
-from gaga_core.scene.collider import MOST_TRIANGLES, box_mesh, convex_collider
-from gaga_core.scene.proxy_mesh import MeshConfig, proxy_mesh_stage
-from gaga_core.scene.selection.oriented_box import oriented_box
+from gaga_core.scene.selection.bounds import oriented_box
 
 trimesh = pytest.importorskip("trimesh")
 _VOXELS = 32

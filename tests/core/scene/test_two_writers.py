@@ -13,13 +13,17 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.folder_lock import InUseError, lock_folder
-from gaga_core.io.ply import write_ply
+from gaga_core.io.folder.lock import InUseError, lock_folder
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.model_copy import ModelChangedError
-from gaga_core.scene.project import SavedElsewhereError, open_path_stage, save_project
+from gaga_core.scene.project import (
+    ModelChangedError,
+    SavedElsewhereError,
+    open_path_stage,
+    save_project,
+)
 from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-from gaga_core.io.folder_lock import lock_folder
+from gaga_core.io.folder.lock import lock_folder
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage, save_project
 

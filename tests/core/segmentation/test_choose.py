@@ -10,12 +10,17 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.models.catalogue import KNOWN
-from gaga_core.models.weights import find_weights, models_folder, weights_at, where_to_put
 from gaga_core.progress import run_stage
 from gaga_core.segmentation import choose
 from gaga_core.segmentation.base import Picture
 from gaga_core.segmentation.choose import ProviderSettings, available_providers, provider_named
+from gaga_core.segmentation.models.catalogue import KNOWN
+from gaga_core.segmentation.models.weights import (
+    find_weights,
+    models_folder,
+    weights_at,
+    where_to_put,
+)
 from gaga_core.segmentation.regions import RegionsConfig
 
 Folder = Callable[[str], Path]

@@ -5,9 +5,14 @@ import pytest
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.errors import GagaError
-from gaga_core.segmentation import flatten as module
-from gaga_core.segmentation.base import ScoredMasks, scored_masks
-from gaga_core.segmentation.flatten import FlattenConfig, flatten, flatten_levels
+from gaga_core.segmentation import base as module
+from gaga_core.segmentation.base import (
+    FlattenConfig,
+    ScoredMasks,
+    flatten,
+    flatten_levels,
+    scored_masks,
+)
 
 
 def _random(seed: int, n: int = 24) -> tuple[BoolArray, FloatArray]:

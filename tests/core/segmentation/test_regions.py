@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array
+from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks import read_labels
-from gaga_core.io.ply import read_ply_stage
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.regions import RegionsConfig, regions, regions_at

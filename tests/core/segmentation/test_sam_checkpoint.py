@@ -11,9 +11,8 @@ import torch
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
-from gaga_core.segmentation.base import Picture
+from gaga_core.segmentation.base import FlattenConfig, Picture
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
-from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.sam_checkpoint import load_sam_checkpoint
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.conftest import NO_TRANSFORMERS

@@ -13,11 +13,9 @@ import torch
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, run_stage
-from gaga_core.segmentation.base import Picture
+from gaga_core.segmentation.base import FlattenConfig, ModelProvider, Picture
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
-from gaga_core.segmentation.flatten import FlattenConfig
 from gaga_core.segmentation.loading import load_folder
-from gaga_core.segmentation.model_provider import ModelProvider
 from gaga_core.segmentation.sam import fitted, sam_encoder
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.conftest import SAM_KINDS

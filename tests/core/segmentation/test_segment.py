@@ -11,21 +11,29 @@ import pytest
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.colmap import write_colmap
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.io.images import write_rgb
-from gaga_core.io.masks import mask_folder, read_further_labels, read_labels, write_labels
-from gaga_core.io.ply import write_ply
-from gaga_core.io.scene_folder import SceneFolder, open_scene_folder
+from gaga_core.io.masks.label_maps import (
+    mask_folder,
+    read_further_labels,
+    read_labels,
+    write_labels,
+)
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline import segment
 from gaga_core.pipeline.segment import SegmentConfig, segment_scene
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
-from gaga_core.segmentation.base import ModelCard, ScoredMasks, scored_masks
+from gaga_core.segmentation.base import (
+    FlattenConfig,
+    ModelCard,
+    ModelProvider,
+    ScoredMasks,
+    scored_masks,
+)
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
-from gaga_core.segmentation.flatten import FlattenConfig
-from gaga_core.segmentation.model_provider import ModelProvider
-from gaga_core.segmentation.regions import RegionsConfig
-from gaga_core.segmentation.regions_provider import RegionsProvider
+from gaga_core.segmentation.regions import RegionsConfig, RegionsProvider
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.fake_provider import Quarters
 from tests.scenes import objects_scene

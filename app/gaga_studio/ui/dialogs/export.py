@@ -6,11 +6,11 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.io.mesh_files import MeshFile
-from gaga_core.io.splat_files import WRITE_SUFFIXES, SplatFormat
-from gaga_core.pipeline.export_cameras import CameraForm, camera_form_of
-from gaga_core.scene.export_mesh import MeshExport, MeshForm
-from gaga_core.scene.export_options import ExportOptions
+from gaga_core.export.cameras import CameraForm, camera_form_of
+from gaga_core.export.export import MeshExport, MeshForm
+from gaga_core.export.options import ExportOptions
+from gaga_core.io.meshes import MeshFile
+from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
 from gaga_studio import commands
 from gaga_studio.actions import export
 from gaga_studio.actions.export import ExportPlan, ExportSummary, What

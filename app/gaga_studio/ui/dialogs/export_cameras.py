@@ -1,6 +1,6 @@
 """The forms of cameras in the sheet that exports."""
 
-from gaga_core.pipeline.export_cameras import CameraForm
+from gaga_core.export.cameras import CameraForm
 from gaga_studio.ui.kit import widgets
 
 FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from imgui_bundle import imgui
 
-from gaga_core.scene.export_options import ExportOptions, Point
+from gaga_core.export.options import ExportOptions, Point
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets

@@ -8,9 +8,9 @@ from typing import Literal, TypeVar
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
-from gaga_core.io.video_out import VideoConfig
-from gaga_core.pipeline import video as pipeline_video
-from gaga_core.pipeline.split_picture import Split, What
+from gaga_core.io.video import VideoConfig
+from gaga_core.pipeline import film as pipeline_video
+from gaga_core.pipeline.film import Split, What
 from gaga_studio.actions import camera_path, split_view
 from gaga_studio.commands.availability import no_path, no_photo_files
 from gaga_studio.session.notices import notifies

@@ -9,9 +9,9 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.models.catalogue import known_model
-from gaga_core.models.weights import models_folder
 from gaga_core.segmentation.choose import ProviderEntry
+from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.actions import mask_settings, masks, models
 from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
 from gaga_studio.session.next_stage import duration_text

@@ -2,9 +2,9 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.models.hub import Listing, terms
-from gaga_core.models.status import ModelStatus
-from gaga_core.models.weights import models_folder
+from gaga_core.segmentation.models.hub import Listing, terms
+from gaga_core.segmentation.models.status import ModelStatus
+from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.actions import models
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.requests import Request

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gaga_core.io.splat_files import READ_SUFFIXES
-from gaga_core.reconstruct.photos import VIDEO_SUFFIXES
+from gaga_core.io.splats.splat_files import READ_SUFFIXES
+from gaga_core.placing.photos import VIDEO_SUFFIXES
 from gaga_studio.actions import camera_path, files, fill, masks
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session

@@ -2,7 +2,7 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.grouping.bank_growth import BankGrowth
+from gaga_core.grouping.figures import BankGrowth
 from gaga_studio.actions import bank_timeline
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session

@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 from imgui_bundle import imgui
 
-from gaga_core.scene.grade import Grade
+from gaga_core.scene.tint import Grade
 from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets

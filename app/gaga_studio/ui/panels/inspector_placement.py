@@ -6,7 +6,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.scene.pose import Pose, degrees_of, motion_between, with_degrees
+from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
 from gaga_studio.actions import history, measure, transform
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.evaluate.photo_pictures import truth_picture
+from gaga_core.evaluate.photo_film import truth_picture
 from gaga_core.scene.scene import Scene
 from gaga_studio.actions import photo_compare, split_view
 from gaga_studio.actions.photo_compare import PhotoPlacement

@@ -12,8 +12,8 @@ from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.photo_source import PhotoFind
-    from gaga_core.pipeline.placement_report import PlacementReport
+    from gaga_core.pipeline.place import PlacementReport
+    from gaga_core.pipeline.reconstruct import PhotoFind
 
 _MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
 NAMES = 10.5  # width of the names of fields, ems

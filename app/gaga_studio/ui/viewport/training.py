@@ -27,7 +27,7 @@ from gaga_studio.ui.viewport import placement
 from gaga_studio.ui.viewport.placement import NAMES
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.photo_source import PhotoFind
+    from gaga_core.pipeline.reconstruct import PhotoFind
 
 SHEET = "Make splats"
 _QUALITIES = (

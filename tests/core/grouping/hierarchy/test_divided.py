@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.grouping.hierarchy.divided import divided
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
-from gaga_core.grouping.hierarchy.surfels import Surfels
+from gaga_core.grouping.surfaces.objects import divided
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels
 
 _LEAST = 6.0
 _VIEWS = 4

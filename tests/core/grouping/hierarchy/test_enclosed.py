@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.enclosed import is_enclosed_thing, is_outside, keep_enclosed
-from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
-from gaga_core.grouping.hierarchy.surfels import Surfels
+from gaga_core.grouping.surfaces.borders import (
+    Clusters,
+    SignedGraph,
+    is_background,
+    is_enclosed_thing,
+    is_outside,
+    keep_enclosed,
+)
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels
 from tests.scenes import orbit_cameras
 
 _LEAST = 6.0

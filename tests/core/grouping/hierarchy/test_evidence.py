@@ -7,19 +7,18 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.geometry import look_at
-from gaga_core.grouping.hierarchy.background import is_background
-from gaga_core.grouping.hierarchy.borders import (
+from gaga_core.grouping.surfaces.borders import (
     Agreement,
+    Clusters,
+    SignedGraph,
     coarse_graph,
     in_one_plane,
+    is_background,
     is_calm,
     noise_of,
 )
-from gaga_core.grouping.hierarchy.linkage import Clusters, SignedGraph
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
-from gaga_core.grouping.hierarchy.sheets import planes_of
-from gaga_core.grouping.hierarchy.surfels import Surfels
-from gaga_core.grouping.hierarchy.surfels_kernels import normals_at
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, planes_of, small_pieces
+from gaga_core.grouping.surfaces.surfels_kernels import normals_at
 from tests.scenes import orbit_cameras
 
 _LENS = np.array([100.0, 110.0, 30.0, 20.0])

@@ -3,8 +3,8 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
-from gaga_core.grouping.hierarchy.held import held_together
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
+from gaga_core.grouping.surfaces.objects import held_together
+from gaga_core.grouping.surfaces.surfels import Neighbourhood
 
 _FLOOR, _BELOW, _ONE, _OTHER = range(4)
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]  # low and high of x, y, z

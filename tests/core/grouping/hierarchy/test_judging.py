@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import LongArray
-from gaga_core.grouping.hierarchy.borders import in_one_plane, is_calm
-from gaga_core.grouping.hierarchy.judging import Judge
-from gaga_core.grouping.hierarchy.linkage import Clusters
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
-from gaga_core.grouping.hierarchy.sheets import planes_of
-from gaga_core.grouping.hierarchy.surfels import Surfels
+from gaga_core.grouping.surfaces.borders import Clusters, Judge, in_one_plane, is_calm
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, planes_of, small_pieces
 
 _CALM, _ROUGH = np.array([0.05, 0.1]), np.array([0.2, 0.35])
 _EVIDENCE = (3.2, 2.6, 2.2)

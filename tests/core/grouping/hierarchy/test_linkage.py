@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import LongArray
-from gaga_core.grouping.hierarchy.linkage import SignedGraph, joined
+from gaga_core.grouping.surfaces.borders import SignedGraph, joined
 
 
 def _random_graph(seed: int, n: int = 30) -> SignedGraph:

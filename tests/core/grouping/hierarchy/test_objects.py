@@ -13,11 +13,11 @@ from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
-from gaga_core.grouping.hierarchy.objects import HierarchyConfig
+from gaga_core.grouping.surfaces.objects import HierarchyConfig
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.reconstruct.optimizer import concatenate
+from gaga_core.training.optimizer import concatenate
 from tests.scenes import Synthetic, objects_scene
 
 _BALLS = 6

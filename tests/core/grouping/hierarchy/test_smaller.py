@@ -6,14 +6,13 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.color import lab_from_rgb, rgb_from_dc
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood, small_pieces
-from gaga_core.grouping.hierarchy.smaller import (
+from gaga_core.grouping.surfaces.objects import (
     carriers_by_color,
     colors_of_samples,
     hue_of,
     smaller_levels,
 )
-from gaga_core.grouping.hierarchy.surfels import Surfels
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, small_pieces
 from tests.scenes import objects_scene
 
 _RED, _TEAL = (70.0, 60.0, 45.0), (70.0, -25.0, -10.0)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import BoolArray, DoubleArray
-from gaga_core.grouping.hierarchy.pieces import Neighbourhood
-from gaga_core.grouping.hierarchy.spanned import spanned
-from gaga_core.grouping.hierarchy.surfels import Surfels
+from gaga_core.grouping.surfaces.objects import spanned
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels
 
 _WOOD, _CLOTH = (60.0, 20.0, 30.0), (30.0, -40.0, 10.0)
 _ONE, _OTHER, _THING = range(3)

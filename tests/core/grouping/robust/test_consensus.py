@@ -12,12 +12,22 @@ from gaga_core.camera import Camera
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.memory_bank import two_best
-from gaga_core.grouping.robust import consensus, linkage
-from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks, without_wholes
-from gaga_core.grouping.robust.contacts import Priors
-from gaga_core.grouping.robust.linkage import LinkageRules, linkage_stage
-from gaga_core.grouping.robust.point_tables import Leaders, point_tables
-from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
+from gaga_core.grouping.robust import consensus
+from gaga_core.grouping.robust.consensus import (
+    ConsensusConfig,
+    LinkageRules,
+    Priors,
+    linkage_stage,
+    merged_masks,
+    without_wholes,
+)
+from gaga_core.grouping.robust.surface_points import (
+    DepthMaps,
+    Leaders,
+    masks_of_points,
+    point_tables,
+    sample_points,
+)
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -213,8 +223,8 @@ def test_linkage_is_what_the_definition_says() -> None:
 def test_more_points_of_one_view_than_16_bits_count_are_linked() -> None:
     """70,000 points in pairs, each pair in a mask of its own."""
     mask_of = np.repeat(np.arange(1, 35_001, dtype=np.int32), 2)[:, None]
-    assert linkage._counts(mask_of > 0).dtype == np.uint32
-    assert linkage._counts(mask_of[:65_535] > 0).dtype == np.uint16
+    assert consensus._counts(mask_of > 0).dtype == np.uint32
+    assert consensus._counts(mask_of[:65_535] > 0).dtype == np.uint16
     cluster = run_stage(linkage_stage(mask_of, LinkageRules(0.55, 0.1, 2.0), "link"))
     assert np.array_equal(cluster, mask_of[:, 0])
 

@@ -5,7 +5,7 @@ import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.robust.contacts import Contacts, contacts_of, surface_normals
+from gaga_core.grouping.robust.consensus import Contacts, contacts_of, surface_normals
 from gaga_core.grouping.robust.surface_points import DepthMaps, masks_of_points, sample_points
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

@@ -11,8 +11,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
-from gaga_core.grouping.robust.surface_refinement import SurfaceConfig, follow_surfaces
-from gaga_core.grouping.robust.surfaces import along_surfaces
+from gaga_core.grouping.robust.surface_graph import SurfaceConfig, along_surfaces, follow_surfaces
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

@@ -8,12 +8,7 @@ import pytest
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.cleanup.clean import (
-    CleanConfig,
-    CleanReason,
-    clean_object,
-    cleaned_labels,
-)
+from gaga_core.scene.cleanup import CleanConfig, CleanReason, clean_object, cleaned_labels
 from gaga_core.scene.edits import delete, lock, select, transform
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import LongArray
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
-from gaga_core.scene.cleanup.clean import clean_object
-from gaga_core.scene.cleanup.edits import (
+from gaga_core.scene.cleanup import (
     DROPPED,
     TAKEN_IN,
+    clean_object,
     clean_objects_stage,
     cleaned_copy,
     cleaned_edit,
@@ -25,7 +26,6 @@ from gaga_core.scene.edits import hide, isolate, lock, select
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
 from tests.app.looks import snapshot
 from tests.scenes import objects_scene
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import AnyArray
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -21,7 +22,6 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import columns, snapshot
 from tests.scenes import random_gaussians
 

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.json import decode_edit, encode_edit
-from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import Snapshot, builders, snapshot, walk_scene
 
 

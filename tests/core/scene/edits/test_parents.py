@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
@@ -12,7 +13,6 @@ from gaga_core.scene.edits.json import decode_edit, encode_edit
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import walk_scene
 
 

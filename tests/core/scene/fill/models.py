@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from gaga_core.scene.fill import inpaint
+from gaga_core.fill import inpaint
 
 
 class Red(torch.nn.Module):

@@ -8,26 +8,22 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
+from gaga_core.fill.chart import Chart, chart_of, darker
+from gaga_core.fill.fill import Filling, accepted, fill_stage, filled_edit
+from gaga_core.fill.shadows import gains
+from gaga_core.fill.surfaces import FillConfig, Seen, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.fill.chart import Chart, chart_of, darker
-from gaga_core.scene.fill.check import accepted
-from gaga_core.scene.fill.config import FillConfig
-from gaga_core.scene.fill.edits import filled_edit
-from gaga_core.scene.fill.fill import Filling, fill_stage
-from gaga_core.scene.fill.stains import gains
-from gaga_core.scene.fill.surfaces import surfaces_around
-from gaga_core.scene.fill.views import Seen, seen_stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.fill.tables import (
     BOX,

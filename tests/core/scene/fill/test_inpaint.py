@@ -12,19 +12,18 @@ import pytest
 import torch
 
 from gaga_core.color import rgb_from_dc
+from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
-from gaga_core.io.ply import write_ply
+from gaga_core.fill.fill import Filling, fill_stage, filled_edit
+from gaga_core.fill.inpaint import Inpainter, trial_stage, why_no_model
+from gaga_core.fill.surfaces import FillConfig
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.fill.config import FillConfig
-from gaga_core.scene.fill.edits import filled_edit
-from gaga_core.scene.fill.fill import Filling, fill_stage
-from gaga_core.scene.fill.inpaint import Inpainter, trial_stage, why_no_model
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.fill import models
 from tests.core.scene.fill.tables import BOX, HALF, STEP, Table, table_with_box

@@ -5,11 +5,10 @@ import pytest
 from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray
-from gaga_core.scene.fill import texture
-from gaga_core.scene.fill.chart import Chart
-from gaga_core.scene.fill.stains import foot_cells, gains, shadow_of, splat_gains, taken_cells
-from gaga_core.scene.fill.surfaces import Plane
-from gaga_core.scene.fill.texture import STYLES, continued_color
+from gaga_core.fill import chart as texture
+from gaga_core.fill.chart import STYLES, Chart, continued_color
+from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
+from gaga_core.fill.surfaces import Plane
 
 SIDE, CELL = 90, 10  # cells of the chart and of a square on it
 LIGHT, DARK = np.array([0.8, 0.75, 0.7]), np.array([0.35, 0.15, 0.12])

@@ -7,14 +7,13 @@ import pytest
 
 from gaga_core.arrays import BoolArray
 from gaga_core.color import dc_from_rgb, rgb_from_dc
+from gaga_core.fill.fill import Filling, fill_stage, filled_edit
+from gaga_core.fill.surfaces import FillConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.fill.config import FillConfig
-from gaga_core.scene.fill.edits import filled_edit
-from gaga_core.scene.fill.fill import Filling, fill_stage
 from gaga_core.scene.scene import Scene
 from tests.core.scene.fill.tables import BOX, HALF, STEP, TABLE, Table, table_with_box
 

@@ -5,8 +5,7 @@ import pytest
 
 from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
-from gaga_core.scene.lod.cut import choose_cut
-from gaga_core.scene.lod.occlusion import covers_of, hidden_nodes
+from gaga_core.scene.lod.cut import choose_cut, covers_of, hidden_nodes
 from tests.core.scene.lod.conftest import Built, N
 from tests.scenes import orbit_cameras
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.lod.pick_rows import PickBoxes
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick
 from tests.core.scene.lod.conftest import Built

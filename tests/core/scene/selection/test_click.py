@@ -10,16 +10,17 @@ from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.click_cut import (
+from gaga_core.scene.selection.click import (
     Answer,
     Click,
+    ClickGraph,
     adopted,
     boxed,
+    click_graph_stage,
+    click_views,
     clicked,
     nothing_yet,
 )
-from gaga_core.scene.selection.click_graph import ClickGraph, click_graph_stage
-from gaga_core.scene.selection.click_views import click_views
 from tests.scenes import Synthetic, objects_scene
 
 _SEEN = 0.28  # radius of a ball

@@ -6,7 +6,7 @@ import pytest
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene import edits
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.components import components_of, floaters
+from gaga_core.scene.selection.neighbourhood import components_of, floaters
 from tests.core.scene.edits.edit_walk import snapshot
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_objects_stage
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
-from gaga_core.scene.export import export_objects_stage
-from gaga_core.scene.selection.oriented_box import oriented_box
+from gaga_core.scene.selection.bounds import oriented_box
 from tests.core.scene.edits.edit_walk import walk_scene
 
 _SIZE = np.array([3.0, 2.0, 0.5])

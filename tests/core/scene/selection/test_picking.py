@@ -8,8 +8,8 @@ import pytest
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import read_ply
-from gaga_core.io.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.splats.ply import read_ply
 from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import BoolArray
-from gaga_core.scene.selection import screen_masks
+from gaga_core.scene.selection import by_screen
 
 W, H = 40, 30
 
@@ -34,7 +34,7 @@ def test_a_polygon_holds_the_pixels_whose_centres_it_surrounds(seed: int) -> Non
     angle = np.sort(rng.uniform(0, 2 * np.pi, 7))
     r = rng.uniform(4, 22, 7)  # partly outside the picture
     points = [(20 + a, 15 + b) for a, b in zip(r * np.cos(angle), r * np.sin(angle), strict=True)]
-    mask = screen_masks.polygon(points, W, H)
+    mask = by_screen.polygon(points, W, H)
     n = 0
     for y in range(H):
         for x in range(W):
@@ -46,24 +46,24 @@ def test_a_polygon_holds_the_pixels_whose_centres_it_surrounds(seed: int) -> Non
 
 
 def test_a_square_is_exact() -> None:
-    mask = screen_masks.polygon([(5, 6), (15, 6), (15, 20), (5, 20)], W, H)
+    mask = by_screen.polygon([(5, 6), (15, 6), (15, 20), (5, 20)], W, H)
     want = np.zeros((H, W), np.bool_)
     want[6:20, 5:15] = True
     assert np.array_equal(mask, want)
-    assert np.array_equal(screen_masks.rectangle((15, 20, 5, 6), W, H), want)
+    assert np.array_equal(by_screen.rectangle((15, 20, 5, 6), W, H), want)
 
 
 @pytest.mark.parametrize("points", [[], [(1, 1)], [(1, 1), (9, 9)], [(-9, -9), (-2, -9), (-2, -2)]])
 def test_nothing_is_inside_an_outline_without_area_or_beside_the_picture(
     points: list[tuple[float, float]],
 ) -> None:
-    assert not screen_masks.polygon(points, W, H).any()
+    assert not by_screen.polygon(points, W, H).any()
 
 
 def _painted(*steps: tuple[tuple[float, float], tuple[float, float]], radius: float) -> BoolArray:
     mask = np.zeros((H, W), np.bool_)
     for start, stop in steps:
-        screen_masks.stroke(mask, start, stop, radius)
+        by_screen.stroke(mask, start, stop, radius)
     return mask
 
 

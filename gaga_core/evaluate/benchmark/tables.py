@@ -1,0 +1,339 @@
+"""Results of a data set, scene by scene, as the tables that the paper prints."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+
+from gaga_core.evaluate.group_scores import VOID_LEFT_OUT, Score
+from gaga_core.evaluate.published import (
+    INSTANCE,
+    INSTANCE_METRICS,
+    PROMPT_METRICS,
+    PROMPTS,
+    SPARSE_IOU,
+    Conditions,
+    absent_scenes,
+    departures,
+    iou_drop,
+    sentences,
+)
+
+
+@dataclass(frozen=True)
+class PromptScores:
+    """Mean IoU and mean boundary IoU of text prompts, in 0..1."""
+
+    miou: float
+    mean_boundary_iou: float
+    by_prompt: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+_VOID_COUNTS = "Counted: void is a label, and every id is a prediction (the published code)."
+
+
+@dataclass(frozen=True)
+class InstanceScores:
+    """Algorithm 1 under both countings."""
+
+    with_void: Score
+    without_void: Score
+
+
+@dataclass(frozen=True)
+class BenchmarkRun:
+    """One run over one scene: all train views, or a share of them."""
+
+    share: float
+    scores: InstanceScores | PromptScores | None  # None: shown, not scored
+    n_views: int  # train views used
+    n_groups: int
+    seconds: float
+    missing: tuple[str, ...] = ()  # predictions that were not there: scored as 0
+    notes: tuple[str, ...] = ()  # sentences for people
+
+    @property
+    def headline(self) -> float:
+        """The data set's IoU in 0..1, with void where the published code counts it; 0 where nothing
+        is scored."""
+        if self.scores is None:
+            return 0.0
+        if isinstance(self.scores, PromptScores):
+            return self.scores.miou
+        return self.scores.with_void.iou
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """All runs over one scene, the one with all train views first."""
+
+    scene: str
+    masks: str  # where the 2D masks come from
+    runs: tuple[BenchmarkRun, ...]
+    n_reused: int = 0  # runs taken from an earlier benchmark
+    conditions: Conditions = field(default_factory=Conditions)
+
+    def run(self, share: float) -> BenchmarkRun | None:
+        """The run with this share of the train views."""
+        return next((run for run in self.runs if run.share == share), None)
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of text, headings first."""
+
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()  # how it was made, sentences
+
+    def table(self) -> list[list[str]]:
+        """The rows."""
+        return [list(row) for row in self.rows]
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class BenchmarkReport:
+    """A data set's results next to the published ones."""
+
+    dataset: str  # "replica"
+    title: str  # "Replica"
+    preset: str
+    scenes: tuple[SceneResult, ...]
+    failed: Mapping[str, str]  # scene -> why it has no result
+    out: str  # folder of the results
+    protocol: str = "instance"  # "lerf-mask", "3d-ovs", "qualitative"
+    sparse_splats: str = ""  # which splats runs over few views use
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values; scores in 0..1, published figures in percent."""
+        values = asdict(self)
+        values["means"] = {
+            str(share): self._mean_of(scored, share)
+            for share in self._shares()
+            if (scored := self._scored(share))
+        }
+        values["tables"] = [table.table() for table in self.tables()]
+        values["made"] = self.made()
+        values["departures"] = self.departures()
+        return values
+
+    def made(self) -> list[str]:
+        """How the tables were made: split, truth, masks, scenes, splats, queries."""
+        return sentences(self.dataset, [(s.scene, s.conditions) for s in self.scenes])
+
+    def departures(self) -> list[str]:
+        """What is not as the paper has it: then its figures stand in a table of their own."""
+        found = [d for s in self.scenes for d in departures(self.dataset, s.scene, s.conditions)]
+        absent = absent_scenes(self.dataset, [s.scene for s in self.scenes])
+        if absent and self.protocol == "instance":
+            n = len(absent) + sum(s.scene not in absent for s in self.scenes)
+            found.append(f"scenes: {len(absent)} of {n} are not here, and the mean is over all")
+        return list(dict.fromkeys(found))
+
+    def sentences(self) -> list[str]:
+        """What a person should know about the table."""
+        found = [f"{scene}: {reason}" for scene, reason in self.failed.items()]
+        for scene in self.scenes:
+            whole = scene.runs[0]
+            found += [f"{scene.scene}: {note}" for note in whole.notes]
+            if whole.missing:
+                found.append(
+                    f"{scene.scene}: {len(whole.missing)} predictions are missing and count as 0 "
+                    f"({_listed(whole.missing)})."
+                )
+        reused = sum(scene.n_reused for scene in self.scenes)
+        if reused:
+            found.append(f"{reused} runs were finished before (--redo runs them again).")
+        return found
+
+    def tables(self) -> tuple[TextTable, ...]:
+        """The paper's table with ours in it, the scores without void, and the table of few views
+        if any was run."""
+        whole = [(s.scene, run) for s in self.scenes if (run := s.run(1.0)) is not None]
+        scored = [(scene, run) for scene, run in whole if run.scores is not None]
+        instance = self.protocol in ("instance", "qualitative")
+        tables = [self._instance_table(scored) if instance else self._prompt_table(scored)]
+        if instance and scored:
+            tables.append(self._void_free_table(scored))
+        if len(self._shares()) > 1 and scored:
+            tables.append(self._sparse_table())
+        if scored != whole:
+            tables.append(self._shown_table(whole))
+        made = self.made()
+        noted = [replace(table, notes=(*table.notes, *made)) for table in tables]
+        return (*noted, *self._published_apart())
+
+    def _shown_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """Scenes that have no truth."""
+        rows = [
+            [scene, str(run.n_views), str(run.n_groups), f"{run.seconds:.1f}"]
+            for scene, run in whole
+            if run.scores is None
+        ]
+        return _table(
+            [[f"{self.title}, {self.preset}: shown", "views", "groups", "seconds"], *rows]
+        )
+
+    def _published_apart(self) -> tuple[TextTable, ...]:
+        """The published figures on their own, where ours were not measured the same way."""
+        why = self.departures()
+        if not why:
+            return ()
+        rows = [
+            [f"{p.method}, {p.masks}", *_hundredths(p.values)]
+            for p in INSTANCE.get(self.dataset, ())
+        ]
+        names = list(INSTANCE_METRICS)
+        if self.dataset in PROMPTS:
+            n = 1 if self.protocol == "3d-ovs" else 2
+            names = list(PROMPT_METRICS[:n])
+            rows = [[scene, *_tenths(v, n)] for scene, v in PROMPTS[self.dataset].items()]
+        head = f"{self.title}, published: measured in another way than ours"
+        notes = tuple(f"Not as published: {reason}." for reason in why)
+        return (replace(_table([[head, *names], *rows]), notes=notes),)
+
+    def _instance_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """Counted as published: void is a label of both sides."""
+        names = ("IoU", "P", "R", "groups", "seconds", "missing")
+        rows: list[list[str]] = [[f"{self.title}, {self.preset}", *names]]
+        values = [_instance_figures(run, with_void=True)[:3] for _, run in whole]
+        counts = [(float(run.n_groups), run.seconds) for _, run in whole]
+        for (scene, run), figures, (groups, seconds) in zip(whole, values, counts, strict=True):
+            counted = [f"{groups:.0f}", f"{seconds:.1f}", str(len(run.missing))]
+            rows.append([scene, *_hundredths(figures), *counted])
+        rows += [[scene, *[""] * 5, "failed"] for scene in self.failed]
+        if values:
+            groups, seconds = np.mean(counts, axis=0)
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            mean = _hundredths(np.mean(values, axis=0).tolist())
+            counted = [f"{groups:.0f}", f"{seconds:.1f}", n_missing]
+            rows.append([self._mean_title(len(values)), *mean, *counted])
+        for p in () if self.departures() else INSTANCE.get(self.dataset, ()):
+            title = f"published ({p.table}): {p.method}, {p.masks}"
+            rows.append([title, *_hundredths(p.values), "", "", ""])
+        return replace(_table(rows), notes=(_VOID_COUNTS,))
+
+    def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """The same without pixels of true label 0."""
+        rows = [["void left out", "IoU", "P", "R", "pooled IoU"]]
+        values = [_instance_figures(run, with_void=False) for _, run in whole]
+        for (scene, _), figures in zip(whole, values, strict=True):
+            rows.append([scene, *_hundredths(figures)])
+        if values:
+            mean = np.mean(values, axis=0).tolist()
+            rows.append([self._mean_title(len(values)), *_hundredths(mean)])
+        return replace(_table(rows), notes=(VOID_LEFT_OUT,))
+
+    def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
+        n, published = len(names), PROMPTS.get(self.dataset, {})
+        if self.departures():
+            return self._prompt_table_alone(whole, names)
+        heads = [f"{self.title}, {self.preset}", *names, *(f"published {name}" for name in names)]
+        rows, ours, theirs = [], [], []
+        for scene, run in whole:
+            if isinstance(run.scores, PromptScores):
+                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
+                theirs.append(published.get(scene, ()))
+                missing = str(len(run.missing))
+                rows.append([scene, *_tenths(ours[-1], n), *_tenths(theirs[-1], n), missing])
+        for scene in self.failed:
+            rows.append([scene, *_tenths((), n), *_tenths(published.get(scene, ()), n), "failed"])
+        if ours:
+            # Means over the same scenes: a published one counts where ours does.
+            pairs = [(o, t) for o, t in zip(ours, theirs, strict=True) if t]
+            theirs_mean = np.mean([t for _, t in pairs], axis=0).tolist() if pairs else []
+            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            rows.append([self._mean_title(len(ours)), *mean, *_tenths(theirs_mean, n), n_missing])
+        return _table([[*heads, "missing"], *rows])
+
+    def _prompt_table_alone(
+        self, whole: Sequence[tuple[str, BenchmarkRun]], names: Sequence[str]
+    ) -> TextTable:
+        """Ours without the published columns."""
+        n = len(names)
+        rows, ours = [], []
+        for scene, run in whole:
+            if isinstance(run.scores, PromptScores):
+                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
+                rows.append([scene, *_tenths(ours[-1], n), str(len(run.missing))])
+        rows += [[scene, *_tenths((), n), "failed"] for scene in self.failed]
+        if ours:
+            n_missing = str(sum(len(run.missing) for _, run in whole))
+            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
+            rows.append([self._mean_title(len(ours)), *mean, n_missing])
+        return _table([[f"{self.title}, {self.preset}", *names, "missing"], *rows])
+
+    def _sparse_table(self) -> TextTable:
+        published = {} if self.departures() else SPARSE_IOU.get(self.dataset, {})
+        heads = ["train views", "scenes", "IoU", "IoU drop"]
+        for masks in published:
+            heads += [f"published, {masks}", "drop"]
+        rows = []
+        for share in self._shares():
+            whole_too = self._scored(1.0)
+            both = [scene for scene in self._scored(share) if scene in whole_too]
+            iou, whole = self._mean_of(both, share), self._mean_of(both, 1.0)
+            row = [f"{share:.0%}", str(len(both)), f"{100 * iou:.2f}", _drop(whole, iou, share)]
+            for figures in published.values():
+                theirs = figures.get(share)
+                if theirs is None:
+                    row += ["", ""]
+                else:
+                    row += [f"{theirs:.2f}", _drop(figures[1.0], theirs, share)]
+            rows.append(row)
+        counted = () if self.protocol in ("lerf-mask", "3d-ovs") else (_VOID_COUNTS,)
+        return replace(_table([heads, *rows]), notes=(*counted, self.sparse_splats))
+
+    def _shares(self) -> list[float]:
+        found = {run.share for scene in self.scenes for run in scene.runs}
+        return sorted(found, reverse=True)
+
+    def _scored(self, share: float) -> list[SceneResult]:
+        """The scenes that have scores of a run with this share of the train views."""
+        runs = [(scene, scene.run(share)) for scene in self.scenes]
+        return [scene for scene, run in runs if run is not None and run.scores is not None]
+
+    @staticmethod
+    def _mean_of(scenes: Sequence[SceneResult], share: float) -> float:
+        found = [run.headline for scene in scenes if (run := scene.run(share)) is not None]
+        return float(np.mean(found)) if found else 0.0
+
+    def _mean_title(self, n: int) -> str:
+        total = len(self.scenes) + len(self.failed)
+        plural = "scene" if total == 1 else "scenes"
+        return f"mean of {n} {plural}" if n == total else f"mean of {n} of {total} {plural}"
+
+
+def _instance_figures(run: BenchmarkRun, *, with_void: bool) -> list[float]:
+    """Percent: IoU, precision, recall, pooled IoU."""
+    if run.scores is None or isinstance(run.scores, PromptScores):
+        return []
+    score = run.scores.with_void if with_void else run.scores.without_void
+    values = (score.iou, score.precision, score.recall, score.pooled_iou)
+    return [100 * value for value in values]
+
+
+def _hundredths(values: Sequence[float]) -> list[str]:
+    return [f"{value:.2f}" for value in values]
+
+
+def _listed(names: Sequence[str], most: int = 5) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _tenths(values: Sequence[float], n: int) -> list[str]:
+    return [f"{value:.1f}" for value in values] or [""] * n
+
+
+def _drop(whole: float, sparse: float, share: float) -> str:
+    return "" if share == 1.0 else f"{100 * iou_drop(whole, sparse):.1f} %"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> TextTable:
+    return TextTable(tuple(tuple(row) for row in rows))

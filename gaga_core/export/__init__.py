@@ -1,0 +1,1 @@
+"""Writing results: splats, meshes, colliders, cameras, a web page."""

@@ -1,0 +1,201 @@
+"""The surface of an object as a triangle mesh: depth of rendered views, fused (Curless 1996).
+
+The object alone is drawn from all around. In a grid of voxels, each view says of a voxel how far in
+front of the surface it is, up to a few voxels, or that it sees past the object; the mean of that is
+a signed distance whose zero is the surface. A voxel that no view sees into is inside, so the mesh
+is closed. Views from below only cut at the outline: most objects were never seen from there, and
+through an open bottom one would see their inner side.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.color import SH_C0
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at
+from gaga_core.io.meshes import TriangleMesh
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Frame, Rasterizer
+from gaga_core.scene.orientation import upright_basis
+from gaga_core.scene.selection.bounds import robust_box
+
+STEP = "Mesh the surface"
+_RINGS = ((0.0, 12), (30.0, 8), (65.0, 5), (-30.0, 8), (-65.0, 4))  # elevation, views around
+_SIDE = 384  # pixels of a view
+_FIELD = np.radians(6.0)  # field of view: nearly parallel, or level views would not see a bottom
+_ROOM = 1.1  # times the distance at which the object's ball fills a view
+_SHARE = 0.995  # of the centres lie in the box that is meshed, along each axis
+_BAND = 3.0  # voxels around a depth in which a view measures a distance
+_MARGIN = 3  # voxels around the object
+_SOLID = 0.5  # alpha from which on a pixel shows the object
+_HIDDEN = 0.1  # what a view counts that sees a voxel far behind the surface
+_CRUMB = 0.05  # parts smaller than this share of the largest one are left out
+_SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
+
+
+@dataclass(frozen=True)
+class MeshConfig:
+    """How fine a mesh is."""
+
+    voxels: int = 96  # along the longest side of the object
+
+    def __post_init__(self) -> None:
+        if not 8 <= self.voxels <= 512:
+            raise ValueError(f"voxels: expected 8 to 512, got {self.voxels}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    origin: DoubleArray  # (3,) centre of the first voxel, world
+    voxel: float  # side, scene units
+    shape: tuple[int, int, int]
+
+    def slabs(self) -> Iterator[tuple[slice, DoubleArray]]:
+        """The voxels' centres (M, 3), world, slab by slab of the first axis, and which they are."""
+        _, n, m = self.shape
+        yz = np.stack(np.meshgrid(np.arange(n), np.arange(m), indexing="ij"), axis=-1)
+        plane = self.origin[1:] + self.voxel * yz.reshape(-1, 2)
+        for i in range(self.shape[0]):
+            x = np.full((len(plane), 1), self.origin[0] + self.voxel * i)
+            yield slice(i * n * m, (i + 1) * n * m), np.hstack([x, plane])
+
+
+def proxy_mesh_stage(
+    gaussians: Gaussians,
+    rasterizer: Rasterizer,
+    *,
+    up: DoubleArray | None = None,  # (3,) unit, world; None: z
+    config: MeshConfig | None = None,
+) -> Stage[TriangleMesh]:
+    """The closed surface of ``gaussians`` (an object alone, world) with a color a vertex.
+
+    Every edge has two triangles, which face outwards. Raises ``GagaError`` when there is no
+    surface: too few splats, or all nearly transparent.
+    """
+    config = config or MeshConfig()
+    finite: BoolArray = np.isfinite(gaussians.means.sum(axis=1))
+    if finite.sum() < 4:
+        raise GagaError("An object of so few splats has no surface.")
+    lo, hi = robust_box(gaussians.means, _SHARE)
+    extent = float((hi - lo).max())
+    if not extent > 0:
+        raise GagaError("An object without extent has no surface.")
+    voxel = extent / config.voxels
+    shape = np.ceil((hi - lo) / voxel).astype(int) + 1 + 2 * _MARGIN
+    grid = _Grid(lo - _MARGIN * voxel, voxel, (int(shape[0]), int(shape[1]), int(shape[2])))
+    cameras = _cameras(lo, hi, np.array([0.0, 0.0, 1.0]) if up is None else up)
+    n = int(np.prod(grid.shape))
+    total, weight = np.zeros(n, np.float32), np.zeros(n, np.float32)
+    frames: list[tuple[Camera, Frame]] = []
+    for k, (camera, is_above) in enumerate(cameras):
+        yield Progress(STEP, k, len(cameras), camera.name)
+        frame = rasterizer.render(gaussians, camera)
+        _fuse(grid, camera, frame, total, weight, is_above=is_above)
+        if is_above:
+            frames.append((camera, frame))
+    field = np.where(weight > 0, total / np.maximum(weight, 1e-6), -1).reshape(grid.shape)
+    vertices, faces = _surface(field)
+    world = grid.origin + grid.voxel * vertices
+    colors = _colors(world, gaussians.take(finite), frames, _SEEN * voxel)
+    yield Progress(STEP, len(cameras), len(cameras))
+    return TriangleMesh(
+        np.ascontiguousarray(world, np.float32), np.ascontiguousarray(faces, np.int32), colors
+    )
+
+
+def _cameras(lo: DoubleArray, hi: DoubleArray, up: DoubleArray) -> list[tuple[Camera, bool]]:
+    """Views on rings around a box, and whether each is level or looks down."""
+    middle, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
+    distance = _ROOM * radius / np.sin(_FIELD / 2)
+    world_from_upright = upright_basis(up).T
+    focal = 0.5 * _SIDE / np.tan(_FIELD / 2)
+    K = np.array([[focal, 0, _SIDE / 2], [0, focal, _SIDE / 2], [0, 0, 1.0]])
+    views: list[tuple[Camera, bool]] = []
+    for elevation, n in _RINGS:
+        e = np.radians(elevation)
+        for k in range(n):
+            turn = 2 * np.pi * (k + 0.5) / n
+            way = np.array([np.cos(e) * np.cos(turn), np.cos(e) * np.sin(turn), np.sin(e)])
+            pose = look_at(middle + distance * (world_from_upright @ way), middle, up)
+            views.append((Camera(K, pose, _SIDE, _SIDE, f"view {len(views)}"), elevation >= 0))
+    return views
+
+
+def _fuse(
+    grid: _Grid,
+    camera: Camera,
+    frame: Frame,
+    total: FloatArray,  # (M,) in and out
+    weight: FloatArray,  # (M,) in and out
+    *,
+    is_above: bool,
+) -> None:
+    """Add what one view says of every voxel."""
+    depth, alpha = frame.median_depth.ravel(), frame.alpha.ravel()
+    for at, points in grid.slabs():
+        pixels, z = camera.project(points)
+        column = np.clip(pixels[:, 0].astype(int), 0, camera.width - 1)
+        row = np.clip(pixels[:, 1].astype(int), 0, camera.height - 1)
+        flat = row * camera.width + column
+        solid = (alpha[flat] >= _SOLID) & (depth[flat] > 0)
+        distance = np.clip((depth[flat] - z) / (_BAND * grid.voxel), -1, 1)
+        said = np.where(solid, distance, 1.0).astype(np.float32)
+        share = np.where(said > -1, 1.0, _HIDDEN).astype(np.float32)
+        if not is_above:
+            share[solid] = 0.0
+        total[at] += share * said
+        weight[at] += share
+
+
+def _surface(field: FloatArray) -> tuple[DoubleArray, DoubleArray]:
+    """Vertices (V, 3), voxels, and triangles (F, 3) of the zero of ``field``; closed."""
+    from scipy import ndimage
+    from skimage.measure import marching_cubes
+
+    inside = field < 0
+    parts, n_parts = ndimage.label(inside)
+    if n_parts == 0:
+        raise GagaError("The object is too transparent or too thin for a surface.")
+    sizes = np.bincount(parts.ravel())[1:]
+    small = np.append(False, sizes < _CRUMB * sizes.max())
+    outside = np.where(small[parts], 1.0, field)
+    # Exact zeros would be corners of the mesh with triangles of no area; a border closes it.
+    outside = np.pad(np.where(outside == 0, 1e-6, outside), 1, constant_values=1.0)
+    found = marching_cubes(outside, 0.0, gradient_direction="descent")  # type: ignore[no-untyped-call]
+    vertices, faces = found[:2]
+    return vertices.astype(np.float64) - 1, faces
+
+
+def _colors(
+    vertices: DoubleArray,
+    gaussians: Gaussians,
+    frames: list[tuple[Camera, Frame]],
+    near: float,
+) -> UInt8Array:
+    """sRGB (V, 3) of the views that see each vertex; of the nearest splats where none does."""
+    from scipy.spatial import cKDTree
+
+    total = np.zeros((len(vertices), 4), np.float32)
+    for camera, frame in frames:
+        pixels, z = camera.project(vertices)
+        column = np.clip(pixels[:, 0].astype(int), 0, camera.width - 1)
+        row = np.clip(pixels[:, 1].astype(int), 0, camera.height - 1)
+        alpha = frame.alpha[row, column]
+        seen = (alpha >= _SOLID) & (np.abs(frame.median_depth[row, column] - z) < near)
+        total[seen, :3] += frame.image[row[seen], column[seen]]
+        total[seen, 3] += alpha[seen]
+    mean = total[:, :3] / np.maximum(total[:, 3:], 1e-6)
+    unseen = total[:, 3] == 0
+    if unseen.any():
+        k = min(8, len(gaussians))
+        _, near_rows = cKDTree(gaussians.means).query(vertices[unseen], k=k)
+        rows = near_rows.reshape(-1, k)
+        weights = gaussians.opacities[rows][..., None]
+        shown = 0.5 + SH_C0 * gaussians.sh[rows, 0]
+        mean[unseen] = (weights * shown).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-6)
+    return np.rint(np.clip(mean, 0, 1) * 255).astype(np.uint8)

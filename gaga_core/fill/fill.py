@@ -1,0 +1,553 @@
+"""Find what a removed object hid, and make the splats and colors that fill it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import ConvexHull, QhullError
+
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.color import LUMA, dc_from_rgb, rgb_from_dc
+from gaga_core.errors import GagaError
+from gaga_core.fill.chart import (
+    OPAQUE,
+    Chart,
+    above_surface,
+    chart_of,
+    continued_color,
+    smooth_base,
+    tolerance_of,
+)
+from gaga_core.fill.inpaint import Inpainter
+from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
+from gaga_core.fill.splats import new_splats
+from gaga_core.fill.surfaces import FillConfig, Seen, SeenView, seen_stage, surfaces_around
+from gaga_core.gaussians import Gaussians
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Frame, Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.edits.append import append_made
+from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.placement import recolor
+from gaga_core.scene.edits.state import delete
+from gaga_core.scene.edits.values import Edit, together
+from gaga_core.scene.index_set import sorted_indices
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.scene import Revision, Scene, State
+
+# --- Look at a filled hole: whatever new splats change next to it is taken out again.
+
+
+_VIEWS = 16  # of those that show most of the hole
+_ROUNDS = 3  # of taking splats out
+_CHANGE = 0.03  # of a color (0..1): what changes more outside the hole is wrong
+_FALL = 0.02  # of alpha: what loses more is wrong
+_WRONG = 0.2  # of a splat's weight: it goes when so much is in wrong pixels
+_LEAST_KEPT = 0.8  # share of the splats under which a hole that hardly shows is left as it is
+_GAPES = 0.2  # root mean square of a color's change (0..1) from which on a hole shows clearly
+_MOST_WRONG = 0.1  # wrong pixels for each one that gains, above which nothing is kept
+_SHOWS = 0.15  # root mean square of a color's change (0..1): a hole changed less hardly shows
+_EDGE = 2  # pixels by which an outline may err
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    camera: Camera
+    open: Frame  # the picture without the object
+    hole: BoolArray  # (H, W) pixels that show the hole
+    points: DoubleArray  # (H * W, 3) where their rays meet its plane
+
+
+def accepted(
+    rest: Gaussians,
+    fresh: Gaussians,
+    without: BoolArray,
+    chart: Chart,
+    views: tuple[SeenView, ...],
+    rasterizer: Rasterizer,
+) -> BoolArray:
+    """Which of the new splats ``fresh`` (K,) are kept; none when the others still do harm.
+
+    ``rest``: (N,) what is left of the scene; ``without`` (N,): rows that go when the hole is
+    filled. Compared are pictures before and after. Outside the hole's pixels no color may change,
+    nor where a photo showed the surface, but for the dark of a gap; inside them the surface may
+    not get thinner, and nothing may stand above it. Nothing is kept where the picture in the hole
+    hardly changes: large neighbours show through in about the right color already. Nor where it
+    changes little and many splats would have to go, which looks spotty.
+    """
+    kept = np.ones(len(fresh), np.bool_)
+    looks = _looks(rest, chart, views, rasterizer)
+    stay = rest.take(~without)
+    for last in [False] * _ROUNDS + [True]:
+        rows = np.flatnonzero(kept)
+        if len(looks) == 0 or len(rows) == 0:
+            break
+        filled = joined(stay, fresh.take(rows))
+        weights = np.zeros((len(filled), 2), np.float32)
+        wrong = gained = 0
+        change = 0.0
+        for look in looks:
+            after = rasterizer.render(filled, look.camera)
+            bad, good = _judged(look, after, chart)
+            change += float(((_shown(after) - _shown(look.open))[good] ** 2).mean(axis=1).sum())
+            rasterizer.vote(filled, look.camera, bad.astype(np.int32), weights)
+            wrong, gained = wrong + int(bad.sum()), gained + int(good.sum())
+        if change <= _SHOWS**2 * gained:
+            break
+        own = weights[len(stay) :]
+        harmful = own[:, 1] > _WRONG * own.sum(axis=1)
+        if last or not harmful.any():
+            if wrong > _MOST_WRONG * gained:
+                break
+            return kept
+        kept[rows[harmful]] = False
+        if kept.mean() < _LEAST_KEPT and change <= _GAPES**2 * gained:
+            break
+    return np.zeros_like(kept)
+
+
+def _judged(look: _Look, after: Frame, chart: Chart) -> tuple[BoolArray, BoolArray]:
+    """Pixels (H, W) that got worse, and those of the hole that are surface now."""
+    changed = np.abs(_shown(after) - _shown(look.open)).max(axis=2)
+    less = after.alpha < np.minimum(look.open.alpha, OPAQUE) - _FALL
+    above = above_surface(look.camera, after.median_depth.ravel(), look.points, chart.plane)
+    top = float(chart.height[chart.known].max(initial=0.0)) + tolerance_of(chart)
+    less |= (above > top).reshape(less.shape) & (changed > _CHANGE)
+    bad: BoolArray = np.where(look.hole, less, changed > _CHANGE)
+    nearer = (after.median_depth > 0) & (
+        (look.open.median_depth == 0) | (after.median_depth < look.open.median_depth)
+    )
+    good: BoolArray = look.hole & nearer & ~less
+    return bad, good
+
+
+def _shown(frame: Frame) -> DoubleArray:
+    return np.clip(frame.image.astype(np.float64), 0, 1)
+
+
+def _looks(
+    rest: Gaussians, chart: Chart, views: tuple[SeenView, ...], rasterizer: Rasterizer
+) -> list[_Look]:
+    """The views that show most of the hole, with it open."""
+    found: list[tuple[SeenView, BoolArray, DoubleArray]] = []
+    for view in views:
+        points, hits = _on_plane(view.camera, chart)
+        if hits.any():
+            found.append((view, hits, points))
+    found.sort(key=lambda one: -int(one[1].sum()))
+    looks = []
+    for view, hits, points in found[:_VIEWS]:
+        frame = rasterizer.render(rest, view.camera)
+        above = above_surface(view.camera, frame.median_depth.ravel(), points, chart.plane)
+        shows = above < tolerance_of(chart)  # nothing that stays stands before it
+        hole = ndimage.binary_dilation((hits & shows).reshape(frame.alpha.shape), iterations=_EDGE)
+        # What the photo showed stays, but for the dark of a gap.
+        row, column, _ = chart.cells(chart.plane.local(points))
+        gap = (hits & shows & chart.again[row, column]).reshape(hole.shape)
+        hole &= ~view.is_clear | ndimage.binary_dilation(gap)
+        looks.append(_Look(view.camera, frame, hole, points))
+    return looks
+
+
+def _on_plane(camera: Camera, chart: Chart) -> tuple[DoubleArray, BoolArray]:
+    """Where the ray of each pixel meets the plane (H * W, 3), and whether in the hole (H * W,)."""
+    row, column = np.indices((camera.height, camera.width)).reshape(2, -1) + 0.5
+    rays = np.stack([column, row, np.ones(len(row))], axis=1) @ np.linalg.inv(camera.K).T
+    rays = rays @ camera.cam_from_world[:3, :3]
+    plane = chart.plane
+    falls = rays @ plane.axes[:, 2]
+    height = float((camera.position - plane.origin) @ plane.axes[:, 2])
+    far = np.where(np.abs(falls) > 1e-9, -height / np.where(falls == 0, 1.0, falls), -1.0)
+    points = camera.position + far[:, None] * rays
+    at_row, at_column, inside = chart.cells(plane.local(points))
+    hole = ndimage.binary_dilation(chart.hole)
+    hits: BoolArray = (far > 0) & (falls < 0) & inside & hole[at_row, at_column]
+    return points, hits
+
+
+# --- Fill what a part of an object hid, surface by surface, and take its shadow off them.
+
+
+_RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
+_THING = 3.0  # sizes of the object: what is larger is no thing that stands on the surface
+_BASE = 3.0  # cells: what is finer is texture
+
+
+@dataclass(frozen=True, eq=False)
+class _Shadow:
+    """What takes it off."""
+
+    factors: DoubleArray  # (H, W, 3)
+    is_cast: bool  # its outline is that of the object
+
+
+class Work:
+    """What is found, part by part of the object."""
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        labels: IntArray,
+        is_object: BoolArray,
+        seen: Seen,
+        rasterizer: Rasterizer,
+        config: FillConfig,
+    ) -> None:
+        self.gaussians, self.labels, self.is_object = gaussians, labels, is_object
+        self.seen, self.rasterizer, self.config = seen, rasterizer, config
+        self.is_known = seen.known
+        self.points = gaussians.means.astype(np.float64)
+        sizes = _sizes(self.points, labels)
+        self.size = float(sizes[is_object].max())
+        # Other things that the photos showed.
+        self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
+        self.inpainter: Inpainter | None = None  # None: colors continue the surroundings
+        self.is_refused = False  # a hole that was found is left open
+        self.made: list[Gaussians] = []
+        self.groups: list[IntArray] = []
+        self.gain = np.ones((len(gaussians), 3))
+        self.dropped = np.zeros(len(gaussians), np.bool_)
+        self.locked = np.zeros(len(gaussians), np.bool_)  # neither goes nor is lightened
+
+    def fill(self, part: BoolArray) -> Stage[None]:
+        """Fill behind the splats ``part`` (N,) of the object, surface by surface."""
+        own = self.points[part]
+        usable = self.is_known & ~self.is_object
+        charts = [
+            chart_of(self.gaussians, plane, own, self.seen.views, self.rasterizer, self.config)
+            for plane in surfaces_around(self.gaussians, self.labels, part, usable, self.config)
+        ]
+        within = ~self.is_object & ~self.is_known & ~self.locked & _inside(own, self.points)
+        for chart in charts:  # what lies on a surface is not in the object
+            within &= ~_on_surface(chart, self.points)
+        self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
+        yield from self._fill_charts(charts, within, own)
+
+    def _fill_charts(self, charts: list[Chart], within: BoolArray, own: DoubleArray) -> Stage[None]:
+        """Fill the holes of charts, without the splats ``within`` (N,), and lighten shadows.
+
+        ``own``: (K, 3) the splats that cast them.
+        """
+        hidden = ~self.is_object & ~self.is_known
+        n_filled = 0
+        for chart in charts:
+            shadow = self._shadow(chart, own)
+            if not chart.hole.any() or n_filled == self.config.most_surfaces:
+                if shadow.is_cast:
+                    self.gain = self._lit_by(chart, shadow)
+                continue
+            # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
+            small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
+            goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
+            goes |= within
+            n_filled += yield from self._fill_chart(chart, goes & ~self.locked, shadow)
+
+    def _fill_chart(self, chart: Chart, goes: BoolArray, shadow: _Shadow) -> Stage[bool]:
+        """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
+        plane = chart.plane
+        bright = replace(chart, color=chart.color * shadow.factors)
+        surface = bright.color, chart.known, chart.hole
+        if self.inpainter is None:
+            color = continued_color(*surface)
+        else:
+            color = yield from self.inpainter.painted_stage(*surface)
+        color = np.clip(color, 0, 1.5)
+        height = _continued_height(chart)
+        fresh = new_splats(self.gaussians, bright, color, height, self.rasterizer, self.config.seed)
+        # What no photo showed is no surface to compare with.
+        left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
+        gain = self._lit_by(chart, shadow)
+        rest = _lit(self.gaussians, gain).take(left)
+        kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
+        if not kept.any():
+            self.is_refused = True
+            if shadow.is_cast:
+                self.gain = gain
+            return False
+        fresh = fresh.take(np.flatnonzero(kept))
+        self.dropped |= goes
+        self.gain = gain
+        self.made.append(fresh)
+        self.groups.append(np.full(len(fresh), plane.label, np.int32))
+        return True
+
+    def _shadow(self, chart: Chart, own: DoubleArray) -> _Shadow:
+        """What takes the shadow of the splats ``own`` (K, 3) off the chart that these stand on."""
+        none = _Shadow(np.ones((*chart.shape, 3)), is_cast=False)
+        if not self.config.lighten:
+            return none
+        foot = foot_cells(chart, own)
+        if not foot.any():
+            return none
+        foot = chart.hole if chart.hole.any() else foot
+        stands = self.is_thing & (self.labels != chart.plane.label)
+        taken = taken_cells(chart, self.points[stands], self.size)
+        cast = shadow_of(chart, foot, own, taken)
+        return _Shadow(gains(chart, foot, taken, cast), is_cast=cast is not None)
+
+    def _lit_by(self, chart: Chart, shadow: _Shadow) -> DoubleArray:
+        """Factors (N, 3) of all splats when that shadow is taken off, too."""
+        plane = chart.plane
+        near = np.ones((len(self.gaussians), 3))
+        rgb = rgb_from_dc(self.gaussians.sh[plane.splats, 0]).astype(np.float64)
+        local = plane.local(self.points[plane.splats])
+        near[plane.splats] = splat_gains(chart, shadow.factors, local, rgb)
+        near[self.locked] = 1.0
+        return np.maximum(self.gain, near)
+
+
+def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:
+    """Extent (N,) of the group of each splat."""
+    result = np.zeros(len(labels))
+    for label in np.unique(labels):
+        own = labels == label
+        low, high = np.percentile(points[own], (2, 98), axis=0)
+        result[own] = np.linalg.norm(high - low)
+    return result
+
+
+def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
+    """The splats with their colors times ``gain`` (N, 3)."""
+    sh = gaussians.sh * gain[:, None].astype(np.float32)
+    sh[:, 0] = dc_from_rgb((rgb_from_dc(gaussians.sh[:, 0]) * gain).astype(np.float32))
+    return replace(gaussians, sh=sh)
+
+
+def _continued_height(chart: Chart) -> DoubleArray:
+    """Height (H, W) with the hole filled."""
+    height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
+    result: DoubleArray = np.where(chart.hole, height, chart.height)
+    return result
+
+
+def _under(chart: Chart, points: DoubleArray) -> BoolArray:
+    """Splats at ``points`` (N, 3) that lie in the hole's place (N,)."""
+    local = chart.plane.local(points)
+    row, column, inside = chart.cells(local)
+    near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
+    result: BoolArray = inside & near & chart.hole[row, column]
+    return result
+
+
+def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
+    """Which of ``points`` (N, 3) lie on the chart's surface, whether photos showed it or not."""
+    local = chart.plane.local(points)
+    row, column, inside = chart.cells(local)
+    surface = ndimage.binary_fill_holes(chart.known | chart.hole)
+    near = np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart)
+    result: BoolArray = inside & near & surface[row, column]
+    return result
+
+
+def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
+    """Points (N,) in the convex hull of the object's splats ``own`` (K, 3)."""
+    lo, hi = np.percentile(own, 1, axis=0), np.percentile(own, 99, axis=0)
+    result: BoolArray = np.all((points > lo) & (points < hi), axis=1)
+    own = own[((own >= lo) & (own <= hi)).all(axis=1)]
+    if len(own) < 5 or not result.any():
+        return np.zeros(len(points), np.bool_)
+    try:
+        planes = ConvexHull(own[:: max(1, len(own) // 3000)]).equations
+    except QhullError:  # flat: nothing is inside
+        return np.zeros(len(points), np.bool_)
+    near, slack = np.flatnonzero(result), 1e-9 * float((hi - lo).max())
+    for plane in planes:  # normals look outwards
+        near = near[points[near] @ plane[:3] + plane[3] <= slack]
+    result[:] = False
+    result[near] = True
+    return result
+
+
+# --- Find what a removed object hid, and make the splats and colors that fill it.
+
+
+_STAGE = "Fill the hole"
+_VISIBLE = 1.02  # factor of a color from which on it is changed
+
+
+@dataclass(frozen=True, eq=False)
+class Filling:
+    """What filling changes. Nothing is changed yet."""
+
+    removed: LongArray  # (R,) rows of the object
+    unseen: LongArray  # (U,) rows that no view ever saw and that the object hid
+    splats: Gaussians  # (F,) new, world
+    labels: IntArray  # (F,) their groups: those of the surfaces that they continue
+    stained: LongArray  # (S,) rows to be lightened
+    gains: FloatArray  # (S, 3) by these factors
+    lighten: bool  # whether stains were looked for
+    is_refused: bool  # a hole was found and left open: its filling hardly shows, or does harm
+    model: str = ""  # name of the inpainting model's file; "" = colors continue the surroundings
+
+    def __bool__(self) -> bool:
+        return len(self.splats) > 0 or len(self.stained) > 0 or len(self.unseen) > 0
+
+
+def fillable(scene: Scene) -> LongArray:
+    """Splats (K,) whose place can be filled: the selected ones, else all that were deleted.
+
+    Raises ``GagaError`` when there are none.
+    """
+    chosen = np.flatnonzero(scene.has(State.SELECTED))
+    chosen = chosen if len(chosen) else np.flatnonzero(scene.has(State.DELETED))
+    if len(chosen) == 0:
+        raise GagaError("Nothing is selected, and nothing was deleted. Select an object first.")
+    return chosen
+
+
+def fill_title(scene: Scene, indices: AnyArray) -> str:
+    """What the edit is called in the history."""
+    if scene.has(State.DELETED)[indices].all():
+        return "Fill what was deleted"
+    groups = np.unique(scene.labels[indices])
+    if len(groups) == 1 and groups[0]:
+        return f"Delete and fill {group_name(scene, int(groups[0]))}"
+    return "Delete and fill"
+
+
+def fill_stage(
+    scene: Scene,
+    indices: AnyArray,
+    cameras: Sequence[Camera],
+    rasterizer: Rasterizer,
+    config: FillConfig | None = None,
+) -> Stage[Filling]:
+    """Find what the splats ``indices`` (K,) hide from ``cameras``, and what would fill it.
+
+    Deleted splats may be among them: what they left is filled. Locked ones that they hid stay.
+    Without cameras that show the object, views from all around it are taken. Raises ``GagaError``
+    when an inpainting model is asked for that cannot be used.
+    """
+    settings = FillConfig() if config is None else config
+    if not settings.model:
+        return (yield from _filled(scene, indices, cameras, rasterizer, settings, None))
+    with Inpainter(Path(settings.model), settings.model_sha256) as model:
+        yield from model.loaded_stage()
+        return (yield from _filled(scene, indices, cameras, rasterizer, settings, model))
+
+
+def _filled(
+    scene: Scene,
+    indices: AnyArray,
+    cameras: Sequence[Camera],
+    rasterizer: Rasterizer,
+    settings: FillConfig,
+    inpainter: Inpainter | None,
+) -> Stage[Filling]:
+    """`fill_stage`; ``inpainter`` colors what is filled, None: the surroundings do."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[sorted_indices(indices, len(scene))] = True
+    # What has no place in space is never drawn: it hides nothing.
+    is_there = np.isfinite(scene.gaussians.means).all(axis=1)
+    rows = np.flatnonzero((scene.visible | chosen) & is_there)
+    labels = scene.labels[rows]
+    gaussians = yield from bake_stage(scene, indices=rows)
+    is_object = chosen[rows]
+    if not is_object.any():
+        return _nothing(np.flatnonzero(chosen), gaussians, settings)
+    made = _made(scene)[rows] & ~is_object
+    seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
+    work = Work(gaussians, labels, is_object, seen, rasterizer, settings)
+    work.inpainter = inpainter
+    work.locked |= (scene.state[rows] & np.uint8(State.LOCKED)) != 0
+    parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
+    for i, part in enumerate(parts):
+        yield Progress(_STAGE, i, len(parts))
+        yield from work.fill(part)
+    stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
+    splats = gaussians.take(np.zeros(0, np.int64))
+    for piece in work.made:
+        splats = joined(splats, piece)
+    return Filling(
+        removed=np.flatnonzero(chosen),
+        unseen=rows[work.dropped],
+        splats=splats,
+        labels=np.concatenate([np.zeros(0, np.int32), *work.groups]),
+        stained=rows[stained],
+        gains=work.gain[stained].astype(np.float32),
+        lighten=settings.lighten,
+        is_refused=work.is_refused,
+        model=inpainter.name if inpainter is not None and len(splats) else "",
+    )
+
+
+def _nothing(removed: LongArray, gaussians: Gaussians, config: FillConfig) -> Filling:
+    """The removal alone, of rows (R,)."""
+    none = np.zeros(0, np.int64)
+    splats, labels = gaussians.take(none), np.zeros(0, np.int32)
+    gain = np.zeros((0, 3), np.float32)
+    return Filling(removed, none, splats, labels, none, gain, config.lighten, is_refused=False)
+
+
+def _made(scene: Scene) -> BoolArray:
+    """Splats (N,) of the scene that an edit made, an earlier filling for example."""
+    result = np.zeros(len(scene), np.bool_)
+    for item in scene.added:
+        if item.is_made:
+            result |= (scene.source >= item.first) & (scene.source < item.first + item.n)
+    return result
+
+
+def _apart(
+    points: DoubleArray, is_object: BoolArray, labels: IntArray, reach: float
+) -> list[BoolArray]:
+    """The object's splats (N,) in parts that do not touch one another's surroundings."""
+    boxes: list[tuple[DoubleArray, DoubleArray, BoolArray]] = []
+    for label in np.unique(labels[is_object]):
+        part = is_object & (labels == label)
+        lo, hi = points[part].min(axis=0), points[part].max(axis=0)
+        margin = reach * float((hi - lo).max())
+        lo, hi = lo - margin, hi + margin
+        while True:
+            near = [k for k, box in enumerate(boxes) if ((box[0] < hi) & (lo < box[1])).all()]
+            if not near:
+                break
+            for k in reversed(near):
+                other = boxes.pop(k)
+                lo, hi = np.minimum(lo, other[0]), np.maximum(hi, other[1])
+                part = part | other[2]
+        boxes.append((lo, hi, part))
+    return [part for _, _, part in boxes]
+
+
+# --- The edit that removes an object and fills what it hid.
+
+
+_LEVELS = 16  # of lightening: each takes one row of the table of placements
+
+
+def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
+    """Delete the object with what it hid, lighten its shadow, and add the new splats.
+
+    ``scene``: as it was when ``found`` was computed.
+    """
+    if found.model:
+        title = f"{title}, colors by {found.model}"
+    scratch = replace(scene, revision=Revision())
+    parts: list[Edit] = []
+
+    def add(edit: Edit | None) -> None:
+        if edit is not None:
+            edit.apply(scratch)
+            parts.append(edit)
+
+    add(delete(scratch, np.concatenate([found.removed, found.unseen]), title))
+    for splats, factors in _levels(found):
+        affine = np.column_stack([np.diag(factors), np.zeros(3)])
+        add(recolor(scratch, splats, affine, title="Lighten the shadow"))
+    add(append_made(scratch, found.splats, found.labels, title, State(0)))
+    return together(title, parts)
+
+
+def _levels(found: Filling) -> list[tuple[LongArray, DoubleArray]]:
+    """Splats that are lightened alike, and by which factors of red, green and blue."""
+    if len(found.stained) == 0:
+        return []
+    gains = found.gains.astype(np.float64)
+    key = np.log(gains @ LUMA)
+    edges = np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1)
+    level = np.digitize(key, edges)
+    return [(found.stained[level == k], gains[level == k].mean(axis=0)) for k in np.unique(level)]

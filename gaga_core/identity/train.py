@@ -1,0 +1,328 @@
+"""Mode "paper": identity encodings trained from zeros (section 3.3 and supplement).
+
+Cross-entropy over ln(K) on splatted encodings, a view a step, views in random order without
+replacement; every fifth step the 3D regulariser of Gaussian Grouping over cached nearest
+neighbours; Adam; 10k iterations of which, as in the published code, the last takes no step.
+
+The geometry is frozen, so F = W E: rows of W are cached once instead of rasterizing every step.
+With ``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that rasterizes
+its view; by default it takes 16k stratified pixels of the view, drawn once, without the smallest
+weights. The regulariser's neighbours are those among all Gaussians (published: among 200k random
+ones).
+"""
+
+import hashlib
+import math
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.votes import LabelMap
+from gaga_core.identity.field import Identity
+from gaga_core.identity.linear_kernels import D
+from gaga_core.identity.rows import (
+    Batch,
+    LinearRows,
+    RowConfig,
+    ViewRows,
+    sample_rows,
+    view_batches,
+)
+from gaga_core.identity.training_step import (
+    Fit,
+    IdentityGradients,
+    IdentityRates,
+    Training,
+    adam_step,
+    agreement,
+    batch_of_step,
+    cross_entropy,
+    nearest,
+    start_from_zeros,
+)
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+
+# --- A training run on disk: what it takes to go on as if it had never stopped.
+
+
+_VALUES = ("encodings", "weight", "bias")
+_MOMENTS = tuple(f"{kind}_{name}" for name in _VALUES for kind in ("mean", "square"))
+
+FILE = "identity.checkpoint.npz"  # of an unfinished run of mode "paper", in the work folder
+
+
+def digest_of(batches: Sequence[Batch], settings: str) -> str:
+    """Digest of the data that a run trains on and of its settings: equal only for the same run."""
+    digest = hashlib.sha256(settings.encode())
+    for batch in batches:
+        weights = batch.rows.by_pixel
+        for array in (batch.labels, weights.indices, weights.weights, weights.indptr):
+            digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def save_checkpoint(path: Path, training: Training, digest: str) -> None:
+    """Write the state of a run; ``GagaError`` when the place cannot be written."""
+    arrays: dict[str, AnyArray] = {name: getattr(training, name) for name in _VALUES}
+    arrays |= dict(zip(_MOMENTS, training.moments, strict=True))
+    arrays |= {"step": np.array(training.step), "digest": np.array(digest)}
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def load_checkpoint(path: Path, digest: str, n_gaussians: int, n_groups: int) -> Training | None:
+    """The state of the run with this ``digest``; None when the file is of another run.
+
+    Raises ``GagaError`` when the file is damaged.
+    """
+    cure = "Remove it to train from the start."
+    arrays = read_arrays(path, cure)
+    try:
+        if str(arrays["digest"]) != digest:
+            return None
+        values = [np.ascontiguousarray(arrays[name], np.float32) for name in _VALUES]
+        moments = tuple(np.ascontiguousarray(arrays[name], np.float32) for name in _MOMENTS)
+        training = Training(values[0], values[1], values[2], moments, int(arrays["step"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{path} is damaged. {cure}") from error
+    shapes = ((n_gaussians, D), (n_groups + 1, D), (n_groups + 1,))
+    fits = all(value.shape == shape for value, shape in zip(values, shapes, strict=True))
+    same = all(m.shape == shapes[i // 2] for i, m in enumerate(moments))
+    if not (fits and same and training.step >= 0):
+        raise GagaError(f"{path} is damaged. {cure}")
+    return training
+
+
+# --- Mode "paper": identity encodings trained from zeros (section 3.3 and supplement).
+# Cross-entropy over ln(K) on splatted encodings, a view a step, views in random order without
+# replacement; every fifth step the 3D regulariser of Gaussian Grouping over cached nearest
+# neighbours; Adam; 10k iterations of which, as in the published code, the last takes no step.
+#
+# The geometry is frozen, so F = W E: rows of W are cached once instead of rasterizing every step.
+# With ``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that
+# rasterizes its view; by default it takes 16k stratified pixels of the view, drawn once, without
+# the smallest weights. The regulariser's neighbours are those among all Gaussians (published:
+# among 200k random ones).
+
+
+STAGE = "Train identities"
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """Settings of mode "paper": the published ones."""
+
+    iterations: int = 10_000
+    rates: IdentityRates = field(default_factory=IdentityRates)
+    reg_every: int = 5  # iterations between two uses of the 3D regulariser; 0 = never
+    reg_factor: float = 2.0  # lambda
+    reg_samples: int = 1000  # Gaussians of one use
+    reg_neighbours: int = 5  # of each, itself included
+    rows: RowConfig = field(default_factory=RowConfig)
+    checkpoint_every: int = 1000  # iterations
+
+    def __post_init__(self) -> None:
+        if self.iterations < 2 or self.checkpoint_every < 1:
+            raise ValueError("iterations: at least 2; checkpoint_every: at least 1")
+        if self.reg_every < 0 or self.reg_samples < 1 or self.reg_neighbours < 1:
+            raise ValueError("reg_every, reg_samples, reg_neighbours: too small")
+
+
+@dataclass(frozen=True)
+class TimeEstimate:
+    """How long a run will take; the payload of the first progress, before anything is trained."""
+
+    seconds: float
+    seconds_per_step: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedIdentity:
+    """Result of mode "paper"."""
+
+    identity: Identity
+    first_loss: float  # cross-entropy / ln K, mean over the first views trained on in this run
+    last_loss: float
+    accuracy: float  # share of right pixels, mean over the last views
+    steps: int
+    resumed_at: int  # 0: from the start
+    n_rows: int
+
+
+def train_identity(
+    gaussians: Gaussians,
+    n_groups: int,
+    cameras: Sequence[Camera],
+    label_map: LabelMap,
+    rasterizer: Rasterizer,
+    config: PaperConfig | None = None,
+    *,
+    checkpoint: Path | None = None,
+) -> Stage[TrainedIdentity]:
+    """Train encodings and layer on the pseudo labels ``label_map`` of ``cameras``.
+
+    The first progress carries a `TimeEstimate`, measured on one view. With ``checkpoint`` the state
+    is saved there now and then and when the run is cancelled; a run with the same data and settings
+    goes on from it and ends as one that was never stopped (``iterations`` may differ). The file is
+    the caller's to remove once the result is safe.
+    Labels are the argmax of the layer on each Gaussian's own encoding, confidence its softmax.
+    """
+    config = config or PaperConfig()
+    run = yield from _prepare(gaussians, n_groups, cameras, label_map, rasterizer, config)
+    training = start_from_zeros(len(gaussians), n_groups, config.rows.seed)
+    if checkpoint is not None and checkpoint.is_file():
+        found = load_checkpoint(checkpoint, run.digest, len(gaussians), n_groups)
+        training = training if found is None else found
+    resumed_at = training.step
+    fits: list[Fit] = []
+    with _saved_on_cancel(checkpoint, training, run.digest):
+        yield from _train(training, run, config, checkpoint, fits)
+    few = max(1, min(len(run.batches), len(fits)))
+    field = training.field()
+    labels, confidence = field.classify(field.encodings)
+    return TrainedIdentity(
+        identity=Identity(field, labels, confidence, "paper"),
+        first_loss=float(np.mean([fit.loss for fit in fits[:few]])) if fits else math.nan,
+        last_loss=float(np.mean([fit.loss for fit in fits[-few:]])) if fits else math.nan,
+        accuracy=float(np.mean([fit.accuracy for fit in fits[-few:]])) if fits else math.nan,
+        steps=training.step,
+        resumed_at=resumed_at,
+        n_rows=sum(len(batch.labels) for batch in run.batches),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What does not change while training."""
+
+    batches: Sequence[Batch]  # one a view
+    near: IntArray  # (N, k) nearest neighbours, itself first
+    digest: str
+
+
+def _prepare(
+    gaussians: Gaussians,
+    n_groups: int,
+    cameras: Sequence[Camera],
+    label_map: LabelMap,
+    rasterizer: Rasterizer,
+    config: PaperConfig,
+) -> Stage[_Run]:
+    """Cached rows and neighbours; the estimate comes after the first view."""
+    sampling = sample_rows(gaussians, cameras, label_map, rasterizer, config.rows)
+    start, estimated = time.perf_counter(), False
+    while True:
+        try:
+            progress = next(sampling)
+        except StopIteration as end:
+            views: list[ViewRows] = end.value
+            break
+        if not estimated and isinstance(progress.payload, ViewRows):
+            estimated = True
+            sampling_time = (time.perf_counter() - start) * len(cameras) / progress.done
+            estimate = _estimate(progress.payload, len(gaussians), n_groups, config, sampling_time)
+            message = f"about {max(1, round(estimate.seconds / 60))} min"
+            yield Progress(STAGE, 0, config.iterations, message, estimate)
+        yield Progress(progress.stage, progress.done, progress.total, progress.message)
+    batches = view_batches(views, len(gaussians))
+    near = np.zeros((0, 1), np.int32)
+    if config.reg_every:
+        near = yield from nearest(gaussians.means, config.reg_neighbours)
+    settings = replace(config, iterations=2, checkpoint_every=1)
+    return _Run(batches, near, digest_of(batches, f"{asdict(settings)} {n_groups}"))
+
+
+def _estimate(
+    view: ViewRows, n_gaussians: int, n_groups: int, config: PaperConfig, sampling: float
+) -> TimeEstimate:
+    """Time of a few steps on the first view, thrown away."""
+    batch = Batch(LinearRows.of(view.weights, n_gaussians), view.labels)
+    training = start_from_zeros(n_gaussians, n_groups, config.rows.seed)
+    gradients = IdentityGradients.zeros(training)
+    # Any Gaussians will do as neighbours: the arithmetic is the same.
+    size = (min(config.reg_samples, n_gaussians), config.reg_neighbours)
+    near = np.random.default_rng(0).integers(0, n_gaussians, size).astype(np.int32)
+    _step(training, batch, gradients, config, None)  # the first one compiles
+    plain: list[float] = []
+    regular: list[float] = []
+    for times, sample in ((plain, None), (plain, None), (plain, None), (regular, near)):
+        start = time.perf_counter()
+        _step(training, batch, gradients, config, sample)
+        times.append(time.perf_counter() - start)
+    per_step = statistics.median(plain)
+    if config.reg_every:
+        per_step += max(0.0, regular[0] - per_step) / config.reg_every
+    return TimeEstimate(sampling + config.iterations * per_step, per_step)
+
+
+def _train(
+    training: Training,
+    run: _Run,
+    config: PaperConfig,
+    checkpoint: Path | None,
+    fits: list[Fit],  # appended to
+) -> Stage[None]:
+    gradients = IdentityGradients.zeros(training)
+    while training.step < config.iterations - 1:
+        step = training.step
+        fit = _step(
+            training,
+            run.batches[batch_of_step(step, len(run.batches), config.rows.seed)],
+            gradients,
+            config,
+            _sample(run.near, step, config),
+        )
+        fits.append(fit)
+        message = f"loss {fit.loss:.3f}, {100 * fit.accuracy:.1f} % of pixels right"
+        yield Progress(STAGE, step + 1, config.iterations, message)
+        if checkpoint is not None and training.step % config.checkpoint_every == 0:
+            save_checkpoint(checkpoint, training, run.digest)
+
+
+def _sample(near: IntArray, step: int, config: PaperConfig) -> IntArray | None:
+    """Neighbours of the Gaussians sampled in this step; None when it has no regulariser."""
+    if config.reg_every == 0 or step % config.reg_every:
+        return None
+    rng = np.random.default_rng([config.rows.seed, 3, step])
+    n = min(config.reg_samples, len(near))
+    return near[rng.choice(len(near), n, replace=False, shuffle=False)]
+
+
+def _step(
+    training: Training,
+    batch: Batch,
+    gradients: IdentityGradients,
+    config: PaperConfig,
+    near: IntArray | None,
+) -> Fit:
+    """One iteration; the loss returned is cross-entropy / ln K."""
+    scale = 1 / math.log(max(len(training.weight), 2))
+    gradients.clear()
+    fit = cross_entropy(training, batch, gradients, scale)
+    if near is not None:
+        agreement(training, near, config.reg_factor, gradients)
+    adam_step(training, gradients, config.rates)
+    return Fit(fit.loss * scale, fit.accuracy)
+
+
+@contextmanager
+def _saved_on_cancel(path: Path | None, training: Training, digest: str) -> Iterator[None]:
+    """Save the state when the stage is closed in the middle."""
+    try:
+        yield
+    except GeneratorExit:
+        if path is not None and training.step:
+            save_checkpoint(path, training, digest)
+        raise

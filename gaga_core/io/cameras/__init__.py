@@ -1,0 +1,1 @@
+"""Poses of cameras in the files of other programs, read and written."""

@@ -1,0 +1,226 @@
+"""COLMAP models: posed views and sparse points, text or binary, through pycolmap."""
+
+import logging
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
+from gaga_core.camera import MOST_PIXELS, Camera
+from gaga_core.errors import GagaError
+from gaga_core.geometry import matrices_to_quats
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write, explain_os_error
+
+_PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
+_SECONDS = 300
+# Least bytes of one record. A count that asks for more than the file holds is damage: pycolmap
+# would allocate for it first, for half a minute.
+_RECORD = {"cameras": 24, "images": 73, "points3D": 51}
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapModel:
+    """Views by name and the sparse points of a reconstruction, in its own world frame."""
+
+    cameras: tuple[Camera, ...]  # sorted by name; names are file names under images/
+    points: DoubleArray  # (P, 3) world
+    point_colors: UInt8Array  # (P, 3)
+
+
+def has_colmap(folder: Path) -> bool:
+    """Whether ``folder`` holds the files of a COLMAP model."""
+    return any((folder / f"images.{kind}").is_file() for kind in ("bin", "txt"))
+
+
+class ColmapReading:
+    """A model that is being read in a process of its own; `result` waits for it.
+
+    Start one, do other work, then take the result: the reader costs a third of a second.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = Path(folder)
+        if not has_colmap(self._folder):
+            raise GagaError(
+                f"{folder} holds no COLMAP model (images.bin or images.txt). "
+                "Choose a folder that COLMAP wrote."
+            )
+        _check_files(self._folder)
+        self._out = tempfile.TemporaryDirectory(prefix="gaga-colmap-")
+        self._file = Path(self._out.name) / "model.npz"
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "gaga_core.io.cameras.colmap_worker",
+                str(self._folder),
+                str(self._file),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def result(self) -> ColmapModel:
+        """The model; ``GagaError`` when it is damaged."""
+        try:
+            said, _ = self._process.communicate(timeout=_SECONDS)
+            if self._process.returncode != 0 or not self._file.is_file():
+                why = said.strip() or _why_ended(self._process.returncode)
+                raise GagaError(
+                    f"The COLMAP model in {self._folder} cannot be read ({why}). "
+                    "Copy or reconstruct it again."
+                )
+            return _model_of(self._folder, read_arrays(self._file, "Copy it again."))
+        except subprocess.TimeoutExpired as error:
+            raise GagaError(
+                f"The COLMAP model in {self._folder} takes too long to read."
+            ) from error
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End the reader and remove what it wrote."""
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._out.cleanup()
+
+
+def _why_ended(status: int) -> str:
+    """Say why a reader ended that could not say it itself."""
+    if sys.platform != "win32" and status == -signal.SIGXCPU:
+        return "its reader was stopped at the time limit for a model of this size"
+    if status < 0:
+        return f"its reader was ended by signal {-status}"
+    return f"its reader ended with status {status}"
+
+
+def _check_files(folder: Path) -> None:
+    """``GagaError`` when a file of the model is missing, or is too short for what it announces."""
+    kind = "bin" if (folder / "images.bin").is_file() else "txt"
+    for stem, record in _RECORD.items():
+        file = folder / f"{stem}.{kind}"
+        if not file.is_file():
+            raise GagaError(f"The COLMAP model in {folder} has no {file.name}. Copy it again.")
+        try:
+            with file.open("rb") as stream:
+                n = int.from_bytes(stream.read(8), "little")
+            size = file.stat().st_size
+        except OSError as error:
+            raise GagaError(explain_os_error(error, file)) from error
+        if kind == "bin" and size < 8 + n * record:
+            raise GagaError(
+                f"The COLMAP model in {folder} cannot be read ({file.name} is truncated). "
+                "Copy or reconstruct it again."
+            )
+
+
+def read_colmap(folder: Path) -> ColmapModel:
+    """Read ``folder`` (cameras, images, points3D as .bin or .txt).
+
+    Distorted cameras are used by their pinhole part, with a logged warning: undistort the photos
+    for exact overlays. Raises ``GagaError`` when files are missing or damaged.
+    """
+    return ColmapReading(folder).result()
+
+
+def write_colmap(
+    folder: Path,
+    cameras: Sequence[Camera],
+    points: DoubleArray,
+    colors: UInt8Array,
+    note: str = "",
+) -> None:
+    """Write a text model: one PINHOLE camera a view, points (P, 3) world without tracks.
+
+    ``note`` is a comment on top of cameras.txt; see `note_of`.
+    """
+    lines = [f"# {note}"] if note else []
+    for i, c in enumerate(cameras, start=1):
+        numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
+        lines.append(f"{i} PINHOLE {c.width} {c.height} {_exact(numbers)}")
+    _write_text(folder / "cameras.txt", lines)
+    lines = []
+    for i, camera in enumerate(cameras, start=1):
+        quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
+        numbers = (*quat, *camera.cam_from_world[:3, 3])
+        lines += [f"{i} {_exact(numbers)} {i} {camera.name}", ""]
+    _write_text(folder / "images.txt", lines)
+    lines = [
+        f"{i} {x:.9g} {y:.9g} {z:.9g} {r} {g} {b} 0"
+        for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
+    ]
+    _write_text(folder / "points3D.txt", lines)
+
+
+def note_of(folder: Path) -> str:
+    """The comment on top of the cameras of a text model; "" without one."""
+    file = folder / "cameras.txt"
+    if not file.is_file():
+        return ""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        first = stream.readline(1000)
+    return first.removeprefix("#").strip() if first.startswith("#") else ""
+
+
+def count_points(folder: Path) -> int:
+    """The number of points of a model, without reading them; 0 where their file is missing."""
+    binary, text = folder / "points3D.bin", folder / "points3D.txt"
+    if binary.is_file():
+        with binary.open("rb") as stream:
+            return int.from_bytes(stream.read(8), "little")
+    if not text.is_file():
+        return 0
+    with text.open("rb") as stream:
+        return sum(1 for line in stream if line.strip() and not line.startswith(b"#"))
+
+
+def _exact(numbers: Iterable[float]) -> str:
+    """Decimal text that reads back as the same doubles."""
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _write_text(path: Path, lines: list[str]) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
+    models = arrays["models"]
+    distorted = sorted({str(m) for m in models if str(m) not in _PINHOLE})
+    if distorted:
+        _log.warning(
+            "%s has distorted cameras (%s); their pinhole part is used. Undistort the photos for "
+            "exact overlays.",
+            folder,
+            ", ".join(distorted),
+        )
+    cameras = []
+    for i, name in enumerate(arrays["names"]):
+        pose = np.eye(4)
+        pose[:3] = arrays["poses"][i]
+        width, height = (int(v) for v in arrays["sizes"][i])
+        K = arrays["K"][i]
+        usable = (
+            0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS and min(K[0, 0], K[1, 1]) > 0
+        )
+        if not (usable and np.isfinite(K).all() and np.isfinite(pose).all()):
+            raise GagaError(
+                f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "
+                "again."
+            )
+        cameras.append(Camera(K, pose, width, height, str(name)))
+    if not cameras:
+        raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
+    return ColmapModel(tuple(cameras), arrays["points"], arrays["colors"])

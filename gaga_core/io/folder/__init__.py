@@ -1,0 +1,1 @@
+"""The scene folder: its layout, locks, staged results, child processes."""

@@ -1,0 +1,98 @@
+"""Processes that work for another one end when it ends, in whatever way."""
+
+import ctypes
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Generator, Mapping, Sequence
+
+# --- Processes that work for another one end when it ends, in whatever way.
+
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def end_with_parent() -> None:
+    """Make this process end when the one that started it does; called by workers at their start.
+
+    On Linux the kernel sends SIGKILL, whatever the process is busy with; elsewhere a thread looks
+    every second, as far as the interpreter lets it run.
+    """
+    parent = os.getppid()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before the kernel knew
+            os._exit(1)
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
+
+
+# --- A program that is followed line by line and ended when nobody follows any more.
+
+
+_SECONDS = 0.2  # between two looks when the program says nothing
+_GRACE = 3.0  # seconds that a program gets to end by itself
+
+
+def follow(
+    command: Sequence[str], environment: Mapping[str, str] | None = None
+) -> Generator[str, None, int]:
+    """Run ``command`` and yield the lines that it prints, "" when it says nothing for a moment.
+
+    Returns its exit status. Lines of standard output and standard error come as they are written.
+    Closing the generator ends the program. Raises ``OSError`` when it cannot be started.
+    """
+    process = subprocess.Popen(
+        list(command),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        errors="replace",
+        env=environment,
+    )
+    lines: queue.Queue[str | None] = queue.Queue()
+    reader = threading.Thread(target=_read, args=(process, lines), daemon=True)
+    reader.start()
+    try:
+        while True:
+            try:
+                line = lines.get(timeout=_SECONDS)
+            except queue.Empty:
+                yield ""
+                continue
+            if line is None:
+                return process.wait()
+            yield line
+    finally:
+        _end(process)
+        reader.join()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def _read(process: subprocess.Popen[str], lines: queue.Queue[str | None]) -> None:
+    if process.stdout is not None:
+        for line in process.stdout:
+            lines.put(line.strip())
+    lines.put(None)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    if process.poll() is not None:
+        return
+    process.terminate()
+    try:
+        process.wait(_GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,1 @@
+"""2D masks on disk: our label maps, and masks of other programs."""

@@ -1,0 +1,126 @@
+"""Triangle meshes as GLB and OBJ, for programs that know no splats.
+
+A .glb has the axes of the GLB files of splats (turned half around z, so that y is up in a world of
+COLMAP); an .obj has those of a .ply. Colors: linear ``COLOR_0`` in a .glb, three more numbers of a
+vertex in an .obj, as MeshLab and Blender read them.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
+from gaga_core.io.files import atomic_write
+from gaga_core.io.splats.glb import BIN, JSON, heads, padded
+
+_FLOAT, _UNSIGNED = 5126, 5125
+_VERTICES, _INDICES = 34962, 34963
+_KNEE = 0.04045  # of sRGB (IEC 61966-2-1): linear below
+
+
+class MeshFile(StrEnum):
+    """Kinds of files of meshes."""
+
+    GLB = "glb"
+    OBJ = "obj"
+
+    @property
+    def suffix(self) -> str:
+        """What a file of this kind ends in."""
+        return f".{self}"
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """Triangles that face outwards counter-clockwise.
+
+    Raises ``ValueError`` when shapes disagree.
+    """
+
+    vertices: FloatArray  # (V, 3) axes and units of a .ply
+    faces: IntArray  # (F, 3) rows of ``vertices``
+    colors: UInt8Array | None = None  # (V, 3) sRGB
+
+    def __post_init__(self) -> None:
+        check_shape("vertices", self.vertices, ("V", 3), np.float32)
+        check_shape("faces", self.faces, ("F", 3), np.int32)
+        if self.colors is not None:
+            check_shape("colors", self.colors, (len(self.vertices), 3), np.uint8)
+
+    def moved(self, origin: AnyArray, scale: float) -> "TriangleMesh":
+        """The mesh from ``origin`` (3,), ``scale`` times as large."""
+        vertices = (self.vertices.astype(np.float64) - origin) * scale
+        return replace(self, vertices=vertices.astype(np.float32))
+
+
+def write_mesh(path: Path, mesh: TriangleMesh, kind: MeshFile, name: str) -> None:
+    """Write ``mesh``, called ``name`` in the file; ``GagaError`` where it cannot be written."""
+    content = _glb(mesh, name) if kind is MeshFile.GLB else _obj(mesh, name)
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _glb(mesh: TriangleMesh, name: str) -> bytes:
+    turned = mesh.vertices * np.array([-1, -1, 1], np.float32)
+    columns: dict[str, AnyArray] = {"POSITION": turned}
+    if mesh.colors is not None:
+        columns["COLOR_0"] = _linear(mesh.colors)
+    parts = [np.ascontiguousarray(values, "<f4").tobytes() for values in columns.values()]
+    parts.append(np.ascontiguousarray(mesh.faces, "<u4").tobytes())
+    starts = np.cumsum([0, *(len(part) for part in parts)]).tolist()
+    views = [
+        {"buffer": 0, "byteOffset": start, "byteLength": len(part), "target": target}
+        for start, part, target in zip(
+            starts[:-1], parts, [_VERTICES] * len(columns) + [_INDICES], strict=True
+        )
+    ]
+    accessors: list[Mapping[str, object]] = [
+        {"bufferView": k, "componentType": _FLOAT, "count": len(values), "type": "VEC3"}
+        for k, values in enumerate(columns.values())
+    ]
+    lo, hi = turned.min(axis=0), turned.max(axis=0)
+    accessors[0] = {**accessors[0], "min": lo.tolist(), "max": hi.tolist()}
+    indices = {"bufferView": len(columns), "componentType": _UNSIGNED, "type": "SCALAR"}
+    accessors.append({**indices, "count": mesh.faces.size})
+    primitive = {
+        "attributes": dict(zip(columns, range(len(columns)), strict=True)),
+        "indices": len(columns),
+        "material": 0,
+    }
+    gltf = {
+        "asset": {"version": "2.0", "generator": "gaga-studio"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"primitives": [primitive], "name": name}],
+        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
+        "buffers": [{"byteLength": starts[-1]}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    text = padded(json.dumps(gltf, separators=(",", ":"), ensure_ascii=False).encode())
+    head, middle = heads([(JSON, len(text)), (BIN, starts[-1])])
+    return b"".join([head, text, middle, *parts])
+
+
+def _linear(colors: UInt8Array) -> FloatArray:
+    """Linear light (V, 3), 0..1, of sRGB colors."""
+    c = colors.astype(np.float32) / 255
+    linear: FloatArray = np.where(c <= _KNEE, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return linear.astype(np.float32)
+
+
+def _obj(mesh: TriangleMesh, name: str) -> bytes:
+    plain = " ".join(name.split()) or "mesh"
+    rows = mesh.vertices.astype(np.float64)
+    form = "v %.7g %.7g %.7g"
+    if mesh.colors is not None:
+        rows = np.hstack([rows, mesh.colors / 255.0])
+        form += " %.4f %.4f %.4f"
+    lines = [f"o {plain}", *(form % tuple(row) for row in rows.tolist())]
+    lines += ["f %d %d %d" % tuple(row) for row in (mesh.faces + 1).tolist()]  # noqa: UP031
+    return ("\n".join(lines) + "\n").encode()

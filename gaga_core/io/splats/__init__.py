@@ -1,0 +1,1 @@
+"""Files of splats, one format a file."""

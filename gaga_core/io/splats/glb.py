@@ -1,0 +1,450 @@
+"""glTF 2.0 (.glb, .gltf) with splats of the extension ``KHR_gaussian_splatting``.
+
+Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities 0..1, SH in the
+order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned half
+around z. Reading takes every mesh of the scene with the places of its nodes.
+Layout: github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting.
+
+Splats that are compressed as SPZ are read too (``KHR_gaussian_splatting_compression_spz_2``, pull
+request 2531, and its two former names), but not written: it is a draft, and which way its axes
+point is not settled. It says left, up, front after Niantic's library has turned them; CesiumJS and
+cesium-native, the only implementations that it names, take the stored numbers for those of the
+glTF. We read as they do, unless the SPZ says which way its axes point.
+"""
+
+import base64
+import io
+import json
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, cast
+from urllib.parse import unquote
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
+from gaga_core.color import sh_rotation
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.json_file import decode_json
+from gaga_core.io.splats.packing import unit_quats
+from gaga_core.io.splats.ply import without_broken_rows
+from gaga_core.io.splats.spz import decode_spz_stage, turned
+from gaga_core.progress import Progress, Stage
+
+# --- The chunks of a GLB or the files of a .gltf, and the numbers that its accessors name.
+
+
+MAGIC = b"glTF"
+JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
+_HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_MOST_BUFFERS = 100
+_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class Buffers:
+    """A glTF in memory."""
+
+    gltf: Mapping[str, Any]
+    binaries: tuple[bytes, ...]  # by the number of the buffer
+
+    @staticmethod
+    def of(content: bytes, path: Path) -> "Buffers":
+        """The content of a file at ``path``, .glb or .gltf, with the buffers next to it.
+
+        ``GagaError``, ``OSError`` or ``ValueError`` when they do not fit or are not there.
+        """
+        if content.startswith(MAGIC):
+            gltf, binary = _chunks(content, path.name)
+        else:
+            gltf = decode_json(content, dict[str, Any], path.name, "Export it again.")
+            binary = b""
+        rows = gltf.get("buffers", [])
+        if len(rows) > _MOST_BUFFERS:
+            raise ValueError("too many buffers")
+        return Buffers(gltf, tuple(_buffer(row, binary, path) for row in rows))
+
+    def accessor(self, index: int, width: int) -> AnyArray:
+        """Numbers (N, width) of an accessor, float where it is normalized.
+
+        Raises ``ValueError`` when it names other numbers, or some outside of the file.
+        """
+        accessor = self.gltf["accessors"][_natural(index)]
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise ValueError("a sparse accessor")
+        view = self.gltf["bufferViews"][_natural(accessor["bufferView"])]
+        binary = self.binaries[_natural(view["buffer"])]
+        if _WIDTHS[accessor["type"]] != width:
+            raise ValueError(f"an accessor of {accessor['type']}")
+        kind, n = np.dtype(_TYPES[accessor["componentType"]]), _natural(accessor["count"])
+        step = _natural(view.get("byteStride", 0)) or kind.itemsize * width
+        start = _natural(view.get("byteOffset", 0)) + _natural(accessor.get("byteOffset", 0))
+        end = start + (n - 1) * step + kind.itemsize * width
+        limit = _natural(view.get("byteOffset", 0)) + _natural(view["byteLength"])
+        if n < 1 or step < kind.itemsize * width or end > min(limit, len(binary)):
+            raise ValueError("an accessor that reaches beyond its buffer")
+        values = np.ndarray((n, width), kind, binary, start, (step, kind.itemsize))
+        if not accessor.get("normalized", False):
+            return values
+        most = np.float32(np.iinfo(kind).max)
+        shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
+        return shares
+
+    def view(self, index: int) -> bytes:
+        """The bytes of a buffer view; ``ValueError`` when some lie outside of the file."""
+        view = self.gltf["bufferViews"][_natural(index)]
+        binary = self.binaries[_natural(view["buffer"])]
+        start = _natural(view.get("byteOffset", 0))
+        end = start + _natural(view["byteLength"])
+        if end > len(binary):
+            raise ValueError("a buffer view that reaches beyond its buffer")
+        return binary[start:end]
+
+
+def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], bytes]:
+    """JSON and numbers of a GLB."""
+    magic, version, total = _HEAD.unpack_from(content)
+    if magic != MAGIC or version != 2:
+        raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
+    if total > len(content):
+        raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+    chunks: dict[bytes, bytes] = {}
+    at = _HEAD.size
+    while at + _CHUNK.size <= total:
+        size, kind = _CHUNK.unpack_from(content, at)
+        at += _CHUNK.size
+        if at + size > total:
+            raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+        chunks.setdefault(kind, content[at : at + size])
+        at += size
+    gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
+    return gltf, chunks.get(BIN, b"")
+
+
+def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
+    """The bytes of one buffer: of the GLB itself, in the text, or of a file in the same folder."""
+    uri = row.get("uri")
+    if uri is None:
+        return binary
+    if not isinstance(uri, str):
+        raise ValueError("a buffer whose address is no text")
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.partition(",")[2], validate=True)
+    file = buffer_file(uri, path)
+    if not file.is_file():
+        raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
+    return file.read_bytes()
+
+
+def buffer_file(uri: str, path: Path) -> Path:
+    """The file that the .gltf at ``path`` names, in the same folder or below; it need not exist.
+
+    Raises ``GagaError`` when it lies elsewhere.
+    """
+    place = PurePosixPath(unquote(uri))
+    folder = path.parent.resolve()
+    file = (folder / place).resolve()
+    if ":" in uri or "\\" in place.name or not file.is_relative_to(folder) or "\0" in str(place):
+        raise GagaError(f"{path.name} asks for {uri[:80]}, outside of its folder: not read.")
+    return file
+
+
+def heads(sizes: Sequence[tuple[bytes, int]]) -> list[bytes]:
+    """What stands in a GLB before each chunk of these kinds and sizes (multiples of 4 bytes)."""
+    total = _HEAD.size + sum(_CHUNK.size + size for _, size in sizes)
+    found = [_CHUNK.pack(size, kind) for kind, size in sizes]
+    return [_HEAD.pack(MAGIC, 2, total) + found[0], *found[1:]]
+
+
+def padded(text: bytes) -> bytes:
+    """JSON with spaces up to a multiple of 4 bytes."""
+    return text + b" " * (-len(text) % 4)
+
+
+def _natural(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"{value!r} where a whole number is expected")
+    return value
+
+
+# --- glTF 2.0 (.glb, .gltf) with splats of the extension ``KHR_gaussian_splatting``.
+# Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities 0..1, SH in the
+# order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned
+# half around z. Reading takes every mesh of the scene with the places of its nodes. Layout:
+# github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting.
+#
+# Splats that are compressed as SPZ are read too (``KHR_gaussian_splatting_compression_spz_2``,
+# pull request 2531, and its two former names), but not written: it is a draft, and which way its
+# axes point is not settled. It says left, up, front after Niantic's library has turned them;
+# CesiumJS and cesium-native, the only implementations that it names, take the stored numbers for
+# those of the glTF. We read as they do, unless the SPZ says which way its axes point.
+
+
+MOST_DEGREE = 3  # of SH that the extension has room for
+_EXTENSION = "KHR_gaussian_splatting"
+_SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
+_FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
+_AXES = "LUF"
+_MOST_NODES = 10_000
+_FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
+_FLOAT, _POINTS = 5126, 0
+_TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
+_EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
+# What JSON of any shape raises where it is taken for a glTF.
+_DAMAGED = (
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    ValueError,
+    OverflowError,
+    struct.error,
+)
+
+
+# --- reading
+
+
+def read_glb_stage(path: Path) -> Stage[Gaussians]:
+    """Read the splats of a .glb or .gltf with progress; its buffers lie in its folder.
+
+    ``GagaError`` with one sentence when it is damaged, has no splats, or has them compressed by
+    another extension than SPZ.
+    """
+    path = Path(path)
+    yield Progress("Read splats", 0, 2, path.name)
+    try:
+        content = path.read_bytes()
+        buffers = Buffers.of(content, path)
+        parts = yield from _splats_of(buffers, path)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except _DAMAGED as error:
+        raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
+    if not parts:
+        raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
+    yield Progress("Read splats", 1, 2, path.name)
+    whole = turned(_joined(parts), _AXES)
+    yield Progress("Read splats", 2, 2, path.name)
+    return without_broken_rows(path, whole)
+
+
+def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
+    """Splats of every primitive that has some, where its node puts them; axes of the glTF."""
+    gltf, found = buffers.gltf, []
+    for place, mesh in list(_placed_meshes(gltf)):  # a circle is found before memory is taken
+        for primitive in gltf["meshes"][mesh]["primitives"]:
+            extensions = primitive.get("extensions", {})
+            inside = extensions.get(_EXTENSION, {}).get("extensions", {})
+            packed = next((inside[name] for name in _SPZ if name in inside), None)
+            packed = extensions.get(_FORMER) if packed is None else packed
+            if packed is not None:
+                splats = yield from _unpacked(buffers, packed, path)
+            elif any("compression" in str(key) for key in inside):
+                raise GagaError(
+                    f"{path.name} holds compressed splats ({', '.join(map(str, inside))}), of "
+                    "which gaga-studio reads SPZ alone in a glTF. Convert it to .ply or .spz."
+                )
+            elif _EXTENSION in extensions:
+                splats = _decoded(buffers, primitive["attributes"])
+            else:
+                continue
+            found.append(_moved(splats, place))
+    return found
+
+
+def _unpacked(buffers: Buffers, extension: Mapping[str, Any], path: Path) -> Stage[Gaussians]:
+    """The splats of an SPZ in a buffer view, with the axes of the glTF."""
+    content = io.BytesIO(buffers.view(extension["bufferView"]))
+    splats = yield from decode_spz_stage(path, content, _AXES)
+    return turned(splats, _AXES)  # the half turn is its own inverse
+
+
+def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:
+    """Place (4, 4) in the scene and number of every mesh of it."""
+    nodes = gltf.get("nodes", [])
+    scenes = gltf.get("scenes")
+    roots = scenes[gltf.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
+    waiting = [(np.eye(4), int(root)) for root in roots]
+    seen = 0
+    while waiting:
+        parent, index = waiting.pop(0)
+        seen += 1
+        if seen > _MOST_NODES:
+            raise ValueError("its nodes are a circle, or too many")
+        node = nodes[index]
+        place = parent @ _place_of(node)
+        if not np.abs(place).max() < _FARTHEST:  # nor NaN
+            raise ValueError("a node lies or scales out of all range")
+        if "mesh" in node:
+            yield place, int(node["mesh"])
+        waiting += [(place, int(child)) for child in node.get("children", [])]
+
+
+def _place_of(node: Mapping[str, Any]) -> DoubleArray:
+    if "matrix" in node:
+        matrix: DoubleArray = _numbers(node["matrix"], 16).reshape(4, 4).T
+        return matrix
+    place = np.eye(4)
+    x, y, z, w = _numbers(node.get("rotation", (0, 0, 0, 1)), 4)
+    if not x * x + y * y + z * z + w * w > 0:
+        raise ValueError("a node's rotation has no length")
+    scale = _numbers(node.get("scale", (1, 1, 1)), 3)
+    place[:3, :3] = quats_to_matrices(np.array([[w, x, y, z]]))[0] * scale
+    place[:3, 3] = _numbers(node.get("translation", (0, 0, 0)), 3)
+    return place
+
+
+def _numbers(values: Sequence[float], n: int) -> DoubleArray:
+    """``n`` finite numbers (n,) of a size that can be multiplied; ``ValueError`` otherwise."""
+    found = np.array(values, np.float64)
+    if found.shape != (n,) or not np.abs(found).max() < _FARTHEST:
+        raise ValueError("a node lies or scales out of all range")
+    return found
+
+
+def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
+    def column(name: str, width: int) -> FloatArray:
+        values = buffers.accessor(attributes[name], width)
+        return np.ascontiguousarray(values, np.float32)
+
+    means = column("POSITION", 3)
+    scales = column(f"{_EXTENSION}:SCALE", 3)
+    opacity = np.clip(column(f"{_EXTENSION}:OPACITY", 1)[:, 0], _EDGE, 1 - _EDGE)
+    sh = [column(f"{_EXTENSION}:SH_DEGREE_0_COEF_0", 3)]
+    for degree in range(1, MOST_DEGREE + 1):
+        names = [f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}" for k in range(2 * degree + 1)]
+        if not all(name in attributes for name in names):
+            break
+        sh += [column(name, 3) for name in names]
+    found = Gaussians(
+        means=means,
+        quats=unit_quats(np.roll(column(f"{_EXTENSION}:ROTATION", 4), 1, axis=1)),
+        # Sizes are linear; programs of before the extension was settled wrote logarithms.
+        log_scales=scales if (scales < 0).any() else np.log(np.maximum(scales, _TINY)),
+        logit_opacities=np.log(opacity / (1 - opacity)).astype(np.float32),
+        sh=np.ascontiguousarray(np.stack(sh, axis=1)),
+    )
+    lengths = {len(values) for values in (means, scales, opacity, found.quats, *sh)}
+    if len(lengths) != 1:
+        raise ValueError("its attributes have different lengths")
+    return found
+
+
+def _moved(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
+    """The splats in the scene of their node; a node may turn and scale, but not stretch."""
+    if np.array_equal(place, np.eye(4)):
+        return gaussians
+    linear = place[:3, :3]
+    scale = float(np.cbrt(abs(np.linalg.det(linear))))
+    if scale <= 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
+        raise ValueError("a node stretches its splats")
+    rotation = linear / scale
+    proper = rotation * np.sign(np.linalg.det(rotation))
+    quats = multiply_quats(matrices_to_quats(proper[None]), gaussians.quats.astype(np.float64))
+    bands = sh_rotation(rotation, gaussians.sh_degree)
+    return replace(
+        gaussians,
+        means=(gaussians.means @ linear.T + place[:3, 3]).astype(np.float32),
+        quats=quats.astype(np.float32),
+        log_scales=gaussians.log_scales + np.float32(np.log(scale)),
+        sh=np.einsum("st,ntc->nsc", bands, gaussians.sh).astype(np.float32),
+    )
+
+
+def _joined(parts: Sequence[Gaussians]) -> Gaussians:
+    n_sh = max(part.sh.shape[1] for part in parts)
+    sh = [np.pad(p.sh, ((0, 0), (0, n_sh - p.sh.shape[1]), (0, 0))) for p in parts]
+    return Gaussians(
+        means=np.concatenate([part.means for part in parts]),
+        quats=np.concatenate([part.quats for part in parts]),
+        log_scales=np.concatenate([part.log_scales for part in parts]),
+        logit_opacities=np.concatenate([part.logit_opacities for part in parts]),
+        sh=np.ascontiguousarray(np.concatenate(sh)),
+        comments=parts[0].comments if len({part.comments for part in parts}) == 1 else (),
+    )
+
+
+# --- writing
+
+
+def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
+    """Write a .glb with progress: float32 throughout, SH up to degree 3. Whole or not at all."""
+    there = turned(gaussians, _AXES)  # the half turn is its own inverse
+    columns = _columns(there)
+    views: list[object] = []
+    accessors: list[object] = []
+    offset = 0
+    for name, values in columns.items():
+        width = values.shape[1]
+        view = {"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": 34962}
+        accessor: dict[str, object] = {
+            "bufferView": len(views),
+            "componentType": _FLOAT,
+            "count": len(values),
+            "type": {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[width],
+        }
+        if name == "POSITION":
+            accessor["min"] = [float(v) for v in values.min(axis=0)]
+            accessor["max"] = [float(v) for v in values.max(axis=0)]
+        views.append(view)
+        accessors.append(accessor)
+        offset += values.nbytes
+    if offset > 0xFFFFFFFF - (1 << 20):
+        raise GagaError(f"{len(there):,} splats do not fit into a GLB (4 GB). Export objects.")
+    gltf = _gltf(views, accessors, dict(zip(columns, range(len(columns)), strict=True)), offset)
+    text = padded(json.dumps(gltf, separators=(",", ":")).encode())
+    head, middle = heads([(JSON, len(text)), (BIN, offset)])
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        file.write(head + text + middle)
+        for i, values in enumerate(columns.values()):
+            yield Progress("Write splats", i, len(columns), path.name)
+            file.write(np.ascontiguousarray(values, "<f4").data)
+    yield Progress("Write splats", len(columns), len(columns), path.name)
+
+
+def _columns(there: Gaussians) -> dict[str, FloatArray]:
+    """The attributes (N, 1 to 4) by name, in the order of the file."""
+    columns: dict[str, AnyArray] = {
+        "POSITION": there.means,
+        f"{_EXTENSION}:ROTATION": np.roll(unit_quats(there.quats), -1, axis=1),
+        f"{_EXTENSION}:SCALE": np.exp(there.log_scales),
+        f"{_EXTENSION}:OPACITY": there.opacities[:, None],
+    }
+    for degree in range(min(there.sh_degree, MOST_DEGREE) + 1):
+        for k in range(2 * degree + 1):
+            name = f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"
+            columns[name] = there.sh[:, degree * degree + k]
+    return {name: np.ascontiguousarray(values, np.float32) for name, values in columns.items()}
+
+
+def _gltf(
+    views: Sequence[object], accessors: Sequence[object], attributes: Mapping[str, int], n: int
+) -> dict[str, object]:
+    kernel = {
+        "kernel": "ellipse",
+        "colorSpace": "srgb_rec709_display",
+        "sortingMethod": "cameraDistance",
+        "projection": "perspective",
+    }
+    primitive = {"attributes": attributes, "mode": _POINTS, "extensions": {_EXTENSION: kernel}}
+    return cast(
+        dict[str, object],
+        {
+            "asset": {"version": "2.0", "generator": "gaga-studio"},
+            "extensionsUsed": [_EXTENSION],
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "name": "splats"}],
+            "meshes": [{"primitives": [primitive]}],
+            "buffers": [{"byteLength": n}],
+            "bufferViews": views,
+            "accessors": accessors,
+        },
+    )

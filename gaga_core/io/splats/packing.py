@@ -1,0 +1,240 @@
+"""What the compact splat formats share: opacities in a byte, quaternions in three parts, room.
+
+A unit quaternion is known by its three smaller parts once the largest one is positive; the
+formats differ in how they round the three, and in the order of the four.
+"""
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from gaga_core.arrays import (
+    AnyArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt8Array,
+    UInt16Array,
+)
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+
+# --- What the compact splat formats share: opacities in a byte, quaternions in three parts, room.
+# A unit quaternion is known by its three smaller parts once the largest one is positive; the
+# formats differ in how they round the three, and in the order of the four.
+
+
+CHUNK = 1 << 16  # splats worked on at once
+_LONGEST = 1e18  # of a part of a quaternion: its square is a float32
+_EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+_OPACITIES = np.clip(np.arange(256) / 255, _EDGE, 1 - _EDGE)
+_LOGITS = np.log(_OPACITIES / (1 - _OPACITIES)).astype(np.float32)
+
+
+def room_for(n: int, n_sh: int, name: str) -> Gaussians:
+    """Gaussians of ``n`` splats to be filled in; ``GagaError`` when memory does not hold them."""
+    try:
+        return Gaussians(
+            means=np.empty((n, 3), np.float32),
+            quats=np.empty((n, 4), np.float32),
+            log_scales=np.empty((n, 3), np.float32),
+            logit_opacities=np.empty(n, np.float32),
+            sh=np.empty((n, n_sh, 3), np.float32),
+        )
+    except (MemoryError, ValueError, OverflowError) as error:
+        raise GagaError(
+            f"{name} says that it holds {n:,} splats, more than fit into memory. Split it, or "
+            "get it again."
+        ) from error
+
+
+def logits_of_bytes(opacities: UInt8Array) -> FloatArray:
+    """Logits of opacities 0..255; the two ends become 1e-6 and 1 - 1e-6."""
+    result: FloatArray = _LOGITS[opacities]
+    return result
+
+
+def bytes_of_logits(logits: FloatArray) -> UInt8Array:
+    """Opacities 0..255, rounded."""
+    with np.errstate(over="ignore"):
+        return to_bytes(255 / (1 + np.exp(-logits.astype(np.float32))))
+
+
+def to_bytes(values: AnyArray) -> UInt8Array:
+    """Rounded to 0..255, clipped."""
+    result: UInt8Array = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    return result
+
+
+def unit_quats(quats: AnyArray) -> FloatArray:
+    """Quaternions (N, 4) wxyz of length 1; one of length 0 becomes the identity.
+
+    One that is not finite, or so long that its length is not, becomes NaN: readers drop its row.
+    """
+    sane = np.abs(quats).max(axis=1, initial=0) < _LONGEST  # False for NaN
+    inside = quats if sane.all() else np.where(sane[:, None], quats, np.float32(0))
+    length = np.linalg.norm(inside, axis=1, keepdims=True)
+    result: FloatArray = (inside / np.where(length > 0, length, 1)).astype(np.float32)
+    result[length[:, 0] == 0, 0] = 1
+    result[~sane] = np.nan
+    return result
+
+
+def three_of_quats(quats: FloatArray) -> tuple[LongArray, FloatArray]:
+    """Place (N,) of the largest part of unit quaternions (N, 4), and the other three in order.
+
+    The three are those of the quaternion whose largest part is positive: within sqrt(1/2).
+    """
+    largest = np.abs(quats).argmax(axis=1)
+    top = np.take_along_axis(quats, largest[:, None], 1)
+    three = np.take_along_axis(quats, _OTHERS[largest], 1)
+    return largest, np.where(top < 0, -three, three)
+
+
+def quats_of_three(largest: AnyArray, three: AnyArray) -> FloatArray:
+    """The way back from `three_of_quats`: quaternions (N, 4)."""
+    quats = np.empty((len(three), 4), np.float32)
+    np.put_along_axis(quats, _OTHERS[largest], three, 1)
+    rest = np.sqrt(np.maximum(1 - (three * three).sum(axis=1), 0))
+    np.put_along_axis(quats, np.asarray(largest, np.int64)[:, None], rest[:, None], 1)
+    return quats
+
+
+def morton_order(means: FloatArray) -> LongArray:
+    """Rows along a Z curve of 21 bits an axis; what is not finite comes where it falls."""
+    low, high = means.min(axis=0), means.max(axis=0)
+    span = np.where(high > low, high - low, 1).astype(np.float64)
+    codes = np.zeros(len(means), np.uint64)
+    for axis in range(3):
+        with np.errstate(invalid="ignore"):
+            cells = (means[:, axis].astype(np.float64) - low[axis]) / span[axis] * ((1 << 21) - 1)
+        codes |= _spread(np.nan_to_num(cells, nan=0).astype(np.uint64)) << np.uint64(axis)
+    result: LongArray = np.argsort(codes, kind="stable")
+    return result
+
+
+def _spread(cells: AnyArray) -> AnyArray:
+    """Bits of 21-bit numbers, two zeros between each (Morton's interleaving)."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
+    return cells
+
+
+# --- Rounding that suits a scene: tables of 256 numbers, palettes of SH, positions in 16 bits.
+# What a SOG file and a web page share.
+
+
+_N_CODES = 256
+_CODE_ROUNDS = 12  # of Lloyd's algorithm for a table of numbers
+PALETTE = 65536  # entries at most: labels have 16 bits
+_COARSE = 256  # clusters of the first level
+_ROUNDS = 4  # of Lloyd's algorithm in each
+_CELLS = 1 << 22  # distances that are held at once
+_SAMPLE = 1 << 18  # numbers or splats that tables are made from
+
+
+def log_words(means: FloatArray) -> tuple[UInt16Array, DoubleArray, DoubleArray]:
+    """Positions (N, 3) in 16 bits on a scale of sign(x) ln(1 + |x|), and its ends (3,)."""
+    logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
+    low, high = logs.min(axis=0), logs.max(axis=0)
+    words = np.rint((logs - low) / np.where(high > low, high - low, 1) * 65535)
+    return words.astype(np.uint16), low, high
+
+
+def quat_bytes(quats: FloatArray) -> tuple[UInt8Array, UInt8Array]:
+    """Place (N,) of the largest part of quaternions (N, 4), and the other three as bytes (N, 3)."""
+    largest, three = three_of_quats(unit_quats(quats))
+    parts = to_bytes((three * np.float32(np.sqrt(2)) * 0.5 + 0.5) * 255)
+    return largest.astype(np.uint8), parts
+
+
+def table_of(values: FloatArray) -> FloatArray:
+    """256 numbers, ascending, near which the values lie: Lloyd's algorithm from quantiles."""
+    # Sorted first: a step through channels that take turns could meet one of them alone.
+    ordered = np.sort(values, axis=None)
+    flat = np.append(_sampled(ordered), ordered[-1]).astype(np.float64)
+    distinct = np.unique(flat)
+    if len(distinct) <= _N_CODES:
+        return np.pad(distinct, (0, _N_CODES - len(distinct)), mode="edge").astype(np.float32)
+    even = np.linspace(flat[0], flat[-1], _N_CODES)
+    table = (np.quantile(flat, np.linspace(0, 1, _N_CODES)) + even) / 2  # rare values count, too
+    sums = np.concatenate([[0.0], np.cumsum(flat)])
+    for _ in range(_CODE_ROUNDS):
+        edges = np.concatenate([[0], np.searchsorted(flat, (table[1:] + table[:-1]) / 2)])
+        ends = np.concatenate([edges[1:], [len(flat)]])
+        counts = ends - edges
+        means = (sums[ends] - sums[edges]) / np.maximum(counts, 1)
+        table = np.sort(np.where(counts > 0, means, table))
+    return table.astype(np.float32)
+
+
+def nearest(table: FloatArray, values: FloatArray) -> UInt8Array:
+    """Place 0..255 of the nearest number of an ascending table."""
+    between = (table[1:] + table[:-1]) / 2
+    places: UInt8Array = np.searchsorted(between, values).astype(np.uint8)
+    return places
+
+
+def palette_of(rest: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Entries (E, S - 1, 3) and the one (N,) of each splat.
+
+    Splats with few different SH keep them all. Else k-means in two levels: each of a few coarse
+    clusters is divided into its share of the entries, so that the time grows with N alone.
+    """
+    flat = np.ascontiguousarray(rest.reshape(len(rest), -1), np.float32)
+    entries, labels = np.unique(flat, axis=0, return_inverse=True)
+    if len(entries) <= PALETTE:
+        return entries.reshape(-1, *rest.shape[1:]), labels.reshape(-1).astype(np.int32)
+    rng = np.random.default_rng(0)
+    coarse = _closest(_means_of(_sampled(flat), _COARSE, rng), flat)
+    order = np.argsort(coarse, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(coarse, minlength=_COARSE))[:-1])
+    room = PALETTE - _COARSE  # a cluster has one entry at least
+    found: list[FloatArray] = []
+    labels, n_before = np.zeros(len(flat), np.int64), 0
+    for part in (part for part in parts if len(part)):
+        means = _means_of(flat[part], 1 + room * len(part) // len(flat), rng)
+        labels[part] = n_before + _closest(means, flat[part])
+        found.append(means)
+        n_before += len(means)
+    return np.concatenate(found).reshape(-1, *rest.shape[1:]), labels.astype(np.int32)
+
+
+def _means_of(rows: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
+    """At most ``k`` rows (K, D) near which the rows (R, D) lie: Lloyd's algorithm."""
+    if len(rows) <= k:
+        return rows
+    means = rows[rng.permutation(len(rows))[:k]]
+    for _ in range(_ROUNDS):
+        near = _closest(means, rows)
+        counts = np.bincount(near, minlength=k)
+        belongs = csr_array((np.ones(len(rows), np.float32), (near, np.arange(len(rows)))))
+        sums = belongs @ rows
+        sums = np.pad(sums, ((0, k - len(sums)), (0, 0)))
+        means = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], means)
+        means = means.astype(np.float32)
+    return means
+
+
+def _closest(means: FloatArray, rows: FloatArray) -> IntArray:
+    """The nearest of ``means`` (K, D) to each row (R, D)."""
+    lengths = (means * means).sum(axis=1)
+    step = max(_CELLS // len(means), 1)
+    pieces = [
+        (lengths - 2 * (rows[at : at + step] @ means.T)).argmin(axis=1)
+        for at in range(0, len(rows), step)
+    ]
+    nearest: IntArray = np.concatenate([*pieces, np.zeros(0, np.int64)]).astype(np.int32)
+    return nearest
+
+
+def _sampled(rows: AnyArray) -> AnyArray:
+    """At most `_SAMPLE` rows, evenly taken."""
+    return rows[:: -(-len(rows) // _SAMPLE)]

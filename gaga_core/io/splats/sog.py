@@ -1,0 +1,370 @@
+"""SOG, PlayCanvas' format of lossless WebP pictures: a .sog (zip), or a folder with meta.json.
+
+A pixel is a splat. Positions are 16 bits in two pictures, on a scale of ``sign(x) ln(1 + |x|)``;
+sizes and colors are places in a table of 256 numbers (version 2) or between two limits (version
+1); rotations are the three smaller parts of wxyz and the place of the largest; SH of degree 1 to 3
+come from a palette of up to 65,536 entries. Layout: github.com/playcanvas/splat-transform.
+"""
+
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.json_file import decode_json, read_foreign_json
+from gaga_core.io.splats.packing import (
+    CHUNK,
+    bytes_of_logits,
+    log_words,
+    logits_of_bytes,
+    nearest,
+    palette_of,
+    quat_bytes,
+    quats_of_three,
+    room_for,
+    table_of,
+)
+from gaga_core.io.splats.ply import without_broken_rows
+from gaga_core.progress import Progress, Stage
+
+# --- SOG, PlayCanvas' format of lossless WebP pictures: a .sog (zip), or a folder with meta.json.
+# A pixel is a splat. Positions are 16 bits in two pictures, on a scale of ``sign(x) ln(1 + |x|)``;
+# sizes and colors are places in a table of 256 numbers (version 2) or between two limits (version
+# 1); rotations are the three smaller parts of wxyz and the place of the largest; SH of degree 1 to
+# 3 come from a palette of up to 65,536 entries. Layout: github.com/playcanvas/splat-transform.
+
+
+META = "meta.json"
+_MOST_META = 1 << 24  # bytes
+_MOST_SIDE = 16384  # of a WebP
+_SLACK = 1 << 20  # pixels that a picture may hold beyond its splats
+_ZIP_RATIO = 20  # WebP does not shrink in a zip; what does is not a picture
+_PER_ROW = 64  # palette entries in a row of pixels
+_COEFFICIENTS = {1: 3, 2: 8, 3: 15}
+
+
+@dataclass(frozen=True)
+class _Sog:
+    path: Path
+    n: int
+    version: int
+    meta: Mapping[str, object]
+    load: Callable[[str], bytes]
+
+    def part(self, name: str) -> Mapping[str, object]:
+        return cast(Mapping[str, object], self.meta[name])
+
+    def numbers(self, part: str, name: str, count: int) -> FloatArray:
+        """A list of numbers; one alone stands for all."""
+        values = np.asarray(self.part(part)[name], np.float32).reshape(-1)
+        values = np.repeat(values, count) if len(values) == 1 else values
+        if len(values) < count:
+            raise ValueError(f"{part}.{name}")
+        return values
+
+    def picture(self, part: str, i: int) -> UInt8Array:
+        """Pixels (P, 4) RGBA of a picture that has at least one a splat."""
+        pixels = self.image(part, i, self.n + _SLACK).reshape(-1, 4)
+        if len(pixels) < self.n:
+            raise ValueError(f"{part} has too few pixels")
+        return pixels
+
+    def image(self, part: str, i: int, most: int) -> UInt8Array:
+        """Pixels (H, W, 4) of the i-th file of a part, at most so many."""
+        name = cast(Sequence[str], self.part(part)["files"])[i]
+        with Image.open(io.BytesIO(self.load(name)), formats=("WEBP", "PNG")) as picture:
+            if max(picture.size) > _MOST_SIDE or picture.width * picture.height > most:
+                raise ValueError(f"{part} has too many pixels")
+            return np.asarray(picture.convert("RGBA"))
+
+
+def is_sog_meta(path: Path) -> bool:
+    """Whether ``path`` is the meta.json of a SOG folder."""
+    try:
+        found = path.name == META and path.is_file()
+        if not found:
+            return False
+        content = read_foreign_json(path, dict[str, object], most_bytes=_MOST_META)
+    except (GagaError, OSError):  # the second from a name that is too long
+        return False
+    return {"means", "quats", "scales", "sh0"} <= set(content)
+
+
+def read_sog_stage(path: Path) -> Stage[Gaussians]:
+    """Read a .sog file, or the folder of a meta.json, with progress.
+
+    Sizes of pictures are checked against the number of splats before they are unpacked.
+    ``GagaError`` with one sentence when something is missing or damaged.
+    """
+    path = Path(path)
+    path = path / META if path.is_dir() else path
+    try:
+        if path.name == META:
+            sog = _opened(path, lambda name: _of_folder(path.parent, name))
+            return without_broken_rows(path, (yield from _decoded(sog)))
+        with zipfile.ZipFile(path) as archive:
+            sog = _opened(path, lambda name: _of_zip(archive, name))
+            return without_broken_rows(path, (yield from _decoded(sog)))
+    # The last two are zipfile's words for an unknown compression and for a password.
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError, SyntaxError) as error:
+        raise GagaError(f"{path.name} is not a valid SOG ({error}). Export it again.") from error
+    except Image.DecompressionBombError as error:
+        raise GagaError(f"{path.name} has a picture too large to be true.") from error
+    except UnidentifiedImageError as error:
+        raise GagaError(f"{path.name} holds a damaged picture. Copy or export it again.") from error
+    except OSError as error:
+        if error.errno is None:  # Pillow's word for a damaged picture
+            raise GagaError(f"{path.name} holds a damaged picture. Export it again.") from error
+        raise GagaError(explain_os_error(error, path)) from error
+
+
+def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
+    meta = decode_json(load(META), dict[str, Any], path.name, "Export it again.")
+    version = meta.get("version", 1)
+    if version not in (1, 2):
+        raise GagaError(f"{path.name} is SOG version {version}; gaga-studio reads 1 and 2.")
+    n = meta["means"]["shape"][0] if version == 1 else meta["count"]
+    if isinstance(n, bool) or not isinstance(n, int) or not 0 < n <= _MOST_SIDE**2:
+        raise ValueError(f"{n} splats")
+    return _Sog(path, n, version, meta, load)
+
+
+def _of_folder(folder: Path, name: str) -> bytes:
+    if Path(name).name != name:
+        raise ValueError(f"file name {name!r}")
+    return (folder / name).read_bytes()
+
+
+def _of_zip(archive: zipfile.ZipFile, name: str) -> bytes:
+    info = archive.getinfo(name)
+    if info.file_size > _ZIP_RATIO * info.compress_size + _MOST_META:
+        raise ValueError(f"{name} unpacks to {info.file_size:,} bytes")
+    return archive.read(info)
+
+
+def _decoded(sog: _Sog) -> Stage[Gaussians]:
+    n = sog.n
+    steps = 4 + ("shN" in sog.meta)
+
+    def step(i: int) -> Progress:
+        return Progress("Read splats", i * n // steps, n, sog.path.name)
+
+    yield step(0)
+    low, high = sog.picture("means", 0), sog.picture("means", 1)  # before room is made for n
+    rest = _Palette.of(sog) if "shN" in sog.meta else None
+    out = room_for(n, 1 + (rest.n_rest if rest else 0), sog.path.name)
+    lows, highs = (sog.numbers("means", name, 3) for name in ("mins", "maxs"))
+    for part in _parts(n):
+        words = low[part, :3].astype(np.float32) + high[part, :3].astype(np.float32) * 256
+        logs = lows + (highs - lows) * (words / np.float32(65535))
+        out.means[part] = np.sign(logs) * np.expm1(np.abs(logs))
+    del low, high
+    yield step(1)
+    pixels = sog.picture("quats", 0)
+    for part in _parts(n):
+        out.quats[part] = _quats(pixels[part])
+    yield step(2)
+    pixels = sog.picture("scales", 0)
+    out.log_scales[:] = _values(sog, "scales", pixels[:n])
+    yield step(3)
+    pixels = sog.picture("sh0", 0)
+    out.sh[:, 0] = _values(sog, "sh0", pixels[:n])
+    out.logit_opacities[:] = _opacities(sog, pixels[:n, 3])
+    if rest is not None:
+        pixels = sog.picture("shN", 1)
+        for part in _parts(n):
+            yield step(4)
+            out.sh[part, 1:] = rest.of_labels(pixels[part])
+    is_antialiased = sog.meta.get("model") == "antialiased"
+    return replace(out, comments=("antialiased 1",)) if is_antialiased else out
+
+
+def _parts(n: int) -> list[slice]:
+    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+
+
+def _quats(pixels: UInt8Array) -> FloatArray:
+    three = (pixels[:, :3] / np.float32(255) * 2 - 1) * np.float32(np.sqrt(0.5))
+    quats = quats_of_three(np.maximum(pixels[:, 3], 252) - 252, three)
+    quats[pixels[:, 3] < 252] = (1, 0, 0, 0)
+    return quats
+
+
+def _values(sog: _Sog, part: str, pixels: UInt8Array) -> FloatArray:
+    """Numbers (N, 3) that the first three channels of ``pixels`` (N, 4) stand for."""
+    if sog.version == 2:
+        return sog.numbers(part, "codebook", 256)[pixels[:, :3]]
+    low, high = (sog.numbers(part, name, 3)[:3] for name in ("mins", "maxs"))
+    between: FloatArray = (low + (high - low) * (pixels[:, :3] / 255)).astype(np.float32)
+    return between
+
+
+def _opacities(sog: _Sog, alpha: UInt8Array) -> FloatArray:
+    if sog.version == 2:
+        return logits_of_bytes(alpha)
+    low, high = (float(sog.numbers("sh0", name, 4)[3]) for name in ("mins", "maxs"))
+    return (low + (high - low) * (alpha / np.float32(255))).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Palette:
+    """SH of degree 1 and up that splats choose from."""
+
+    entries: FloatArray  # (E, S - 1, 3), the last one zeros
+
+    @property
+    def n_rest(self) -> int:
+        return int(self.entries.shape[1])
+
+    @staticmethod
+    def of(sog: _Sog) -> "_Palette":
+        pixels = sog.image("shN", 0, _PER_ROW * 15 * 1024 + _SLACK)
+        height, width = pixels.shape[:2]
+        by_width = {_PER_ROW * k: k for k in _COEFFICIENTS.values()}
+        n_rest = by_width[width]
+        if sog.version == 2 and _COEFFICIENTS[cast(int, sog.part("shN")["bands"])] != n_rest:
+            raise ValueError("shN has another width than its bands")
+        if sog.version == 2:
+            values = sog.numbers("shN", "codebook", 256)[pixels[:, :, :3]]
+        else:
+            low, high = (float(sog.numbers("shN", name, 1)[0]) for name in ("mins", "maxs"))
+            values = (low + (high - low) * (pixels[:, :, :3] / np.float32(255))).astype(np.float32)
+        entries = values.reshape(height * _PER_ROW, n_rest, 3)
+        if sog.version == 2:
+            entries = entries[: cast(int, sog.part("shN")["count"])]
+        return _Palette(np.concatenate([entries, np.zeros((1, n_rest, 3), np.float32)]))
+
+    def of_labels(self, pixels: AnyArray) -> FloatArray:
+        """SH (K, S - 1, 3); a label beyond the palette means none."""
+        labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
+        chosen: FloatArray = self.entries[np.minimum(labels, len(self.entries) - 1)]
+        return chosen
+
+
+# --- Writing SOG version 2: one .sog (a zip), or the pictures next to a meta.json in a folder.
+# Positions keep 16 bits on a scale of ``sign(x) ln(1 + |x|)``, sizes and colors the nearest of 256
+# numbers that suit the scene, rotations 8 bits a part, SH the nearest of a palette. `sog` reads
+# it.
+
+
+MOST_DEGREE = 3  # of SH
+_MOST = 16383  # pixels of a side of a WebP
+
+
+def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
+    """Write a .sog, or with a path that ends in meta.json the folder around it, with progress.
+
+    Whole or not at all. Raises ``GagaError`` when the place cannot be written.
+    """
+    path = Path(path)
+    if path.name != META:
+        with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+            for done, (name, content) in enumerate(_files(gaussians)):
+                yield _step(path, gaussians, done)
+                # A zip holds the time of its parts: the same scene gives the same bytes.
+                archive.writestr(zipfile.ZipInfo(name), content)
+        return
+    with staging_folder(path.parent) as staging:
+        names = []
+        for done, (name, content) in enumerate(_files(gaussians)):
+            yield _step(path, gaussians, done)
+            (staging / name).write_bytes(content)
+            names.append(name)
+        publish_all(staging, names, path.parent)
+
+
+def _step(path: Path, gaussians: Gaussians, done: int) -> Progress:
+    n, n_files = len(gaussians), 6 + 2 * bool(gaussians.sh_degree)
+    return Progress("Write splats", n * done // n_files, n, path.name)
+
+
+def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the files; meta.json, which tells of the others, comes last."""
+    n = len(gaussians)
+    if n > _MOST * _MOST:
+        raise GagaError(f"{n:,} splats do not fit into a SOG. Export objects.")
+    words, low, high = log_words(gaussians.means)
+    yield "means_l.webp", _webp((words & 255).astype(np.uint8))
+    yield "means_u.webp", _webp((words >> 8).astype(np.uint8))
+    largest, parts = quat_bytes(gaussians.quats)
+    yield "quats.webp", _webp(parts, (252 + largest).astype(np.uint8))
+    sizes = table_of(gaussians.log_scales)
+    yield "scales.webp", _webp(nearest(sizes, gaussians.log_scales))
+    colors = table_of(gaussians.sh[:, 0])
+    alpha = bytes_of_logits(gaussians.logit_opacities)
+    yield "sh0.webp", _webp(nearest(colors, gaussians.sh[:, 0]), alpha)
+    meta: dict[str, object] = {
+        "version": 2,
+        "asset": {"generator": "gaga-studio"},
+        "count": n,
+        **({"model": "antialiased"} if gaussians.is_antialiased else {}),
+        "means": {
+            "mins": low.tolist(),
+            "maxs": high.tolist(),
+            "files": _names("means_l", "means_u"),
+        },
+        "scales": {"codebook": sizes.tolist(), "files": _names("scales")},
+        "quats": {"files": _names("quats")},
+        "sh0": {"codebook": colors.tolist(), "files": _names("sh0")},
+    }
+    degree = min(gaussians.sh_degree, MOST_DEGREE)
+    if degree:
+        rest = gaussians.sh[:, 1 : (degree + 1) ** 2]
+        entries, labels = palette_of(rest)
+        table = table_of(entries)
+        yield "shN_centroids.webp", _webp_of(_rows(nearest(table, entries)))
+        pixels = np.stack([labels & 255, labels >> 8, np.zeros_like(labels)], axis=1)
+        yield "shN_labels.webp", _webp(pixels.astype(np.uint8))
+        meta["shN"] = {
+            "count": len(entries),
+            "bands": degree,
+            "codebook": table.tolist(),
+            "files": _names("shN_centroids", "shN_labels"),
+        }
+    yield META, json.dumps(meta).encode()
+
+
+def _names(*stems: str) -> list[str]:
+    return [f"{stem}.webp" for stem in stems]
+
+
+def _webp(rgb: UInt8Array, alpha: UInt8Array | None = None) -> bytes:
+    """A lossless picture with a pixel a splat: (N, 3) and (N,)."""
+    n = len(rgb)
+    width = -(-int(np.ceil(np.sqrt(n))) // 4) * 4
+    pixels = np.zeros((-(-n // width), width, 4), np.uint8)
+    pixels[..., 3] = 255
+    flat = pixels.reshape(-1, 4)
+    flat[:n, :3] = rgb
+    if alpha is not None:
+        flat[:n, 3] = alpha
+    return _webp_of(pixels)
+
+
+def _webp_of(pixels: UInt8Array) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "WEBP", lossless=True, exact=True, quality=75, method=3)
+    return out.getvalue()
+
+
+def _rows(codes: UInt8Array) -> UInt8Array:
+    """Palette entries (E, S - 1, 3) as a picture of 64 entries a row."""
+    n, n_rest = codes.shape[:2]
+    pixels = np.zeros((-(-n // _PER_ROW) * _PER_ROW, n_rest, 4), np.uint8)
+    pixels[..., 3] = 255
+    pixels[:n, :, :3] = codes
+    return pixels.reshape(-1, _PER_ROW * n_rest, 4)

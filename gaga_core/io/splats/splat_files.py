@@ -1,0 +1,349 @@
+"""Files of splats of every kind: which kind one is, reading it, writing it, and what that loses.
+
+A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its suffix.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray
+from gaga_core.color import SH_C0
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import explain_os_error, fingerprint
+from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.splats import compressed_ply, glb, spz
+from gaga_core.io.splats.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
+from gaga_core.io.splats.glb import buffer_file, read_glb_stage, write_glb_stage
+from gaga_core.io.splats.ksplat import read_ksplat_stage
+from gaga_core.io.splats.ply import read_ply_stage, write_ply_stage
+from gaga_core.io.splats.sog import META, is_sog_meta, read_sog_stage, write_sog_stage
+from gaga_core.io.splats.splat import read_splat_stage, write_splat_stage
+from gaga_core.io.splats.spz import OURS, fraction_bits, read_spz_stage, write_spz_stage
+from gaga_core.io.splats.streamed_sog import (
+    LOD_META,
+    chunk_path,
+    is_streamed_sog,
+    read_streamed_sog_stage,
+)
+from gaga_core.io.splats.web_page import plain_page, write_page_stage
+from gaga_core.progress import Stage, run_stage
+
+# --- Files of splats of every kind: which kind one is, reading it, writing it, and what that
+# loses.
+# A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its
+# suffix.
+
+
+READ_SUFFIXES = (
+    ".ply",
+    ".splat",
+    ".spz",
+    ".sog",
+    ".ksplat",
+    ".glb",
+    ".gltf",
+)  # .compressed.ply ends in .ply
+WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".html")
+_HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
+_NORMALS = ("nx", "ny", "nz")
+_NAMED = 4  # columns that a sentence names; the others are counted
+
+
+class SplatFormat(StrEnum):
+    """Kinds of files that are written; the value is how a command names them."""
+
+    PLY = "ply"
+    COMPRESSED_PLY = "compressed-ply"
+    SPLAT = "splat"
+    SPZ = "spz"  # version 3, which most programs read
+    SPZ4 = "spz4"
+    SOG = "sog"
+    GLB = "glb"  # with KHR_gaussian_splatting
+    HTML = "html"  # a page to look at, which is not read
+
+    @property
+    def suffix(self) -> str:
+        """What a file of this form ends in."""
+        return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
+
+
+_THREE_DEGREES = (
+    SplatFormat.COMPRESSED_PLY,
+    SplatFormat.SOG,
+    SplatFormat.GLB,
+    SplatFormat.HTML,
+)
+
+
+def form_of(path: Path) -> SplatFormat:
+    """The form that a name asks for; ``GagaError`` when it asks for none that is written."""
+    name = Path(path).name.lower()
+    if name == META:
+        return SplatFormat.SOG  # in a folder
+    others = [form for form in SplatFormat if form is not SplatFormat.SPZ4]
+    for form in (SplatFormat.COMPRESSED_PLY, *others):
+        if name.endswith(form.suffix):
+            return form
+    raise GagaError(
+        f"{Path(path).name} cannot be written: choose a name that ends in .ply, .compressed.ply, "
+        ".splat, .spz, .sog, .glb or .html, or the name meta.json for a SOG in a folder."
+    )
+
+
+def read_splats(path: Path) -> Gaussians:
+    """Read a file of splats of any kind; see `read_splats_stage`."""
+    return run_stage(read_splats_stage(path))
+
+
+def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
+    """Read a .ply (plain, compressed), .splat, .spz, .ksplat, .glb, .gltf or SOG of any kind.
+
+    All give Gaussians in the frame and units of a 3DGS .ply. ``spz_axes``: of an .spz that does not
+    say its own (`states_axes`). Raises ``GagaError`` with one sentence when the file is of no known
+    kind, damaged, or larger than memory.
+    """
+    path = Path(path)
+    for listed in (path, path / LOD_META):
+        if is_streamed_sog(listed):
+            return (yield from read_streamed_sog_stage(listed))
+    if is_sog_meta(path) or is_sog_meta(path / META):
+        return (yield from read_sog_stage(path))
+    if path.is_dir():
+        raise GagaError(f"{path} is a folder. Choose a file of splats.")
+    reader = _reader_of(path)
+    if reader is read_spz_stage:
+        return (yield from read_spz_stage(path, spz_axes))
+    return (yield from reader(path))
+
+
+def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
+    """Who reads a file; ``GagaError`` when nobody does."""
+    start, suffix = _start_of(path), path.suffix.lower()
+    if start.startswith(b"ply") and b"packed_position" in start:
+        return read_compressed_ply_stage
+    by_start = {
+        b"ply": read_ply_stage,
+        spz.GZIP_MAGIC: read_spz_stage,
+        spz.MAGIC: read_spz_stage,
+        glb.MAGIC: read_glb_stage,
+        b"PK": read_sog_stage,
+    }
+    for magic, reader in by_start.items():
+        if start.startswith(magic):
+            return reader
+    if suffix == ".ply" or not start:
+        return read_ply_stage  # which says what is wrong
+    by_suffix = {
+        ".sog": read_sog_stage,
+        ".splat": read_splat_stage,
+        ".ksplat": read_ksplat_stage,
+        ".gltf": read_glb_stage,
+    }
+    if suffix in by_suffix:
+        return by_suffix[suffix]
+    raise GagaError(
+        f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz, "
+        ".sog, .ksplat, .glb or .gltf file."
+    )
+
+
+def _start_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_HEADER)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+
+
+def write_splats(path: Path, gaussians: Gaussians, form: SplatFormat | None = None) -> None:
+    """Write a file of splats; see `write_splats_stage`."""
+    run_stage(write_splats_stage(path, gaussians, form))
+
+
+def write_splats_stage(
+    path: Path, gaussians: Gaussians, form: SplatFormat | None = None
+) -> Stage[None]:
+    """Write splats in ``form`` (default: what the name asks for) with progress.
+
+    `losses` says beforehand what the form does not keep. Nothing is left when it fails. Raises
+    ``GagaError`` when there is nothing to write, or the place cannot be written.
+    """
+    path = Path(path)
+    form = form_of(path) if form is None else form
+    if len(gaussians) == 0:
+        raise GagaError(f"There is nothing to write to {path.name}: no splats are visible.")
+    if form is SplatFormat.PLY:
+        yield from write_ply_stage(path, gaussians)
+    elif form is SplatFormat.COMPRESSED_PLY:
+        yield from write_compressed_ply_stage(path, gaussians)
+    elif form is SplatFormat.SPLAT:
+        yield from write_splat_stage(path, gaussians)
+    elif form is SplatFormat.SOG:
+        yield from write_sog_stage(path, gaussians)
+    elif form is SplatFormat.GLB:
+        yield from write_glb_stage(path, gaussians)
+    elif form is SplatFormat.HTML:
+        yield from write_page_stage(path, plain_page(path.stem, gaussians))
+    else:
+        yield from write_spz_stage(path, gaussians, 4 if form is SplatFormat.SPZ4 else 3)
+
+
+def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
+    """What writing ``gaussians`` in ``form`` does not keep, a sentence each; nothing for a .ply."""
+    return () if form is SplatFormat.PLY else tuple(_losses(gaussians, form))
+
+
+def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
+    if form is SplatFormat.HTML:
+        yield "No program opens a page as splats again: keep the scene itself, too."
+    if form is not SplatFormat.GLB:
+        yield _precision(gaussians, form)
+    degree = gaussians.sh_degree
+    if form is SplatFormat.SPLAT and degree:
+        yield f"The view-dependent color (SH of degree {degree}) is left out."
+    if form in _THREE_DEGREES and degree > 3:
+        yield "The SH of degree 4 are left out."
+    columns = [name for name in gaussians.extra if name not in _NORMALS]
+    normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
+    if any(column.any() for column in normals):
+        columns.append("normals")
+    if columns:
+        more = len(columns) - _NAMED
+        named = ", ".join(columns[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+        yield f"Other columns are left out: {named}."
+    if form in (SplatFormat.SPLAT, SplatFormat.GLB) and gaussians.is_antialiased:
+        yield "That the splats are to be drawn antialiased is not kept."
+    clipped = _clipped(gaussians, form)
+    if clipped:
+        s = "" if clipped == 1 else "s"
+        yield f"Colors or sizes out of range are clipped: those of {clipped:,} splat{s}."
+
+
+def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
+    if form is SplatFormat.SPLAT:
+        return "Colors, opacities and rotations are rounded to 8 bits a number."
+    if form is SplatFormat.COMPRESSED_PLY:
+        return (
+            "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
+            "and SH to 8 bits), and the splats are put in another order."
+        )
+    if form in (SplatFormat.SOG, SplatFormat.HTML):
+        return (
+            "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
+            "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
+        )
+    step = 2.0 ** -fraction_bits(gaussians.means)
+    return (
+        f"All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
+        "and opacities to 8 bits, SH to 5 bits or 4."
+    )
+
+
+def _clipped(gaussians: Gaussians, form: SplatFormat) -> int:
+    """Splats with a color or size that the form has no room for."""
+    limit = {SplatFormat.SPLAT: 0.5 / SH_C0, SplatFormat.COMPRESSED_PLY: np.inf}.get(
+        form, 0.5 / spz.COLOR_SCALE
+    )
+    if form in (SplatFormat.SOG, SplatFormat.GLB, SplatFormat.HTML):
+        return 0
+    out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
+    if gaussians.sh_degree and form is not SplatFormat.SPLAT:
+        most = compressed_ply.SH_RANGE if form is SplatFormat.COMPRESSED_PLY else 1.0
+        rest = gaussians.sh[:, 1:].reshape(len(out), -1)
+        out |= (rest.max(axis=1) > most) | (rest.min(axis=1) < -most)
+    if form in (SplatFormat.SPZ, SplatFormat.SPZ4):
+        sizes = gaussians.log_scales
+        out |= (sizes.min(axis=1) < -10) | (sizes.max(axis=1) > 255 / 16 - 10)
+    return int(out.sum())
+
+
+# --- The files of a model that lies in several, and whether one of them has changed.
+# A .gltf takes its numbers from buffers next to it, the meta.json of a SOG folder from pictures,
+# and the lod-meta.json of a streamed SOG from such folders.
+
+
+_MOST_BYTES = 1 << 30  # of a .gltf with its numbers in the text
+_GONE = "gone"
+
+
+def files_of_model(path: Path) -> tuple[Path, ...]:
+    """``path``, then the files next to it or below it that its numbers lie in.
+
+    None of them need exist; of a damaged model only ``path`` is known.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".gltf" and path.name not in (META, LOD_META):
+        return (path,)
+    try:
+        found = path.stat()
+    except OSError:
+        return (path,)
+    parts = _parts(path, (found.st_ino, found.st_mtime_ns, found.st_size))
+    if path.name == LOD_META:  # each chunk is a model of several files, too
+        parts = tuple(file for chunk in parts for file in files_of_model(chunk))
+    return (path, *parts)
+
+
+def model_fingerprint(path: Path) -> str:
+    """Digest of all files of a model; of a single file that of `fingerprint`.
+
+    Raises ``GagaError`` when ``path`` itself cannot be read.
+    """
+    path = Path(path)
+    files = files_of_model(path)
+    if len(files) == 1:
+        return fingerprint(path)
+    digests = [fingerprint(file) if _is_there(file) else _GONE for file in files]
+    return hashlib.sha256("\n".join(digests).encode()).hexdigest()
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        return file.is_file()
+    except OSError:  # a name that no file can have
+        return False
+
+
+def is_same_model(path: Path, digest: str) -> bool:
+    """Whether the model has this digest, which may be one of ``path`` alone as older projects have.
+
+    Raises ``GagaError`` when ``path`` cannot be read.
+    """
+    return digest in (model_fingerprint(path), fingerprint(path))
+
+
+@lru_cache(maxsize=4096)  # a streamed SOG may have as many chunks
+def _parts(path: Path, stamp: tuple[int, int, int]) -> tuple[Path, ...]:
+    """Files that a model names; ``stamp`` tells one version of it from another."""
+    del stamp
+    try:
+        content = read_foreign_json(path, dict[str, Any], most_bytes=_MOST_BYTES)
+        if path.name == LOD_META:
+            return _chunks(content, path)
+        return _pictures(content, path) if path.name == META else _buffers(content, path)
+    except (GagaError, OSError, ValueError, TypeError, AttributeError):
+        return ()  # the reader of the model says what is wrong with it
+
+
+def _buffers(gltf: dict[str, Any], path: Path) -> tuple[Path, ...]:
+    uris = [row.get("uri") for row in gltf.get("buffers", [])]
+    named = [uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
+    return tuple(buffer_file(uri, path) for uri in named)
+
+
+def _chunks(meta: dict[str, Any], path: Path) -> tuple[Path, ...]:
+    names = [*meta.get("filenames", []), *filter(None, [meta.get("environment")])]
+    return tuple(chunk_path(path, str(name)) for name in names)
+
+
+def _pictures(meta: dict[str, Any], path: Path) -> tuple[Path, ...]:
+    parts = [part["files"] for part in meta.values() if isinstance(part, dict) and "files" in part]
+    names = [str(name) for files in parts for name in files]
+    return tuple(path.parent / name for name in names if Path(name).name == name)

@@ -1,0 +1,263 @@
+"""Films and pictures of a scene, drawn without a window."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.color import depth_colors
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write
+from gaga_core.io.video import VideoConfig, video_suffix, write_video_stage
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster import choose
+from gaga_core.raster.base import NEAR, Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.camera_path import CameraPath
+from gaga_core.scene.objects import object_table
+from gaga_core.scene.scene import RGB, Scene
+
+# --- Two pictures in one, with a line between them.
+
+
+What = Literal["rgb", "groups", "depth"]
+_LINE = 400  # widths of the line that a picture is wide
+
+
+@dataclass(frozen=True)
+class Split:
+    """What lies left of the line in a film, and where the line is."""
+
+    left: What = "rgb"
+    at: float = 0.5  # share of the width that is left of the line
+    sweeps: bool = False  # the line goes once from the left edge to the right one, and back
+
+    def __post_init__(self) -> None:
+        if self.left not in get_args(What):
+            kinds = ", ".join(get_args(What))
+            raise GagaError(f"There is nothing called {self.left!r} to film. Choose of {kinds}.")
+        if not 0 <= self.at <= 1:
+            raise GagaError(f"The line of a split film must be between 0 and 1, not {self.at}.")
+
+    def share(self, t: float) -> float:
+        """The share of the width left of the line at a time 0..1 of the film."""
+        return 0.5 - 0.5 * float(np.cos(2 * np.pi * t)) if self.sweeps else self.at
+
+
+def joined(left: UInt8Array, right: UInt8Array, share: float) -> UInt8Array:
+    """The left picture up to ``share`` of the width, the right one from there on, (H, W, 3).
+
+    Between them is a white line; there is none at the edges, where one picture is whole.
+    """
+    if left.shape != right.shape:
+        raise ValueError(f"left: expected {right.shape}, got {left.shape}")
+    width = right.shape[1]
+    at = round(min(max(share, 0.0), 1.0) * width)
+    picture = np.concatenate([left[:, :at], right[:, at:]], axis=1)
+    if 0 < at < width:
+        half = max(width // _LINE, 2) // 2
+        picture[:, max(at - half, 0) : at + half] = 255
+    return picture
+
+
+# --- Films and pictures of a scene, drawn without a window.
+
+
+Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
+_LARGEST_PICTURE = 16384  # pixels of a side
+_KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+
+
+@dataclass(frozen=True)
+class FilmConfig:
+    """What a film or a picture shows, and how."""
+
+    what: What = "rgb"
+    background: RGB = (0.0, 0.0, 0.0)
+    split: Split | None = None  # of a film: something else left of a line
+    antialiased: bool | None = None  # low-pass of mip-splatting; None = as the file's comments say
+    video: VideoConfig = field(default_factory=VideoConfig)
+
+    def __post_init__(self) -> None:
+        if self.what not in get_args(What):
+            kinds = ", ".join(get_args(What))
+            raise GagaError(f"There is nothing called {self.what!r} to film. Choose of {kinds}.")
+
+
+@dataclass(frozen=True, eq=False)
+class LeftSide:
+    """Whose picture lies left of the line of a split film, and who draws it."""
+
+    scene: Scene | None = None  # None: the same
+    painter: Painter | None = None  # None: the rasterizer
+
+
+def film_stage(
+    scene: Scene,
+    path: CameraPath,
+    target: Path,
+    config: FilmConfig,
+    *,
+    painter: Painter | None = None,
+    left: LeftSide | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[Path]:
+    """Write what is visible along ``path`` as a video, .mp4 or .webm.
+
+    ``painter`` draws the pictures (the window's), else ``rasterizer`` (default: the best here);
+    ``left`` says whose picture lies left of the line of ``config.split``.
+    Works on the scene as it is at the call. Raises ``GagaError`` when the path is too short or
+    the file cannot be written; cancelling leaves nothing.
+    """
+    if len(path.keyframes) < 2:
+        raise GagaError("A film needs two keyframes at least. Add some, or make a turntable.")
+    video_suffix(target)
+    frozen = replace(scene)
+    left = left or LeftSide()
+    lefts, left_painter = frozen if left.scene is None else replace(left.scene), left.painter
+
+    def stage() -> Stage[Path]:
+        size = config.video.size
+        times = path.frame_times(config.video.fps)
+        draw = painter
+        if draw is None:
+            cameras = [key.shot.camera(*size) for key in path.keyframes]
+            draw = yield from painter_stage(frozen, cameras, config, rasterizer)
+        paint, split, paint_left = draw, config.split, left_painter
+        if split is not None and paint_left is None:
+            cameras = [key.shot.camera(*size) for key in path.keyframes]
+            other = replace(config, what=split.left)
+            paint_left = yield from painter_stage(lefts, cameras, other, rasterizer)
+
+        def frame(index: int) -> UInt8Array:
+            camera = path.shot(float(times[index])).camera(*size, f"frame {index}")
+            picture = paint(camera)
+            if split is None or paint_left is None:
+                return picture
+            return joined(paint_left(camera), picture, split.share(index / max(len(times) - 1, 1)))
+
+        return (yield from write_video_stage(target, len(times), frame, config.video))
+
+    return stage()
+
+
+def picture_stage(
+    scene: Scene,
+    camera: Camera,
+    target: Path,
+    config: FilmConfig,
+    *,
+    transparent: bool = False,
+    painter: Painter | None = None,
+    rasterizer: Rasterizer | None = None,
+) -> Stage[Path]:
+    """Write what ``camera`` sees as .png or .jpg of the camera's size.
+
+    ``transparent``: no background, but an alpha channel (.png only). Raises ``GagaError`` when the
+    size or the name will not do, or the disk says no.
+    """
+    check_picture(target, (camera.width, camera.height), transparent)
+    frozen = replace(scene)
+
+    def stage() -> Stage[Path]:
+        yield Progress("Save picture", 0, 2)
+        draw = painter
+        if draw is None:
+            draw = yield from painter_stage(
+                frozen, [camera], config, rasterizer, transparent=transparent
+            )
+        yield Progress("Save picture", 1, 2)
+        save_picture(target, draw(camera))
+        return target
+
+    return stage()
+
+
+def check_picture(target: Path, size: tuple[int, int], transparent: bool) -> None:
+    """Raise ``GagaError`` with the cure when such a picture cannot be written."""
+    if target.suffix.lower() not in _KINDS:
+        raise GagaError(f"{target.name}: choose a name that ends in .png or .jpg.")
+    if transparent and target.suffix.lower() != ".png":
+        raise GagaError("A JPEG cannot be transparent. Choose a name that ends in .png.")
+    if not all(1 <= side <= _LARGEST_PICTURE for side in size):
+        raise GagaError(
+            f"A picture cannot be {size[0]} x {size[1]}. Choose sides up to {_LARGEST_PICTURE}."
+        )
+
+
+def save_picture(target: Path, picture: UInt8Array) -> None:
+    """Write (H, W, 3) or, with alpha, (H, W, 4) as PNG or JPEG, whole or not at all."""
+    with atomic_write(target) as temporary:
+        Image.fromarray(picture).save(temporary, format=_KINDS[target.suffix.lower()], quality=95)
+
+
+def painter_stage(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    config: FilmConfig,
+    rasterizer: Rasterizer | None = None,
+    *,
+    transparent: bool = False,
+) -> Stage[Painter]:
+    """Who draws the visible splats, edits applied. ``cameras`` give depth its range."""
+    shown = np.flatnonzero(scene.visible)
+    gaussians = yield from bake_stage(scene, indices=shown)
+    if config.antialiased is not None:
+        gaussians = gaussians.with_antialiasing(config.antialiased)
+    engine = rasterizer or choose()
+    channels: FloatArray | None = None
+    if config.what == "groups":
+        ids, row = np.unique(scene.labels[shown], return_inverse=True)
+        table = object_table(scene)  # as the window shows them: large surfaces are muted
+        channels = table.colors[np.searchsorted(table.ids, ids)][row]
+    span = depth_span(gaussians, cameras) if config.what == "depth" else (0.0, 1.0)
+
+    def paint(camera: Camera) -> UInt8Array:
+        if config.what == "depth":
+            frame = engine.render(
+                gaussians, camera, channels=np.zeros((len(gaussians), 1), np.float32)
+            )
+            image = depth_colors(frame.expected_depth, span) * frame.alpha[..., None]
+        else:
+            frame = engine.render(gaussians, camera, channels=channels)
+            image = frame.image
+        if transparent:
+            return _with_alpha(image, frame.alpha)
+        behind = np.asarray(config.background, np.float32)
+        return _bytes(image + (1 - frame.alpha[..., None]) * behind)
+
+    return paint
+
+
+def depth_span(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[float, float]:
+    """Logs of the depths that get the ends of the color map: the same for a whole film."""
+    step = max(1, len(gaussians) // 20_000)
+    points = gaussians.means[::step].astype(np.float64)
+    depths = []
+    for camera in cameras:
+        pixels, depth = camera.project(points)
+        inside = (depth > NEAR) & (pixels >= 0).all(axis=1)
+        inside &= (pixels < [camera.width, camera.height]).all(axis=1)
+        depths.append(depth[inside])
+    seen: DoubleArray = np.concatenate(depths) if depths else np.zeros(0)
+    if len(seen) == 0:
+        return 0.0, 1.0
+    near, far = np.log(np.percentile(seen, [2, 98]))
+    return float(near), max(float(far), float(near) + 1e-6)
+
+
+def _with_alpha(image: FloatArray, alpha: FloatArray) -> UInt8Array:
+    """(H, W, 4) with straight colors, as PNG wants them."""
+    straight = image / np.maximum(alpha, 1e-6)[..., None]
+    return _bytes(np.concatenate([straight, alpha[..., None]], axis=2))
+
+
+def _bytes(image: FloatArray) -> UInt8Array:
+    result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return result

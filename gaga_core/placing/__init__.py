@@ -1,0 +1,1 @@
+"""From photos and films to cameras: structure from motion, and its checks (section 3.1)."""

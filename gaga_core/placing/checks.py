@@ -1,0 +1,374 @@
+"""Is a model of structure from motion right? A wrong one must not pass without a word.
+
+Mapping can place every photo and still be wrong: two halves turned against each other, a focal
+length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
+use up: the verified matches of every pair of photos, held against the poses of the model.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
+from gaga_core.placing.metrics import MeasureConfig, SfmFacts, SfmSummary, centres_of, common_points
+from gaga_core.placing.sfm import option
+
+# --- How two clusters of cameras lie to each other, told by points that each of them sees alone.
+# Where few points hold two halves of a model, an adjustment can fit all of them and be wrong: two
+# rays of one view on each side meet somewhere whatever the scale between the halves. A point that
+# at least two views of each side see stands twice when each side triangulates it by itself, and
+# the two places coincide only if the halves lie right. The similarity between them, and how far it
+# moves when other points are drawn (Efron 1979, bootstrap), tell whether the halves hold each
+# other.
+
+
+_DRAWS = 64  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class BridgeConfig:
+    """When two clusters are looked at, and what they must show."""
+
+    fewest_views: int = 4  # of a cluster
+    weak: float = 0.15  # common points of the best pair across, as a share of those inside
+    fewest: int = 12  # points that both sides triangulate alone
+    pixels: float = 1.0  # error of a direction, for the error of a depth
+    depth_error: float = 0.03  # of the depth: points that one side knows worse do not count
+    kept: float = 0.7  # share of the points that a similarity is fitted to, the best ones
+    off: float = 0.1  # of the extent of all cameras: how far a cluster may lie off
+
+
+@dataclass(frozen=True)
+class Bridge:
+    """The weakest joint of a model."""
+
+    side: BoolArray  # (V,) views on the smaller side
+    n_common: int  # points that the two views across have in common that have most
+    n_points: int  # that both sides triangulate alone
+    # Mean move of the smaller side's cameras to where its points say, x extent; inf: too few, or
+    # all cameras in one place.
+    off: float
+    spread: float  # standard deviation of that move over draws, x extent
+
+    def holds(self, config: BridgeConfig | None = None) -> bool:
+        """Whether enough points of both sides agree with how the sides lie."""
+        config = config or BridgeConfig()
+        return self.off + 2 * self.spread < config.off
+
+
+def weakest_bridge(facts: SfmFacts, config: BridgeConfig | None = None) -> Bridge | None:
+    """The joint between two clusters that hold each other badly; None when there is none."""
+    config = config or BridgeConfig()
+    split = _weakest_split(facts, config)
+    if split is None:
+        return None
+    side, n_common = split
+    ours, theirs = _known_twice(facts, side, config)
+    centres = centres_of(facts)
+    extent = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    if len(ours) < config.fewest or extent == 0:
+        return Bridge(side, n_common, len(ours), np.inf, np.inf)
+    rng = np.random.default_rng(0)
+    moves = []
+    for draw in range(_DRAWS):
+        rows = np.arange(len(ours)) if draw == 0 else rng.integers(0, len(ours), len(ours))
+        moves.append(_moved(centres[side], theirs[rows], ours[rows], config) - centres[side])
+    # (draws, views, 3): by the fit to all points, and how it varies
+    lengths = np.linalg.norm(np.array(moves), axis=2).mean(axis=1)
+    varied = np.array(moves) - np.mean(moves, axis=0)
+    spread = float(np.sqrt((varied**2).sum(axis=2).mean()))
+    return Bridge(side, n_common, len(ours), float(lengths[0]) / extent, spread / extent)
+
+
+def _weakest_split(facts: SfmFacts, config: BridgeConfig) -> tuple[BoolArray, int] | None:
+    """Views (V,) behind the weakest edge of the tree of the pairs with most common points, and its
+    points.
+
+    None when that edge is not weak next to the others, or leaves too few views on a side.
+    """
+    n = len(facts.names)
+    if n < 2 * config.fewest_views or not len(facts.points):
+        return None
+    common = common_points(facts).astype(np.float64)
+    common.setdiag(0)
+    common.eliminate_zeros()
+    tree = minimum_spanning_tree(csr_matrix((-common.data, common.indices, common.indptr), (n, n)))
+    edges = tree.tocoo()
+    for number in np.argsort(-edges.data, kind="stable"):  # the weakest first
+        if -edges.data[number] >= config.weak * float(np.median(-edges.data)):
+            return None
+        keep = np.arange(len(edges.data)) != number
+        cut = coo_matrix((edges.data[keep], (edges.row[keep], edges.col[keep])), (n, n))
+        _, labels = connected_components(cut, directed=False)
+        side: BoolArray = labels == labels[edges.row[number]]
+        if 2 * side.sum() > n:
+            side = labels == labels[edges.col[number]]
+        if side.sum() >= config.fewest_views:
+            return side, int(-edges.data[number])
+    return None
+
+
+def _known_twice(
+    facts: SfmFacts, side: BoolArray, config: BridgeConfig
+) -> tuple[DoubleArray, DoubleArray]:
+    """Places (K, 3), (K, 3) of the points that both sides triangulate alone: the rest, ``side``."""
+    n = len(facts.points)
+    places, good = zip(
+        *(_triangulated(facts, side == s, config) for s in (False, True)), strict=True
+    )
+    pairs = [np.stack([np.arange(n), np.arange(n)], axis=1)]
+    for a, b in ((0, 1), (1, 0)):  # matches across whose two sides became two points
+        of_rest, of_side = facts.match_points[:, a], facts.match_points[:, b]
+        across = ~side[facts.match_views[:, a]] & side[facts.match_views[:, b]]
+        chosen = across & (of_rest >= 0) & (of_side >= 0) & (of_rest != of_side)
+        pairs.append(np.stack([of_rest[chosen], of_side[chosen]], axis=1))
+    rows = np.unique(np.concatenate(pairs), axis=0)
+    rows = rows[good[0][rows[:, 0]] & good[1][rows[:, 1]]]
+    return places[0][rows[:, 0]], places[1][rows[:, 1]]
+
+
+def _triangulated(
+    facts: SfmFacts, views: BoolArray, config: BridgeConfig
+) -> tuple[DoubleArray, BoolArray]:
+    """Points (P, 3) as the chosen ``views`` (V,) see them alone, and which are well known."""
+    view, point = facts.match_views.ravel(), facts.match_points.ravel()
+    rays = facts.match_rays.reshape(-1, 3)
+    chosen = (point >= 0) & views[view]
+    keys = point[chosen] * len(facts.names) + view[chosen]
+    _, first = np.unique(keys, return_index=True)
+    view, point, rays = view[chosen][first], point[chosen][first], rays[chosen][first]
+    world = np.einsum("oji,oj->oi", facts.poses[view, :, :3], rays)
+    across = np.eye(3) - world[:, :, None] * world[:, None, :]
+    n = len(facts.points)
+    normal, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    np.add.at(normal, point, across)
+    np.add.at(right, point, np.einsum("oij,oj->oi", across, centres_of(facts)[view]))
+    counts = np.bincount(point, minlength=n)
+    least = np.linalg.eigvalsh(normal)[:, 0]
+    error = config.pixels / float(np.median(facts.focal)) / np.sqrt(np.maximum(least, 1e-12))
+    good: BoolArray = (counts >= 2) & (error < config.depth_error)
+    places = np.zeros((n, 3))
+    places[good] = np.linalg.solve(normal[good], right[good][:, :, None])[:, :, 0]
+    return places, good
+
+
+def _moved(
+    points: DoubleArray, source: DoubleArray, target: DoubleArray, config: BridgeConfig
+) -> DoubleArray:
+    """``points`` under the similarity that takes most of ``source`` (K, 3) to ``target``."""
+    rows: LongArray = np.arange(len(source))
+    for _ in range(4):
+        linear, shift = _similarity(source[rows], target[rows])
+        off = np.linalg.norm(source @ linear.T + shift - target, axis=1)
+        rows = np.argsort(off, kind="stable")[: max(3, int(config.kept * len(source)))]
+    result: DoubleArray = points @ linear.T + shift
+    return result
+
+
+def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+    """Scale times rotation (3, 3) and shift (3,) of least squares (Umeyama 1991)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, values, vt = np.linalg.svd(b.T @ a)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
+    scale = (values * signs).sum() / max(float((a * a).sum()), 1e-300)
+    linear: DoubleArray = scale * (u * signs) @ vt
+    return linear, target.mean(axis=0) - linear @ source.mean(axis=0)
+
+
+# --- Is a model of structure from motion right? A wrong one must not pass without a word.
+# Mapping can place every photo and still be wrong: two halves turned against each other, a focal
+# length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
+# use up: the verified matches of every pair of photos, held against the poses of the model.
+
+
+_SHARED = MeasureConfig().shared
+_NAMED = 4  # photos named in a sentence
+
+
+@dataclass(frozen=True)
+class CheckConfig:
+    """Bounds of the checks: beyond the first a warning, beyond the second an error."""
+
+    registered: tuple[float, float] = (0.8, 0.5)  # share of photos placed
+    reprojection: tuple[float, float] = (1.2, 2.5)  # pixels, mean over observations
+    track: tuple[float, float] = (3.0, 2.3)  # views, mean over points
+    points_per_view: tuple[float, float] = (100, 20)  # observations
+    focal_apart: tuple[float, float] = (0.2, 0.5)  # from the prior, as a share of it
+    focal_range: tuple[float, float] = (0.5, 0.3)  # least focal length / longest side ...
+    focal_long: tuple[float, float] = (3.5, 8.0)  # ... and the greatest
+    axes_apart: float = 0.02  # fx against fy, as a share
+    parallax: tuple[float, float] = (3.0, 1.0)  # degrees, median over points
+    behind: tuple[float, float] = (0.0, 0.01)  # share of observations behind their camera
+    agreeing: tuple[float, float] = (0.92, 0.82)  # share of strong pairs that agree with the poses
+    doubled: tuple[float, float] = (0.05, 0.12)  # share of matches between two separate points
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One finding: what is odd and what to try."""
+
+    check: str
+    level: Literal["warning", "error"]
+    text: str
+
+
+def check_model(
+    facts: SfmFacts,
+    summary: SfmSummary,
+    priors: Mapping[str, float] | None = None,  # focal lengths in pixels by photo, where known
+    config: CheckConfig | None = None,
+) -> tuple[Verdict, ...]:
+    """Everything odd about a model; errors first. An empty tuple: it looks right."""
+    config = config or CheckConfig()
+    found = [
+        *_check_registered(facts, summary, config),
+        *_check_contradictions(summary, config),
+        *_check_shape(summary, config),
+        *_check_focal(facts, priors or {}, config),
+    ]
+    return tuple(sorted(found, key=lambda verdict: verdict.level != "error"))
+
+
+def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+    left = [name for name in facts.all_names if name not in set(facts.names)]
+    share = s.registered / max(s.photos, 1)
+    found = []
+    if left:
+        named = ", ".join(left[:_NAMED]) + (" ..." if len(left) > _NAMED else "")
+        text = f"{s.registered} of {s.photos} photos were placed; left out: {named}."
+        others = [int(n) for n in facts.model_sizes[1:]]
+        if share < c.registered[0] and others:
+            text += f" {others[0]} of them make a scene of their own."
+        level = "error" if share <= c.registered[1] else level_below(share, c.registered)
+        if level is None and share < 1:
+            level = "warning"
+        cure = " Add photos between these and the others, with more than half in common."
+        found += _verdict("registered", level, text + cure)
+    bridge = weakest_bridge(facts)
+    holds = bridge is not None and bridge.holds()
+    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED
+    if bridge is not None and not holds:
+        found += _verdict(
+            "clusters",
+            "error",
+            f"The placed photos fall into 2 groups, one of {bridge.side.sum()}. The few points "
+            "that both see do not tell how the groups lie to each other. Add photos in between, or "
+            "reconstruct each group alone.",
+        )
+    elif s.parts > 1 and not is_all:
+        found += _verdict(
+            "clusters",
+            "error",
+            f"The placed photos fall into {s.parts} groups that share too few points to hold each "
+            "other. Add photos that see both, or reconstruct each group alone.",
+        )
+    return found
+
+
+def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+    cure = (
+        f"Try {option('--quality', 'full')}, leave out photos that look alike but show another "
+        "place, or add "
+        "photos in between."
+    )
+    agree = (
+        f"{1 - s.agreeing:.0%} of the photo pairs contradict the model: parts of it are turned or "
+        f"moved against each other. {cure}"
+    )
+    twice = (
+        f"{s.doubled:.0%} of the matched details stand in the model twice, at different places: "
+        f"walls may be doubled. {cure}"
+    )
+    behind = f"{s.behind:.1%} of the points lie behind the camera that sees them. {cure}"
+    return [
+        *_verdict("pairs", level_below(s.agreeing, c.agreeing), agree),
+        *_verdict("doubled", _above(s.doubled, c.doubled), twice),
+        *_verdict("behind", _above(s.behind, c.behind), behind),
+    ]
+
+
+def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+    per_view = s.points * s.track / max(s.registered, 1)
+    return [
+        *_verdict(
+            "reprojection",
+            _above(s.reprojection, c.reprojection),
+            f"Points are {s.reprojection:.1f} pixels off in the photos on average. Are there "
+            "photos of another lens or zoom, or moving things? Leave them out, or give "
+            f"{option('--focal')}.",
+        ),
+        *_verdict(
+            "track",
+            level_below(s.track, c.track),
+            f"A point is seen in {s.track:.1f} photos on average. Take more photos, in smaller "
+            "steps, so that each detail is in at least three.",
+        ),
+        *_verdict(
+            "points",
+            level_below(per_view, c.points_per_view),
+            f"A photo holds {per_view:.0f} points on average. Sharper photos or "
+            f"{option('--quality', 'full')} give more; bare walls and glass give none.",
+        ),
+        *_verdict(
+            "collapse",
+            level_below(s.parallax, c.parallax),
+            f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras stand "
+            "almost at one place for what they see. Walk around the scene; turning on the spot is "
+            "not enough.",
+        ),
+    ]
+
+
+def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -> list[Verdict]:
+    if not len(facts.focal):
+        return []
+    found = []
+    mean = facts.focal.mean(axis=1)
+    ratio = mean / facts.sizes.max(axis=1)
+    worst = float(ratio[np.abs(np.log(ratio)).argmax()])
+    level = level_below(worst, c.focal_range) or _above(worst, c.focal_long)
+    found += _verdict(
+        "focal",
+        level,
+        f"The focal length was estimated as {worst:.2f} x the photo's longer side, which few "
+        f"lenses have. Give the true one in pixels with {option('--focal')}, or take photos with "
+        "EXIF data.",
+    )
+    apart = float(np.abs(np.log(facts.focal[:, 0] / facts.focal[:, 1])).max())
+    if apart > c.axes_apart:
+        found += _verdict(
+            "axes",
+            "warning",
+            f"The focal lengths across and down differ by {apart:.0%}, which no camera does. "
+            f"Check the result; {option('--focal')} or photos from more heights help.",
+        )
+    known = [(mean[i], priors[n]) for i, n in enumerate(facts.names) if n in priors]
+    if known:
+        values = np.array(known)
+        off = float(np.abs(values[:, 0] / values[:, 1] - 1).max())
+        found += _verdict(
+            "prior",
+            _above(off, c.focal_apart),
+            f"The focal length was estimated {off:.0%} away from what EXIF or --focal says. Check "
+            f"{option('--focal')}, or leave out photos that were cropped or zoomed.",
+        )
+    return found
+
+
+def _verdict(check: str, level: Literal["warning", "error"] | None, text: str) -> list[Verdict]:
+    return [] if level is None else [Verdict(check, level, text)]
+
+
+def level_below(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
+    """How bad ``value`` is under the bounds of a warning and of an error; None = fine."""
+    if value < bounds[1]:
+        return "error"
+    return "warning" if value < bounds[0] else None
+
+
+def _above(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
+    return level_below(-value, (-bounds[0], -bounds[1]))

@@ -1,0 +1,438 @@
+"""Placement that tries again: attempts from cheap to thorough, until the photos are placed.
+
+Each attempt has a reason, learned from what the one before left out, and the time that all may
+take is bounded. The best of them counts: first one that the checks accept, then the most photos.
+"""
+
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import LongArray
+from gaga_core.errors import GagaError
+from gaga_core.placing.checks import CheckConfig, Verdict, check_model
+from gaga_core.placing.diagnosis import Diagnosis, MatchFacts, diagnose
+from gaga_core.placing.metrics import MeasureConfig, SfmFacts, SfmSummary, pair_agreement, summarize
+from gaga_core.placing.photos import PhotoSet
+from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
+from gaga_core.progress import Progress, Stage, mapped
+
+# --- Photos of two scenes in one folder: which photos belong to which model.
+# A mapping that cannot join its models leaves several. Those that share matches are parts of one
+# scene that did not hold together; those that share none are scenes of their own.
+
+
+JOINED = "joined"  # folder of the models whose parts were joined, next to the models as they were
+_LINK = 30  # verified matches of two photos that show the same place
+_FEW_LINKS = 0.25  # links between two scenes at most, as a share of the smaller one's photos
+_FEWEST = 5  # photos of a scene of its own
+
+
+def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
+    """The models that are scenes of their own, largest first, each with its own photos only.
+
+    ``models`` come from one mapping, largest first; all know all photos. A photo that no model
+    holds belongs to the one that it has most matches with, or to the first.
+    """
+    first = models[0]
+    chosen = [first]
+    for model in models[1:]:
+        if len(model.names) >= _FEWEST and all(_is_apart(model, other) for other in chosen):
+            chosen.append(model)
+    if len(chosen) == 1:
+        return (first,)
+    owner = _owners(chosen)
+    return tuple(_only(model, owner == i) for i, model in enumerate(chosen))
+
+
+def is_well_joined(joined: SfmFacts, parts: Sequence[SfmFacts]) -> bool:
+    """Whether the photos of different ``parts`` agree with their poses in ``joined``.
+
+    Only their verified matches are asked: those inside a part say nothing of how it was joined.
+    The matches of a part are many, so a part that lies wrong can pass when all are asked.
+    """
+    of = {name: i for i, part in reversed(list(enumerate(parts))) for name in part.names}
+    part = np.array([of[name] for name in joined.names])
+    part_of_all = np.array([of.get(name, -1) for name in joined.all_names])
+    across = part[joined.match_views[:, 0]] != part[joined.match_views[:, 1]]
+    pairs_across = part_of_all[joined.pairs[:, 0]] != part_of_all[joined.pairs[:, 1]]
+    between = replace(
+        joined,
+        match_views=joined.match_views[across],
+        match_points=joined.match_points[across],
+        match_rays=joined.match_rays[across],
+        pairs=joined.pairs[pairs_across],
+        pair_matches=joined.pair_matches[pairs_across],
+    )
+    share, n_pairs = pair_agreement(between, MeasureConfig())
+    return n_pairs > 0 and share >= CheckConfig().agreeing[1]
+
+
+def _is_apart(a: SfmFacts, b: SfmFacts) -> bool:
+    in_a, in_b = (np.isin(np.array(a.all_names), np.array(m.names)) for m in (a, b))
+    if (in_a & in_b).any():
+        return False
+    i, j = a.pairs[a.pair_matches >= _LINK].T
+    links = (in_a[i] & in_b[j]) | (in_b[i] & in_a[j])
+    return bool(links.sum() <= _FEW_LINKS * min(len(a.names), len(b.names)))
+
+
+def _owners(scenes: Sequence[SfmFacts]) -> LongArray:
+    """Index of the scene (A,) that each photo belongs to."""
+    first = scenes[0]
+    names = np.array(first.all_names)
+    member = np.stack([np.isin(names, np.array(scene.names)) for scene in scenes], axis=1)
+    votes = np.zeros(member.shape)
+    for side, other in ((0, 1), (1, 0)):
+        np.add.at(
+            votes,
+            first.pairs[:, side],
+            member[first.pairs[:, other]] * first.pair_matches[:, None],
+        )
+    votes[member.any(axis=1)] = 0
+    owner: LongArray = (votes + member).argmax(axis=1)
+    return owner
+
+
+def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
+    """``facts`` as if there were only the photos ``mine`` (A,)."""
+    inside = mine[facts.pairs].all(axis=1)
+    index = np.cumsum(mine) - 1
+    return replace(
+        facts,
+        all_names=tuple(name for name, keep in zip(facts.all_names, mine, strict=True) if keep),
+        pairs=index[facts.pairs[inside]].astype(np.int64),
+        pair_matches=facts.pair_matches[inside],
+        model_sizes=np.array([len(facts.names)], np.int64),
+    )
+
+
+# --- Placement that tries again: attempts from cheap to thorough, until the photos are placed.
+# Each attempt has a reason, learned from what the one before left out, and the time that all may
+# take is bounded. The best of them counts: first one that the checks accept, then the most photos.
+
+
+STAGE = "Try again"
+_SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
+_EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do
+_HALF = 0.5  # share of the photos: what is placed in front of a still background is no chance
+_FAINT = 0.002  # least contrast of the last attempt
+_MAPPERS = {"": "map", "relaxed": "map_relaxed", "strict": "map_strict", "global": "map_global"}
+
+
+@dataclass(frozen=True)
+class LadderConfig:
+    """When the attempts end."""
+
+    enough: float = 0.9  # share of the photos that must be placed
+    minutes: float = 20.0  # for all attempts together
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One attempt to come: what it does, and with what settings."""
+
+    title: str
+    config: SfmConfig
+    reuses: bool = False  # the features of the attempt before, and its matches
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What an attempt made of the photos."""
+
+    title: str
+    reason: str  # why it was made; "" for the first
+    model: Path  # folder of COLMAP's model of the chosen scene
+    facts: SfmFacts  # of the chosen scene
+    summary: SfmSummary
+    verdicts: tuple[Verdict, ...]
+    scenes: tuple[tuple[str, ...], ...]  # placed photos of each scene, largest first
+    n_photos: int
+
+    @property
+    def is_right(self) -> bool:
+        """Whether no check refuses it."""
+        return all(verdict.level != "error" for verdict in self.verdicts)
+
+    @property
+    def placed(self) -> frozenset[str]:
+        """Every photo that is placed, in whatever scene."""
+        return frozenset(name for names in self.scenes for name in names)
+
+    @property
+    def share(self) -> float:
+        """Share of all photos that are placed, in whatever scene."""
+        return sum(len(names) for names in self.scenes) / max(self.n_photos, 1)
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """The best placement, and how it was found."""
+
+    best: Placement
+    diagnosis: Diagnosis  # of the last attempt
+    attempts: tuple[dict[str, object], ...]  # for the report
+    out_of_time: bool
+
+    def reasons(self) -> tuple[str, ...]:
+        """What keeps photos out, as far as it is known."""
+        return self.diagnosis.reasons(self.best.placed) if self.best.share < 1 else ()
+
+
+def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
+    """The attempts for ``photos``, from cheap to thorough; the first is ``config`` itself."""
+    n = len(photos.photos)
+    few = n <= config.exhaustive_up_to and not photos.ordered
+    is_all = config.pairs == "exhaustive" or (config.pairs == "auto" and few)
+    more = replace(config, pairs="exhaustive", neighbours=3 * config.neighbours)
+    if n > _EXHAUSTIVE:
+        more = replace(more, pairs="similar")
+    fine = replace(
+        more,
+        doubled=True,
+        affine=True,
+        feature_side=min(2 * config.feature_side, _SIDES),
+        n_features=min(2 * config.n_features, _FEATURES),
+    )
+    faint = replace(fine, least_contrast=_FAINT, guided=True)
+    wider = () if is_all else (Rung("more pairs of photos", more, reuses=True),)
+    return (
+        Rung("first attempt", config),
+        *wider,
+        Rung("twice the pixels and features, seen from wider apart", fine),
+        Rung("fainter details, matched along epipolar lines", faint),
+    )
+
+
+def place_stage(
+    photos: PhotoSet,
+    workspace: Path,
+    config: SfmConfig,
+    *,
+    priors: Mapping[str, float] | None = None,  # focal lengths in pixels, where known
+    ladder: LadderConfig | None = None,
+    scene: int = 1,  # which of several scenes is wanted, by size
+) -> Stage[Ladder]:
+    """Place ``photos``, which lie in workspace/photos, in as many attempts as it takes.
+
+    An attempt that was finished before is not made again. Raises ``GagaError`` when no attempt
+    finds a model; its text says what keeps the photos from being placed.
+    """
+    ladder = ladder or LadderConfig()
+    steps = rungs(photos, config)
+    state = _State(photos, ladder, scene, priors or {})
+    for i, rung in enumerate(steps):
+        folder = workspace if i == 0 else workspace / f"attempt-{i + 1}"
+        if i > 0:
+            reason = state.reason()
+            yield Progress(STAGE, i, len(steps), f"{reason} Next: {rung.title}.")
+            _begin(folder, workspace if i == 1 else workspace / f"attempt-{i}", rung)
+        else:
+            reason = ""
+        label = "" if i == 0 else f"attempt {i + 1} of {len(steps)}, {state.clock()}; "
+        attempt = mapped(_attempt(state, folder, rung, reason), _labelled(label))
+        yield from attempt
+        if state.is_enough or state.out_of_time or state.is_hopeless(rung.config):
+            break
+    if state.best is None:
+        raise GagaError(state.explain())
+    return Ladder(state.best, state.diagnosis, tuple(state.attempts), state.out_of_time)
+
+
+class _State:
+    """What the attempts have brought so far."""
+
+    def __init__(
+        self, photos: PhotoSet, ladder: LadderConfig, scene: int, priors: Mapping[str, float]
+    ) -> None:
+        self.photos, self.ladder, self.scene, self.priors = photos, ladder, scene, priors
+        self.best: Placement | None = None
+        self.diagnosis = Diagnosis((), (), few_features=False, featureless=False, still=False)
+        self.attempts: list[dict[str, object]] = []
+        self.failure = ""
+        self.looked_closely = False  # whether photos seen from wide apart were matched too
+        self._start = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._start
+
+    @property
+    def out_of_time(self) -> bool:
+        return self.seconds > 60 * self.ladder.minutes
+
+    @property
+    def is_enough(self) -> bool:
+        best = self.best
+        if best is None or not best.is_right or best.share < self.ladder.enough:
+            return False
+        return len(best.scenes) == 1 or self.looked_closely
+
+    def is_hopeless(self, config: SfmConfig) -> bool:
+        """Whether more attempts of this kind cannot help.
+
+        They would match a still background again, or things that look alike, or be held to a
+        wrong focal length again.
+        """
+        best = self.best
+        if best is not None and best.share >= self.ladder.enough and self.diagnosis.repeated():
+            return True
+        if best is not None and best.share >= self.ladder.enough and self.priors:
+            wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
+            return bool(wrong) and wrong <= {"focal", "prior"}
+        placed = best is not None and best.is_right and best.share > _HALF
+        return self.diagnosis.still and not config.moving_only and not placed
+
+    def take(self, placement: Placement) -> None:
+        """Keep it when it is better than the best."""
+        if self.best is None or _rank(placement) > _rank(self.best):
+            self.best = placement
+
+    def clock(self) -> str:
+        """How much of the time limit is used up."""
+        return f"{self.seconds / 60:.0f} of at most {self.ladder.minutes:.0f} min"
+
+    def reason(self) -> str:
+        """Why another attempt is made."""
+        best, n = self.best, len(self.photos.photos)
+        placed = 0 if best is None else sum(len(names) for names in best.scenes)
+        text = f"{placed} of {n} photos are placed."
+        if best is not None and not best.is_right and best.share >= self.ladder.enough:
+            wrong = next(verdict for verdict in best.verdicts if verdict.level == "error")
+            return f"{text} {wrong.text}"
+        if best is not None and best.share >= self.ladder.enough:
+            return f"{text} They fall into {len(best.scenes)} groups: is it one scene?"
+        causes = self.diagnosis.reasons(() if best is None else best.placed)
+        return f"{text} {causes[0]}" if causes else text
+
+    def explain(self) -> str:
+        """Why there is no model at all."""
+        repeated = self.diagnosis.repeated()
+        return " ".join(
+            [self.failure, *([repeated] if repeated else []), *self.diagnosis.reasons()]
+        )
+
+
+def _rank(placement: Placement) -> tuple[bool, int, int, int]:
+    return (
+        placement.is_right,
+        round(placement.share * placement.n_photos),
+        -len(placement.scenes),
+        len(placement.facts.points),
+    )
+
+
+def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None]:
+    """Match as the rung says, then map in one way after another until that is enough."""
+    began, n = time.monotonic(), len(state.photos.photos)
+    before = state.best
+    yield from _until(state, run_matching(state.photos, folder, rung.config))
+    if not (folder / "match.finished").is_file():
+        return
+    state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
+    state.looked_closely = rung.config.affine
+    placed: list[Placement] = []
+    try:
+        require_overlap(folder, n)
+        for mapper, step in _MAPPERS.items():
+            if placed and not _is_worth(mapper, placed, state.ladder):
+                continue
+            yield from _until(state, run_step(step, state.photos, folder, rung.config))
+            if not (folder / f"{step}.finished").is_file():
+                break
+            title = f"{rung.title}, {mapper} mapping" if mapper else rung.title
+            placed += _placements(state, folder / mapper, title, reason)
+            state.take(max(placed, key=_rank))
+            if state.is_enough:
+                break
+    except GagaError as error:
+        state.failure = str(error)
+    best = max(placed, key=_rank, default=None)
+    state.attempts.append(
+        {
+            "title": rung.title if best is None else best.title,
+            "reason": reason,
+            "placed": 0 if best is None else round(best.share * n),
+            "passes": best is not None and best.is_right,
+            "chosen": state.best is not before and state.best in placed,
+            "seconds": round(time.monotonic() - began, 1),
+        }
+    )
+
+
+def _is_worth(mapper: str, placed: Sequence[Placement], ladder: LadderConfig) -> bool:
+    """Whether another mapping of the same matches can help: wrong models need a stricter one."""
+    contradicts = any(not p.is_right and p.share >= ladder.enough for p in placed)
+    return contradicts == (mapper == "strict") or mapper == "global"
+
+
+def _until(state: _State, stage: Stage[None]) -> Stage[None]:
+    """Run ``stage`` until the time is used up, if there is a result to fall back on."""
+    try:
+        for step in stage:
+            yield step
+            if state.out_of_time and state.best is not None:
+                return
+    finally:
+        stage.close()
+
+
+def _placements(state: _State, folder: Path, title: str, reason: str) -> list[Placement]:
+    """Read and judge what a mapping wrote to ``folder``: as it is, and with its parts joined."""
+    parts = _models_in(folder)
+    found = [_placement(state, parts, title, reason)]
+    if (folder / JOINED).is_dir():
+        joined = _models_in(folder / JOINED)
+        alone = {model.names for model, _ in parts}
+        of_parts = [model for model, _ in joined if model.names not in alone]
+        if all(is_well_joined(model, [part for part, _ in parts]) for model in of_parts):
+            found.append(_placement(state, joined, f"{title}, parts joined", reason))
+    return found
+
+
+def _models_in(folder: Path) -> list[tuple[SfmFacts, Path]]:
+    """The models of a mapping and their folders, largest first."""
+    numbers = ["", *(f"_{i}" for i in range(2, 9))]
+    files = [(folder / f"facts{number}.npz", folder / f"model{number}") for number in numbers]
+    return [(SfmFacts.load(file), model) for file, model in files if file.is_file()]
+
+
+def _placement(
+    state: _State, models: Sequence[tuple[SfmFacts, Path]], title: str, reason: str
+) -> Placement:
+    """Judge the models of one mapping: the scene that is wanted, as it was placed."""
+    scenes = scenes_of([facts for facts, _ in models])
+    folders = {facts.names: folder for facts, folder in models}
+    chosen = scenes[min(state.scene, len(scenes)) - 1]
+    summary = summarize(chosen)
+    verdicts = check_model(chosen, summary, state.priors)
+    repeated = state.diagnosis.repeated()
+    if repeated:
+        verdicts = (Verdict("repeats", "error", repeated), *verdicts)
+    return Placement(
+        title=title,
+        reason=reason,
+        model=folders[chosen.names],
+        facts=chosen,
+        summary=summary,
+        verdicts=verdicts,
+        scenes=tuple(facts.names for facts in scenes),
+        n_photos=len(state.photos.photos),
+    )
+
+
+def _begin(folder: Path, former: Path, rung: Rung) -> None:
+    """Make the folder of an attempt, with the features and matches that it goes on from."""
+    folder.mkdir(exist_ok=True)
+    if rung.reuses and not (folder / "features.finished").is_file():
+        shutil.copyfile(former / "database.db", folder / "database.db")
+        (folder / "features.finished").touch()
+
+
+def _labelled(label: str) -> Callable[[Progress], Progress]:
+    return lambda step: replace(step, message=label + step.message)

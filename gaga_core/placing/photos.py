@@ -1,0 +1,350 @@
+"""The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
+
+Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
+and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.
+"""
+
+import hashlib
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.io.json_file import read_json
+from gaga_core.progress import Progress, Stage
+
+# --- Copies of a photo: smaller, compressed again, or with another exposure, as from a chat.
+
+
+_SIDE = 128  # pixels: pictures are compared at this size
+_COARSE = 16  # ... and first at this one
+_ALIKE = 0.998  # correlation from which two pictures may be of one photo, coarse
+_SAME = 0.08  # standard deviations: mean difference of two copies at most
+_SHAPE = 0.01  # sides may differ by this share
+
+
+class LooksIndex:
+    """The photos that were looked at so far, to find copies among them."""
+
+    def __init__(self) -> None:
+        self._coarse: list[FloatArray] = []
+        self._fine: list[FloatArray] = []
+        self._ratio: list[float] = []
+
+    def has_like(self, picture: UInt8Array) -> bool:
+        """Whether ``picture`` (H, W, 3) is a copy of one of them; remembers it if not.
+
+        Two photos from places a step apart differ by far more than copies do.
+        """
+        height, width = picture.shape[:2]
+        coarse, fine, ratio = _looks(picture, _COARSE), _looks(picture, _SIDE), width / height
+        for other, detail, shape in zip(self._coarse, self._fine, self._ratio, strict=True):
+            if abs(shape / ratio - 1) > _SHAPE or float((coarse * other).mean()) < _ALIKE:
+                continue
+            if float(np.abs(fine - detail).mean()) < _SAME:
+                return True
+        self._coarse.append(coarse)
+        self._fine.append(fine)
+        self._ratio.append(ratio)
+        return False
+
+
+def _looks(picture: UInt8Array, side: int) -> FloatArray:
+    """Brightness (side, side) with mean 0 and standard deviation 1."""
+    image = Image.fromarray(picture).convert("L").resize((side, side), Image.Resampling.BOX)
+    gray = np.asarray(image, np.float32)
+    result: FloatArray = (gray - gray.mean()) / max(float(gray.std()), 1.0)
+    return result
+
+
+# --- How sharp a picture is: the strength of its finest detail.
+
+
+LOOK_SIDE = 640  # pixels: pictures are compared at this size
+
+
+def sharpness(picture: UInt8Array) -> float:
+    """Variance of the Laplacian of the brightness of a picture (H, W, 3): larger is sharper.
+
+    Divided by the variance of the brightness itself, so that a dark photo is not a blurred one.
+    """
+    gray: FloatArray = picture.mean(axis=2, dtype=np.float32)
+    inner = gray[1:-1, 1:-1] * 4
+    laplacian = inner - gray[:-2, 1:-1] - gray[2:, 1:-1] - gray[1:-1, :-2] - gray[1:-1, 2:]
+    return float(laplacian.var() / max(float(gray.var()), 1.0))
+
+
+def shrunk(picture: UInt8Array, longest_side: int) -> UInt8Array:
+    """``picture`` (H, W, 3) with no side longer than ``longest_side`` pixels."""
+    height, width = picture.shape[:2]
+    times = longest_side / max(width, height)
+    if times >= 1:
+        return picture
+    size = (max(round(width * times), 1), max(round(height * times), 1))
+    image = Image.fromarray(picture).resize(size, Image.Resampling.BOX, reducing_gap=2.0)
+    return np.asarray(image)
+
+
+# --- The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
+# Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
+# and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.
+
+
+STAGE = "Look at photos"
+FEWEST = 3  # photos: two to train on and one held out
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
+UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf")
+_SAVE_AS = "save as JPEG to use"
+_EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
+_SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
+_LARGEST_NAMED = 3  # names in a sentence
+_LEAST_SIDE = 32  # pixels
+_INCH, _UNITS = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # millimetres
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo that is ready for matching."""
+
+    name: str  # file name in the folder of prepared photos; its stem is unique
+    source: str  # where it came from
+    width: int  # pixels, prepared
+    height: int
+    focal: float | None = None  # pixels, prepared; from EXIF or the user; None = unknown
+    sharpness: float = 0.0  # `sharpness.sharpness` of the picture; 0 = not measured
+
+
+@dataclass(frozen=True)
+class PhotoSet:
+    """The photos to reconstruct from."""
+
+    photos: tuple[Photo, ...]  # by name
+    ordered: bool = False  # frames of a video: neighbours see the same
+    notes: tuple[str, ...] = ()  # sentences about what was left out
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values; `read_photo_set` reads them back."""
+        return asdict(self)
+
+    def cameras(self) -> tuple[tuple[Photo, ...], ...]:
+        """Photos that one camera took: same size and (but for 1 %) same focal length."""
+        groups: dict[tuple[int, int, int], list[Photo]] = {}
+        for photo in self.photos:
+            focal = 0 if photo.focal is None else round(np.log(photo.focal) * 100)
+            groups.setdefault((photo.width, photo.height, focal), []).append(photo)
+        return tuple(tuple(group) for group in groups.values())
+
+
+def read_photo_set(path: Path) -> PhotoSet:
+    """Read what `PhotoSet.to_json` gave. Raises ``GagaError`` when the file is damaged."""
+    return read_json(path, PhotoSet, "Remove it and run again.")
+
+
+def is_video(path: Path) -> bool:
+    """Whether ``path`` is a file that `video.extract_frames` takes."""
+    return path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES
+
+
+def list_photos(folder: Path) -> tuple[Path, ...]:
+    """Picture files in ``folder`` and its subfolders, by name; hidden ones are left out.
+
+    Raises ``GagaError`` when there is no such folder.
+    """
+    if not folder.is_dir():
+        raise GagaError(f"{folder} is no folder of photos and no video. Check the path.")
+    return tuple(path for path in _files(folder) if path.suffix.lower() in IMAGE_SUFFIXES)
+
+
+def _files(folder: Path) -> list[Path]:
+    hidden = (p for p in folder.rglob("*") if p.is_file())
+    return sorted(
+        p for p in hidden if not any(q.startswith(".") for q in p.relative_to(folder).parts)
+    )
+
+
+def prepare_photos(
+    sources: Sequence[Path],
+    target: Path,
+    *,
+    root: Path,
+    longest_side: int,  # pixels
+    focal: float | None = None,  # pixels of the photos as they are
+    ordered: bool = False,
+    others: Sequence[str] = (),  # notes about files that are not among ``sources``
+) -> Stage[PhotoSet]:
+    """Copy the usable ones of ``sources`` to ``target``, named by their paths in ``root``.
+
+    Upright (EXIF), 8-bit RGB, no side longer than ``longest_side``. Files that cannot be read, are
+    tiny, or show exactly what another shows are left out and named in the notes. Raises
+    ``GagaError`` when fewer than `FEWEST` are left.
+    """
+    target.mkdir(parents=True, exist_ok=True)
+    photos: list[Photo] = []
+    names, seen = set[str](), dict[str, Path]()
+    unread: list[str] = []
+    twins: list[str] = []
+    copies: list[str] = []
+    looks_of = LooksIndex()
+    for i, path in enumerate(_largest_first(sources)):
+        yield Progress(STAGE, i, len(sources), path.name)
+        try:
+            picture = read_rgb(path)
+        except GagaError:
+            unread.append(path.name)
+            continue
+        height, width = picture.shape[:2]
+        if min(height, width) < _LEAST_SIDE:
+            unread.append(path.name)
+            continue
+        looks = hashlib.sha256(repr(picture.shape).encode() + picture.tobytes()).hexdigest()
+        if looks in seen:
+            twins.append(path.name)
+            continue
+        seen[looks] = path
+        if not ordered and looks_of.has_like(picture):
+            copies.append(path.name)
+            continue
+        name = _name_of(path, root, names)
+        photo = _prepared(path, picture, target / name, longest_side)
+        known = focal if focal is not None else exif_focal(path, width, height)
+        scale = photo.width / width
+        sharp = sharpness(shrunk(picture, LOOK_SIDE))
+        known = None if known is None else known * scale
+        photos.append(replace(photo, focal=known, sharpness=sharp))
+    notes = (
+        *_note("could not be read and {is} left out", unread),
+        *_note("{is} the same as another and left out", twins),
+        *_note("{is} a smaller or recompressed copy of another and left out", copies),
+        *others,
+    )
+    if len(photos) < FEWEST:
+        raise GagaError(_too_few(len(photos), len(sources), len(unread), notes))
+    yield Progress(STAGE, len(sources), len(sources))
+    return PhotoSet(tuple(sorted(photos, key=lambda p: p.name)), ordered, notes)
+
+
+def _largest_first(sources: Sequence[Path]) -> list[Path]:
+    """By the number of pixels, else as they come, so that of two copies the better one is kept."""
+
+    def pixels(path: Path) -> int:
+        try:
+            with Image.open(path) as image:
+                return image.width * image.height
+        except (OSError, ValueError, SyntaxError):
+            return 0
+
+    return sorted(sources, key=pixels, reverse=True)
+
+
+def unread_kinds(folder: Path) -> tuple[str, ...]:
+    """A note about files that look like photos but are of kinds that are not read."""
+    names = [p.name for p in _files(folder) if p.suffix.lower() in UNREAD_SUFFIXES]
+    return _note(f"{{is}} of a kind that is not read; {_SAVE_AS}", names)
+
+
+def ignored_files(folder: Path) -> tuple[str, ...]:
+    """A note about files among the photos that are no pictures."""
+    known = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)
+    names = [p.name for p in _files(folder) if p.suffix.lower() not in known]
+    return _note("{is} no picture and ignored", names, "file")
+
+
+def _note(what: str, names: Sequence[str], kind: str = "photo") -> tuple[str, ...]:
+    if not names:
+        return ()
+    listed = ", ".join(names[:_LARGEST_NAMED])
+    more = len(names) - _LARGEST_NAMED
+    listed += f" and {more} more" if more > 0 else ""
+    many = len(names) > 1
+    verb = what.replace("{is}", "are" if many else "is")
+    return (f"{len(names)} {kind}{'s' if many else ''} {verb}: {listed}.",)
+
+
+def _too_few(n: int, n_files: int, n_unread: int, notes: Sequence[str]) -> str:
+    left = f"There {'is' if n == 1 else 'are'} {n} usable {'photo' if n == 1 else 'photos'}"
+    of = f" among {n_files} files" if n_files > n else ""
+    why = " ".join(("", *notes)) if notes else ""
+    cure = " Take more photos, in a walk around."
+    if n + n_unread >= FEWEST:
+        cure = " Copy those that could not be read from the camera again, or take more photos."
+    if any(_SAVE_AS in note for note in notes):
+        cure = ""
+    return (
+        f"{left}{of}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
+        f"{why}{cure}"
+    )
+
+
+def _name_of(path: Path, root: Path, taken: set[str]) -> str:
+    """A file name whose stem no other photo has, whatever the case of its letters."""
+    inside = path.relative_to(root).with_suffix("").as_posix()
+    plain = re.sub(r"[^\w.\-]+", "_", inside).strip("._") or "photo"
+    stem, i = plain, 1
+    while stem.lower() in taken:
+        i += 1
+        stem = f"{plain}-{i}"
+    taken.add(stem.lower())
+    return stem + (".jpg" if path.suffix.lower() in (".jpg", ".jpeg") else ".png")
+
+
+def _prepared(path: Path, picture: UInt8Array, target: Path, longest_side: int) -> Photo:
+    """Write the picture; the file itself is copied when nothing is to be done to it."""
+    height, width = picture.shape[:2]
+    times = min(1.0, longest_side / max(width, height))
+    if times == 1 and _is_plain(path):
+        shutil.copyfile(path, target)
+        return Photo(target.name, str(path), width, height)
+    width, height = round(width * times), round(height * times)
+    image = Image.fromarray(picture)
+    if times < 1:
+        image = image.resize((width, height), Image.Resampling.LANCZOS)
+    image.save(target, quality=97, subsampling=0)
+    return Photo(target.name, str(path), width, height)
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether the file is an upright 8-bit RGB JPEG or PNG already."""
+    with Image.open(path) as image:
+        upright = image.getexif().get(_ORIENTATION, 1) == 1
+        return image.format in ("JPEG", "PNG") and image.mode == "RGB" and upright
+
+
+def exif_focal(path: Path, width: int, height: int) -> float | None:
+    """Focal length in pixels of a picture of this size, from its EXIF; None if it says none.
+
+    From the 35 mm equivalent (by the diagonal), else from the focal length and the resolution of
+    the sensor.
+    """
+    try:
+        with Image.open(path) as image:
+            stored = (image.width, image.height)
+            tags = image.getexif().get_ifd(_EXIF)
+    except (OSError, ValueError, SyntaxError):
+        return None
+    equivalent = _number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm))
+    if equivalent > 0:
+        return float(equivalent / _SIDE_35MM * np.hypot(width, height))
+    millimetres = _number(tags.get(ExifTags.Base.FocalLength))
+    resolution = _number(tags.get(ExifTags.Base.FocalPlaneXResolution))
+    unit = _UNITS.get(int(_number(tags.get(ExifTags.Base.FocalPlaneResolutionUnit))), _INCH)
+    taken = _number(tags.get(ExifTags.Base.ExifImageWidth)) or stored[0]
+    if millimetres > 0 and resolution > 0 and taken > 0:
+        return float(millimetres * resolution / unit * stored[0] / taken)
+    return None
+
+
+def _number(value: object) -> float:
+    """A tag as a number; 0 when it is missing or nonsense."""
+    try:
+        number = float(cast("float", value))
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if np.isfinite(number) else 0.0

@@ -1,0 +1,277 @@
+"""Structure from motion over prepared photos, each step in a process that can be ended."""
+
+import json
+import os
+import re
+import sqlite3
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from gaga_core.errors import GagaError
+from gaga_core.io.folder.processes import follow
+from gaga_core.io.json_file import decode_json
+from gaga_core.placing.metrics import SfmFacts
+from gaga_core.placing.photos import PhotoSet
+from gaga_core.progress import Progress, Stage
+from gaga_core.threads import n_threads
+
+# --- Options that messages advise: what they are called in the command and in the window.
+# The window's names are those of its sheet "Make splats" (Settings next to the offer).
+
+
+IN_WINDOW = {
+    "--quality": "Quality",
+    "--focal": "Focal length, pixels",
+    "--video-fps": "Frames of each second",
+    "--foreground": "Masks of the object",
+    "--turntable": "Object on a turntable",
+    "--scene": "Scene",
+    "--place-minutes": "Minutes for placing",
+}
+
+
+def option(name: str, value: str = "") -> str:
+    """``name`` with its control: "--quality standard (Quality in the window's settings)"."""
+    shown = f"{name} {value}".strip()
+    return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
+
+
+# --- Structure from motion over prepared photos, each step in a process that can be ended.
+
+
+_TITLES = {
+    "features": "Find features",
+    "match": "Match photos",
+    "map": "Place photos",
+    "map_relaxed": "Place photos",
+    "map_strict": "Place photos",
+    "map_global": "Place photos",
+    "export": "Match photos",
+    "undistort": "Undistort photos",
+}
+_BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
+NO_MODEL = "no model"  # the worker's word for a mapping that found no pair to start from
+_FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away
+
+
+@dataclass(frozen=True)
+class SfmConfig:
+    """Settings of structure from motion; COLMAP's own defaults otherwise."""
+
+    feature_side: int = 1600  # pixels: photos are shrunk to this to look for features
+    n_features: int = 4096  # at most, in a photo
+    doubled: bool = True  # look at twice that size too: more and finer features, 4 x the time
+    affine: bool = False  # affine shape and domain-size pooling: wider baselines, 5 x the time
+    least_contrast: float = 0.02 / 3  # of a feature, brightness 0..1: lower finds fainter ones
+    guided: bool = False  # match again along the epipolar lines that the first matches give
+    moving_only: bool = False  # drop matches that stand still in the picture: a turntable
+    camera_model: Literal["auto", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "PINHOLE"] = "auto"
+    pairs: Literal["auto", "exhaustive", "sequential", "similar"] = "auto"
+    exhaustive_up_to: int = 120  # photos: beyond, those that look alike are matched
+    neighbours: int = 24  # photos that each is matched with, when they look alike
+    overlap: int = 10  # frames before and after that each frame of a video is matched with
+    threads: int = 0  # 0 = as many as the kernels use
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.feature_side < 64 or self.n_features < 64:
+            raise ValueError("feature_side and n_features: at least 64")
+        if min(self.exhaustive_up_to, self.neighbours, self.overlap) < 1:
+            raise ValueError("exhaustive_up_to, neighbours, overlap: at least 1")
+        if not 0 < self.least_contrast < 1:
+            raise ValueError("least_contrast: must be between 0 and 1")
+
+    @staticmethod
+    def of(quality: str, *, threads: int = 0, seed: int = 0) -> "SfmConfig":
+        """The settings called ``quality``: draft, standard or full."""
+        if quality == "draft":
+            return SfmConfig(
+                feature_side=1000, n_features=2048, doubled=False, threads=threads, seed=seed
+            )
+        if quality == "standard":
+            return SfmConfig(threads=threads, seed=seed)
+        if quality == "full":
+            return SfmConfig(feature_side=3200, n_features=8192, threads=threads, seed=seed)
+        raise ValueError(f"quality: {quality!r} is none of draft, standard, full")
+
+
+def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFacts]:
+    """Place ``photos``, which lie in workspace/photos: writes workspace/model and facts.npz.
+
+    A step that was finished before is not run again: the workspace belongs to these photos and
+    settings. Raises ``GagaError`` when the photos do not overlap.
+    """
+    yield from run_matching(photos, workspace, config)
+    require_overlap(workspace, len(photos.photos))
+    yield from run_step("map", photos, workspace, config)
+    return SfmFacts.load(workspace / "facts.npz")
+
+
+def run_matching(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[None]:
+    """Find features and match them: writes workspace/database.db and matches.npz."""
+    yield from run_step("features", photos, workspace, config)
+    yield from run_step("match", photos, workspace, config)
+
+
+def run_step(
+    step: str, photos: PhotoSet, workspace: Path, config: SfmConfig, *, picture_side: int = 1600
+) -> Stage[None]:
+    """One step of `sfm_worker`; ``picture_side`` is the longest side of undistorted pictures."""
+    finished = workspace / f"{step}.finished"
+    if finished.is_file():
+        return
+    threads = config.threads or n_threads()
+    settings = _settings(photos, workspace, config, threads)
+    settings |= {
+        "step": step,
+        "picture_side": picture_side,
+        "pictures": str(pictures_of(workspace)),
+    }
+    file = workspace / f"{step}.json"
+    file.write_text(json.dumps(settings), encoding="utf-8")
+    command = [sys.executable, "-m", "gaga_core.placing.worker", str(file)]
+    environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
+    listener = _Listener(step, len(photos.photos))
+    lines = follow(command, environment)
+    try:
+        while True:
+            listener.hear(next(lines))
+            yield listener.progress
+    except StopIteration as end:
+        status = int(end.value)
+    finally:
+        lines.close()
+    if listener.failed or status != 0:
+        why = listener.failed or listener.problem or f"status {status}"
+        raise GagaError(_explain(step, why))
+    finished.touch()
+
+
+def pictures_of(workspace: Path) -> Path:
+    """The prepared photos: in the workspace, or in that of which this is one attempt."""
+    own = workspace / "photos"
+    return own if own.is_dir() else workspace.parent / "photos"
+
+
+class WorkerLine(msgspec.Struct, frozen=True):
+    """A line of the worker: how far it is, or why it failed."""
+
+    done: int = 0
+    total: int = 0
+    message: str = ""
+    failed: str = ""
+
+
+class _Listener:
+    """Makes progress of what the worker and COLMAP's log say.
+
+    The database is not looked at while COLMAP writes it: a reader may lock it for a moment, and
+    then COLMAP aborts.
+    """
+
+    def __init__(self, step: str, n_photos: int) -> None:
+        self.progress = Progress(_TITLES[step], 0, 0)
+        self.failed = ""  # the worker's own word
+        self.problem = ""  # COLMAP's
+        self._n_photos = n_photos
+        self._photos_done = 0
+
+    def hear(self, line: str) -> None:
+        """Take in one line."""
+        if line.startswith("{"):
+            self._hear_worker(line)
+        elif "Processed file [" in line:
+            self._photos_done += 1
+            self._set(self._photos_done, self._n_photos, "photos")
+        elif block := _BLOCK.search(line):
+            i, n, j, m = (int(part or 1) for part in block.groups())
+            self._set((i - 1) * m + j - 1, n * m, "blocks of pairs")
+        elif "what():" in line or line.startswith(("E2", "F2")):
+            self.problem = line.split("]")[-1].split("what():")[-1].strip()[:150]
+
+    def _hear_worker(self, line: str) -> None:
+        try:
+            said = decode_json(line.encode(), WorkerLine, "The worker's line", "")
+        except GagaError:  # mixed with a line of the log
+            return
+        if said.failed:
+            self.failed = said.failed
+        else:
+            self._set(said.done, said.total, said.message)
+
+    def _set(self, done: int, total: int, what: str) -> None:
+        self.progress = Progress(self.progress.stage, min(done, total), total, what)
+
+
+def _settings(
+    photos: PhotoSet, workspace: Path, config: SfmConfig, threads: int
+) -> dict[str, object]:
+    """The worker's settings, but for the step."""
+    n = len(photos.photos)
+    pairs = config.pairs
+    if pairs == "auto":
+        unordered: Literal["exhaustive", "similar"] = (
+            "exhaustive" if n <= config.exhaustive_up_to else "similar"
+        )
+        pairs = "sequential" if photos.ordered else unordered
+    cameras = photos.cameras()
+    groups = [
+        {
+            "names": [photo.name for photo in group],
+            "width": group[0].width,
+            "height": group[0].height,
+            "focal": group[0].focal,
+            "model": _camera_model(config, len(group)),
+        }
+        for group in cameras
+    ]
+    return asdict(config) | {
+        "workspace": str(workspace),
+        "groups": groups,
+        "pairs": pairs,
+        "threads": threads,
+    }
+
+
+def _camera_model(config: SfmConfig, n_photos: int) -> str:
+    if config.camera_model != "auto":
+        return config.camera_model
+    return "OPENCV" if n_photos >= _FEW_PHOTOS else "SIMPLE_RADIAL"
+
+
+def _explain(step: str, why: str) -> str:
+    if step.startswith("map") and why == NO_MODEL:
+        return (
+            "The photos overlap, but no two of them show enough from two places to start from. "
+            "Take photos from more places, a step apart, of things with texture; or try "
+            f"{option('--quality', 'full')}."
+        )
+    return (
+        f"{_TITLES[step]} failed ({why}). Try again with fewer or smaller photos; what was "
+        "finished is kept."
+    )
+
+
+def require_overlap(workspace: Path, n_photos: int) -> None:
+    """``GagaError`` when no pair of photos has verified matches."""
+    pairs = verified_pairs(workspace / "database.db")
+    if not pairs:
+        raise GagaError(
+            f"No two of the {n_photos} photos show the same things. Take photos that overlap by "
+            "more than half, in a walk around the scene."
+        )
+
+
+def verified_pairs(database: Path) -> Sequence[int]:
+    """Number of verified matches of each pair of photos that has any."""
+    query = "SELECT rows FROM two_view_geometries WHERE rows > 0"
+    connection = sqlite3.connect(f"file:{database}?mode=ro", uri=True)
+    try:
+        return [int(row[0]) for row in connection.execute(query)]
+    finally:
+        connection.close()

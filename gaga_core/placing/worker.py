@@ -1,0 +1,684 @@
+"""``python -m gaga_core.placing.worker SETTINGS.json``: one step of structure from motion.
+
+Run in a process of its own: pycolmap's C++ may abort, and ending the process is how a step is
+cancelled. Prints one JSON object a line: ``{"done": 3, "total": 11, "message": ".."}`` for
+progress, ``{"failed": ".."}`` for a failure (exit status 1), among the lines of COLMAP's log. All
+state is in the workspace folder, so a step that was ended is simply run again.
+"""
+
+import json
+import shutil
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+import pycolmap
+from scipy.cluster.vq import kmeans2
+from scipy.spatial.distance import cdist
+
+from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.io.files import atomic_write
+from gaga_core.io.folder.processes import end_with_parent
+from gaga_core.io.json_file import read_json
+from gaga_core.placing.foreground import MASKS
+from gaga_core.placing.join import join_parts
+from gaga_core.placing.ladder import JOINED
+
+# --- What the checks need to know of a model: plain arrays that the worker writes.
+
+
+_STILL = 0.004  # x width: a match that moved less stands still in the picture
+_CELLS = 12  # across and down, to see where a picture has features
+_TURN_MATCHES = 60  # from which a pair says how its cameras are turned
+_MATCHES = 100  # verified matches of a pair that are kept, evenly spread
+
+
+def write_facts(
+    path: Path, model: pycolmap.Reconstruction, database: Path, model_sizes: Sequence[int]
+) -> None:
+    """Write the arrays of `measures.SfmFacts` for ``model`` and the matches in ``database``."""
+    images = sorted(model.images.values(), key=lambda image: str(image.name))
+    images = [image for image in images if image.has_pose]
+    points = {int(key): i for i, key in enumerate(model.points3D)}
+    arrays = _model_arrays(model, images)
+    arrays |= _observations(model, images, points)
+    arrays |= _matches(model, images, points, database)
+    arrays["model_sizes"] = np.array(model_sizes, np.int64)
+    _write(path, arrays)
+
+
+def _write(path: Path, arrays: Mapping[str, AnyArray]) -> None:
+    """Write named arrays whole or not at all: the next run reads what a killed one has left."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def _model_arrays(
+    model: pycolmap.Reconstruction, images: Sequence[pycolmap.Image]
+) -> dict[str, AnyArray]:
+    used = [model.cameras[image.camera_id] for image in images]
+    points = list(model.points3D.values())
+    focal = [(c.focal_length_x, c.focal_length_y) for c in used]
+    return {
+        "names": np.array([str(image.name) for image in images], np.str_),
+        "poses": np.array(
+            [image.cam_from_world().matrix() for image in images], np.float64
+        ).reshape(-1, 3, 4),
+        "focal": np.array(focal, np.float64).reshape(-1, 2),
+        "sizes": np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
+        "points": np.array([p.xyz for p in points], np.float64).reshape(-1, 3),
+        "track_lengths": np.array([p.track.length() for p in points], np.int64),
+    }
+
+
+def _observations(
+    model: pycolmap.Reconstruction, images: Sequence[pycolmap.Image], points: dict[int, int]
+) -> dict[str, AnyArray]:
+    """Which point is seen in which view, and how far from where it should be."""
+    columns: list[tuple[LongArray, LongArray, DoubleArray]] = []
+    for i, image in enumerate(images):
+        seen = [p for p in image.points2D if p.has_point3D()]
+        if not seen:
+            continue
+        rows = np.array([points[int(p.point3D_id)] for p in seen], np.int64)
+        xyz = np.array([model.points3D[int(p.point3D_id)].xyz for p in seen], np.float64)
+        pose = np.asarray(image.cam_from_world().matrix())
+        in_camera = xyz @ pose[:, :3].T + pose[:, 3]
+        found = np.array([p.xy for p in seen], np.float64)
+        expected = model.cameras[image.camera_id].img_from_cam(in_camera, check_cheirality=False)
+        errors = np.linalg.norm(np.asarray(expected) - found, axis=1)
+        columns.append((rows, np.full(len(rows), i, np.int64), errors))
+    empty: tuple[AnyArray, ...] = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    joined = [np.concatenate(c) for c in zip(*columns, strict=True)] if columns else list(empty)
+    return dict(zip(("seen_points", "seen_views", "seen_errors"), joined, strict=True))
+
+
+def _matches(
+    model: pycolmap.Reconstruction,
+    images: Sequence[pycolmap.Image],
+    points: dict[int, int],
+    database: Path,
+) -> dict[str, AnyArray]:
+    """A sample of the verified matches: their views, viewing rays and points (-1 = none)."""
+    view_of = {int(image.image_id): i for i, image in enumerate(images)}
+    opened = pycolmap.Database.open(database)
+    all_names = sorted(str(image.name) for image in opened.read_all_images())
+    name_of = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    ids = np.array([_pair_of(int(key)) for key in keys], np.int64).reshape(-1, 2)
+    inliers = [np.asarray(geometry.inlier_matches) for geometry in geometries]
+    counts = np.array([len(matches) for matches in inliers], np.int64)
+    place = {name: i for i, name in enumerate(all_names)}
+    rays = [_rays(model, image) for image in images]
+    seen = [_point_rows(image, points) for image in images]
+    rows: list[AnyArray] = []
+    ray_pairs: list[AnyArray] = []
+    for (a, b), matches in zip(ids, inliers, strict=True):
+        if len(matches) == 0 or int(a) not in view_of or int(b) not in view_of:
+            continue
+        chosen = matches[np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)]
+        va, vb = view_of[int(a)], view_of[int(b)]
+        ka, kb = chosen[:, 0], chosen[:, 1]
+        views = np.tile([va, vb], (len(chosen), 1))
+        rows.append(np.c_[views, seen[va][ka], seen[vb][kb]])
+        ray_pairs.append(np.stack([rays[va][ka], rays[vb][kb]], axis=1))
+    names_of_pairs = [[place[name_of[int(i)]] for i in pair] for pair in ids]
+    return {
+        "all_names": np.array(all_names, np.str_),
+        "pairs": np.array(names_of_pairs, np.int64).reshape(-1, 2),
+        "pair_matches": counts,
+        "match_views": np.concatenate(rows)[:, :2] if rows else np.zeros((0, 2), np.int64),
+        "match_points": np.concatenate(rows)[:, 2:] if rows else np.zeros((0, 2), np.int64),
+        "match_rays": np.concatenate(ray_pairs) if rows else np.zeros((0, 2, 3)),
+    }
+
+
+def write_match_facts(path: Path, database: Path) -> None:
+    """Write the arrays of `sfm_diagnosis.MatchFacts`: what the matching says before any model."""
+    opened = pycolmap.Database.open(database)
+    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+    place = {int(image.image_id): i for i, image in enumerate(images)}
+    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
+    points = [np.asarray(opened.read_keypoints(i.image_id), np.float64)[:, :2] for i in images]
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    sides = np.array([max(cameras[int(i.camera_id)].width, 1) for i in images], np.float64)
+    pairs = [[place[i] for i in _pair_of(int(key))] for key in keys]
+    matches = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
+    still = []
+    for (a, b), m in zip(pairs, matches, strict=True):
+        moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
+        still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
+    used = [cameras[int(image.camera_id)] for image in images]
+    turns = [
+        _turn(used[a], points[a], used[b], points[b], geometry)
+        for (a, b), geometry in zip(pairs, geometries, strict=True)
+    ]
+    _write(
+        path,
+        {
+            "names": np.array([str(image.name) for image in images], np.str_),
+            "n_features": np.array([len(p) for p in points], np.int64),
+            "coverage": np.array(
+                [
+                    _coverage(p, cameras[int(i.camera_id)])
+                    for p, i in zip(points, images, strict=True)
+                ]
+            ),
+            "pairs": np.array(pairs, np.int64).reshape(-1, 2),
+            "pair_matches": np.array([len(m) for m in matches], np.int64),
+            "still": np.array(still, np.float64),
+            "turns": np.array(turns, np.float64).reshape(-1, 3, 3),
+        },
+    )
+
+
+def _turn(
+    first: pycolmap.Camera,
+    first_points: AnyArray,  # (F, 2) pixels
+    second: pycolmap.Camera,
+    second_points: AnyArray,
+    geometry: pycolmap.TwoViewGeometry,
+) -> DoubleArray:
+    """Rotation (3, 3) from the first camera to the second; NaN where the matches do not say.
+
+    Few matches do not, and planes have two answers. Where no focal length is known, COLMAP's guess
+    stands in: good enough for large contradictions.
+    """
+    kinds = pycolmap.TwoViewGeometryConfiguration
+    has_depth = geometry.config in (int(kinds.CALIBRATED), int(kinds.UNCALIBRATED))
+    if has_depth and len(geometry.inlier_matches) >= _TURN_MATCHES:
+        pycolmap.estimate_two_view_geometry_pose(
+            first, first_points, second, second_points, geometry
+        )
+        if geometry.cam2_from_cam1 is not None:
+            return np.array(geometry.cam2_from_cam1.rotation.matrix(), np.float64)
+    return np.full((3, 3), np.nan)
+
+
+def write_pair_matches(path: Path, database: Path) -> None:
+    """Write what `pose_check` compares with given poses: matched places as shares of the pictures.
+
+    Arrays: names (A,), pairs (Q, 2), pair_matches (Q,), match_names (M, 2) indices into names,
+    match_places (M, 2, 2) xy over width and height.
+    """
+    opened = pycolmap.Database.open(database)
+    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+    place = {int(image.image_id): i for i, image in enumerate(images)}
+    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
+    sizes = [(cameras[int(i.camera_id)].width, cameras[int(i.camera_id)].height) for i in images]
+    points = [
+        np.asarray(opened.read_keypoints(image.image_id))[:, :2] / size
+        for image, size in zip(images, sizes, strict=True)
+    ]
+    keys, geometries = opened.read_two_view_geometries()
+    opened.close()
+    pairs = np.array([[place[i] for i in _pair_of(int(key))] for key in keys], np.int64)
+    inliers = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
+    views, places = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2, 2))]
+    for (a, b), matches in zip(pairs.reshape(-1, 2), inliers, strict=True):
+        step = np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)
+        chosen = matches[step]
+        views.append(np.tile([a, b], (len(chosen), 1)))
+        places.append(np.stack([points[a][chosen[:, 0]], points[b][chosen[:, 1]]], axis=1))
+    _write(
+        path,
+        {
+            "names": np.array([str(image.name) for image in images], np.str_),
+            "pairs": pairs.reshape(-1, 2),
+            "pair_matches": np.array([len(matches) for matches in inliers], np.int64),
+            "match_names": np.concatenate(views),
+            "match_places": np.concatenate(places),
+        },
+    )
+
+
+def _coverage(points: AnyArray, camera: pycolmap.Camera) -> float:
+    """Share of the cells of a picture that hold a feature."""
+    size = np.array([camera.width, camera.height], np.float64)
+    cells = np.clip((points / size * _CELLS).astype(np.int64), 0, _CELLS - 1)
+    return len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
+
+
+def _pair_of(key: int) -> tuple[int, int]:
+    """Image ids of COLMAP's pair id."""
+    low = key % 2147483647
+    return (key - low) // 2147483647, low
+
+
+def _rays(model: pycolmap.Reconstruction, image: pycolmap.Image) -> DoubleArray:
+    """Unit viewing directions (F, 3), camera frame, of all features of a view."""
+    pixels = np.array([p.xy for p in image.points2D], np.float64).reshape(-1, 2)
+    flat = np.asarray(model.cameras[image.camera_id].cam_from_img(pixels))
+    rays = np.c_[flat, np.ones(len(flat))]
+    result: DoubleArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return result
+
+
+def _point_rows(image: pycolmap.Image, points: dict[int, int]) -> LongArray:
+    return np.array(
+        [points[int(p.point3D_id)] if p.has_point3D() else -1 for p in image.points2D], np.int64
+    )
+
+
+# --- Which photos to match when there are too many for all pairs: those that look alike.
+# Each photo becomes one vector: its local features, summed relative to the nearest of a few
+# centres that are learned from the photos themselves (VLAD, Jegou 2010). No vocabulary has to be
+# shipped.
+
+
+_CENTRES = 64
+_SAMPLE = 20_000  # features that the centres are learned from
+_PER_PHOTO = 800  # strongest features of a photo that describe it
+
+
+def similar_pairs(
+    descriptors: Sequence[AnyArray],  # (F, 128) of each photo
+    neighbours: int,
+    seed: int = 0,
+) -> list[tuple[int, int]]:
+    """Pairs (i, j), i < j, of each photo and the ``neighbours`` that look most like it.
+
+    Neighbours by name are among them too: photos are mostly taken in a walk.
+    """
+    n = len(descriptors)
+    pairs = {(i, j) for i in range(n) for j in range(i + 1, min(n, i + 1 + neighbours // 4))}
+    vectors = photo_vectors(descriptors, seed)
+    alike = vectors @ vectors.T
+    np.fill_diagonal(alike, -np.inf)
+    for i in range(n):
+        for j in np.argsort(-alike[i], kind="stable")[: min(neighbours, n - 1)]:
+            pairs.add((min(i, int(j)), max(i, int(j))))
+    return sorted(pairs)
+
+
+def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray:
+    """One vector a photo (n, centres * 128): unit length, or zero for a photo without features."""
+    rng = np.random.default_rng(seed)
+    some = [np.asarray(d[:_PER_PHOTO], np.float64) for d in descriptors]
+    each = max(1, _SAMPLE // max(1, len(some)))
+    sample = np.concatenate([d[rng.permutation(len(d))[:each]] for d in some])
+    k = max(1, min(_CENTRES, len(sample) // 10))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a centre that nothing is near to
+        centres = kmeans2(sample, k, iter=10, minit="points", rng=rng, missing="warn")[0]
+    vectors = np.zeros((len(some), k * sample.shape[1]))
+    for i, d in enumerate(some):
+        if len(d) == 0:
+            continue
+        nearest = cdist(d, centres, "sqeuclidean").argmin(axis=1)
+        sums = np.zeros_like(centres)
+        np.add.at(sums, nearest, d - centres[nearest])
+        sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-9)
+        vectors[i] = (np.sign(sums) * np.sqrt(np.abs(sums))).ravel()
+    vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
+    return vectors
+
+
+# --- ``python -m gaga_core.placing.worker SETTINGS.json``: one step of structure from
+# motion.
+# Run in a process of its own: pycolmap's C++ may abort, and ending the process is how a step is
+# cancelled. Prints one JSON object a line: ``{"done": 3, "total": 11, "message": ".."}`` for
+# progress, ``{"failed": ".."}`` for a failure (exit status 1), among the lines of COLMAP's log.
+# All state is in the workspace folder, so a step that was ended is simply run again.
+
+
+_DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
+_MOST_MODELS = 4  # of one mapping that are looked at
+_PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
+
+
+class CameraGroup(TypedDict):
+    """Photos of one camera: same size, same focal length."""
+
+    names: list[str]
+    width: int
+    height: int
+    focal: float | None  # pixels, from EXIF or the user
+    model: str  # COLMAP's name of the lens model
+
+
+class WorkerSettings(TypedDict):
+    """What the parent writes for the worker."""
+
+    step: str  # one of `STEPS`
+    workspace: str
+    pictures: str  # folder of the prepared photos
+    groups: list[CameraGroup]
+    feature_side: int  # pixels: photos are shrunk to this to look for features
+    n_features: int
+    doubled: bool  # features are looked for at twice the size too
+    affine: bool  # features with affine shape and domain-size pooling
+    least_contrast: float  # of a feature, brightness 0..1
+    guided: bool  # match again along epipolar lines
+    moving_only: bool  # drop matches that stand still in the picture
+    pairs: str  # exhaustive, sequential or similar
+    neighbours: int  # of a photo among those that look alike
+    overlap: int  # of a frame in sequential matching
+    threads: int
+    seed: int
+    picture_side: int  # longest side of undistorted pictures
+
+
+def main() -> int:
+    """Run the step that the settings name."""
+    end_with_parent()
+    settings: WorkerSettings = read_json(Path(sys.argv[1]), WorkerSettings, "")
+    workspace = Path(settings["workspace"])
+    pycolmap.set_random_seed(settings["seed"])
+    try:
+        STEPS[settings["step"]](settings, workspace)
+    except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OSError) as error:
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        _say({"failed": said[:200]})
+        return 1
+    return 0
+
+
+def _say(values: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(values) + "\n")
+    sys.stdout.flush()
+
+
+def _features(settings: WorkerSettings, workspace: Path) -> None:
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = settings["threads"]
+    options.max_image_size = settings["feature_side"]
+    options.sift.max_num_features = settings["n_features"]
+    options.sift.first_octave = -1 if settings["doubled"] else 0
+    options.sift.estimate_affine_shape = settings["affine"]
+    options.sift.domain_size_pooling = settings["affine"]
+    options.sift.peak_threshold = settings["least_contrast"]
+    database = workspace / "database.db"
+    for suffix in ("", "-wal", "-shm"):  # what an ended process left may be half-written
+        database.with_name(database.name + suffix).unlink(missing_ok=True)
+    pycolmap.Database.open(database).close()  # makes it
+    readers, pictures = [], Path(settings["pictures"])
+    masks = pictures.with_name(MASKS)
+    for group in settings["groups"]:
+        reader = pycolmap.ImageReaderOptions()
+        if masks.is_dir():
+            reader.mask_path = str(masks)
+        reader.camera_model = group["model"]
+        if group["focal"] is not None:
+            reader.camera_params = _camera_params(group)
+        readers.append((group["names"], reader))
+    single = pycolmap.CameraMode.SINGLE
+    for names, reader in readers:  # first, so that numbers do not depend on who is ready first
+        pycolmap.import_images(database, pictures, single, names, reader)
+    for names, reader in readers:
+        pycolmap.extract_features(
+            database,
+            pictures,
+            image_names=names,
+            camera_mode=single,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+
+
+def _camera_params(group: CameraGroup) -> str:
+    """COLMAP's parameter text of a camera without distortion."""
+    model, focal = group["model"], group["focal"]
+    cx, cy = group["width"] / 2, group["height"] / 2
+    tail = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2}
+    if model in tail:
+        values = [focal, cx, cy, *[0.0] * tail[model]]
+    else:
+        values = [focal, focal, cx, cy, *[0.0] * {"PINHOLE": 0, "OPENCV": 4}[model]]
+    return ",".join(str(value) for value in values)
+
+
+def _match(settings: WorkerSettings, workspace: Path) -> None:
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = settings["threads"]
+    matching.guided_matching = settings["guided"]
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = settings["seed"]
+    verification.filter_stationary_matches = settings["moving_only"]
+    device = pycolmap.Device.cpu
+    n = _n_photos(settings)
+    database = workspace / "database.db"
+    if settings["pairs"] == "sequential":
+        sequential = pycolmap.SequentialPairingOptions()
+        sequential.overlap = settings["overlap"]
+        pycolmap.match_sequential(database, matching, sequential, verification, device)
+    elif settings["pairs"] == "similar":
+        _write_similar(settings, workspace)
+        listed = pycolmap.ImportedPairingOptions()
+        listed.match_list_path = str(workspace / "pairs.txt")
+        listed.block_size = _PAIR_BLOCK
+        pycolmap.match_image_pairs(database, matching, listed, verification, device)
+    else:
+        exhaustive = pycolmap.ExhaustivePairingOptions()
+        exhaustive.block_size = max(4, min(50, n // 5))  # one block is one step of progress
+        pycolmap.match_exhaustive(database, matching, exhaustive, verification, device)
+    write_match_facts(workspace / "matches.npz", database)
+
+
+def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
+    """Write the pairs of photos that look alike to pairs.txt."""
+    database = pycolmap.Database.open(workspace / "database.db")
+    images = sorted(database.read_all_images(), key=lambda image: str(image.name))
+    descriptors = [np.asarray(database.read_descriptors(i.image_id).data) for i in images]
+    database.close()
+    pairs = similar_pairs(descriptors, settings["neighbours"], settings["seed"])
+    lines = [f"{images[i].name} {images[j].name}\n" for i, j in pairs]
+    (workspace / "pairs.txt").write_text("".join(lines), encoding="utf-8")
+
+
+def _map(settings: WorkerSettings, workspace: Path) -> None:
+    """An incremental mapping; with weaker demands when it finds no pair to start from."""
+    models = _incremental(settings, workspace, "default")
+    if models:
+        _write_all(settings, workspace, "", models, "default")
+    else:
+        _write_all(settings, workspace, "", _incremental(settings, workspace, "relaxed"), "relaxed")
+
+
+def _map_relaxed(settings: WorkerSettings, workspace: Path) -> None:
+    models = _incremental(settings, workspace, "relaxed")
+    _write_all(settings, workspace, "relaxed", models, "relaxed")
+
+
+def _map_strict(settings: WorkerSettings, workspace: Path) -> None:
+    models = _incremental(settings, workspace, "strict")
+    _write_all(settings, workspace, "strict", models, "strict")
+
+
+def _map_global(settings: WorkerSettings, workspace: Path) -> None:
+    """All photos at once (GLOMAP, Pan 2024). It can place every photo and still be wrong."""
+    out = _empty(workspace / "mapping")
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads = settings["threads"]
+    options.random_seed = settings["seed"]
+    options.mapper.random_seed = settings["seed"]
+    options.mapper.rotation_averaging.random_seed = settings["seed"]
+    options.mapper.global_positioning.random_seed = settings["seed"]
+    options.mapper.global_positioning.use_gpu = False
+    options.mapper.bundle_adjustment.ceres.use_gpu = False
+    options.min_model_size = _least_model(settings)
+    _say({"done": 0, "total": 0, "message": "all photos at once"})
+    found = pycolmap.global_mapping(
+        workspace / "database.db", Path(settings["pictures"]), out, options
+    )
+    _write_all(settings, workspace, "global", found, "default")
+
+
+def _incremental(
+    settings: WorkerSettings, workspace: Path, demands: str
+) -> dict[int, pycolmap.Reconstruction]:
+    """Models of an incremental mapping with `_mapping_options` of ``demands``."""
+    n_photos = _n_photos(settings)
+    out = _empty(workspace / "mapping")
+    placed = 2
+
+    def next_photo() -> None:
+        nonlocal placed
+        placed += 1
+        _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
+
+    _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
+    models: dict[int, pycolmap.Reconstruction] = pycolmap.incremental_mapping(
+        workspace / "database.db",
+        Path(settings["pictures"]),
+        out,
+        _mapping_options(settings, demands),
+        next_image_callback=next_photo,
+    )
+    return models
+
+
+def _empty(folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _n_photos(settings: WorkerSettings) -> int:
+    return sum(len(group["names"]) for group in settings["groups"])
+
+
+def _least_model(settings: WorkerSettings) -> int:
+    """Photos of the smallest model that is kept."""
+    return max(2, min(10, _n_photos(settings) // 3))
+
+
+def _write_all(
+    settings: WorkerSettings,
+    workspace: Path,
+    folder: str,  # in the workspace
+    models: dict[int, pycolmap.Reconstruction],
+    demands: str,
+) -> None:
+    """Write the models, and to folder/joined what they become where parts can be joined.
+
+    Both are kept: which of them is right is for the checks to say.
+    """
+    chosen = _chosen_models(models)
+    _write_models(workspace, workspace / folder, chosen)
+    joined = chosen
+    if len(chosen) > 1:
+        _say({"done": 0, "total": 0, "message": "joining the parts"})
+        options = _mapping_options(settings, demands)
+        pictures = Path(settings["pictures"])
+        joined = join_parts(chosen, workspace / "database.db", pictures, options)
+    shutil.rmtree(workspace / folder / JOINED, ignore_errors=True)
+    if len(joined) < len(chosen):
+        _write_models(workspace, workspace / folder / JOINED, joined)
+    shutil.rmtree(workspace / "mapping", ignore_errors=True)
+
+
+def _chosen_models(
+    models: dict[int, pycolmap.Reconstruction],
+) -> list[pycolmap.Reconstruction]:
+    """The largest models, without those that hold photos of a larger one mostly."""
+    if not models:
+        raise ValueError("no model")
+    taken: set[str] = set()
+    chosen: list[pycolmap.Reconstruction] = []
+    for model in sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D())):
+        names = {str(image.name) for image in model.images.values() if image.has_pose}
+        if len(chosen) < _MOST_MODELS and len(names & taken) <= len(names) // 2:
+            chosen.append(model)
+            taken |= names
+    return chosen
+
+
+def _write_models(workspace: Path, target: Path, models: Sequence[pycolmap.Reconstruction]) -> None:
+    """Write target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
+    target.mkdir(exist_ok=True)
+    sizes = [model.num_reg_images() for model in models]
+    for i, model in enumerate(models):
+        number = "" if i == 0 else f"_{i + 1}"
+        _round(model)
+        model.write_binary(_empty(target / f"model{number}"))
+        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
+
+
+def _round(model: pycolmap.Reconstruction) -> None:
+    """Drop the last digits, which differ from run to run: threads add up in any order.
+
+    A training makes another scene of another last digit. COLMAP's scenes have a size of about 10.
+    """
+    for frame in model.frames.values():
+        pose = frame.rig_from_world
+        rotation = pycolmap.Rotation3d(np.round(pose.rotation.quat, _DECIMALS))
+        rotation.normalize()
+        frame.rig_from_world = pycolmap.Rigid3d(rotation, np.round(pose.translation, _DECIMALS))
+    for point in model.points3D.values():
+        point.xyz = np.round(point.xyz, _DECIMALS)
+    for camera in model.cameras.values():
+        camera.params = np.round(camera.params, _DECIMALS)
+
+
+def _mapping_options(settings: WorkerSettings, demands: str) -> pycolmap.IncrementalPipelineOptions:
+    """COLMAP's defaults, with a seed.
+
+    "relaxed" starts from a pair with fewer matches and places photos by fewer points; "strict"
+    believes only pairs with many matches, as things that look alike seldom share so many.
+    """
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = settings["threads"]
+    options.random_seed = settings["seed"]
+    options.mapper.random_seed = settings["seed"]
+    options.triangulation.random_seed = settings["seed"]
+    options.min_model_size = _least_model(settings)
+    if demands == "relaxed":
+        options.mapper.init_min_num_inliers = 30
+        options.mapper.init_min_tri_angle = 4.0
+        options.mapper.abs_pose_min_num_inliers = 15
+    if demands == "strict":
+        options.min_num_matches = 45
+    return options
+
+
+def _undistort(settings: WorkerSettings, workspace: Path) -> None:
+    """Pictures without distortion in undistorted/images, their model in undistorted/sparse/0."""
+    out = workspace / "undistorted"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    options = pycolmap.UndistortCameraOptions()
+    options.max_image_size = settings["picture_side"]
+    pycolmap.undistort_images(
+        out,
+        workspace / "model",
+        Path(settings["pictures"]),
+        undistort_options=options,
+        jpeg_quality=97,
+        num_threads=settings["threads"],
+    )
+    for entry in out.iterdir():
+        if entry.name not in ("images", "sparse"):
+            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+    (out / "sparse" / "0").mkdir()
+    for file in (out / "sparse").iterdir():
+        if file.is_file():
+            file.rename(out / "sparse" / "0" / file.name)
+
+
+def _export(settings: WorkerSettings, workspace: Path) -> None:
+    write_pair_matches(workspace / "pair_matches.npz", workspace / "database.db")
+
+
+STEPS = {
+    "features": _features,
+    "match": _match,
+    "map": _map,
+    "map_relaxed": _map_relaxed,
+    "map_strict": _map_strict,
+    "map_global": _map_global,
+    "export": _export,
+    "undistort": _undistort,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""From photos to Gaussians: structure from motion, training, density control."""

@@ -1,1 +1,0 @@
-"""Cleaning of objects: floaters out, hidden rests in."""

@@ -1,0 +1,293 @@
+"""What a hub of models says about a repository: the commit, its files, their sizes and hashes.
+
+The hub is that of Hugging Face or a mirror with the same interface. Nothing here downloads weights.
+"""
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Annotated
+from urllib.parse import quote, urlsplit
+
+import msgspec
+
+import gaga_core
+from gaga_core.errors import GagaError
+from gaga_core.io.json_file import decode_json
+from gaga_core.segmentation.models.catalogue import KnownModel
+from gaga_core.segmentation.models.weights import models_folder
+
+if TYPE_CHECKING:
+    import httpx2
+
+HUB = "https://huggingface.co"
+_TRUE = {"1", "ON", "YES", "TRUE"}  # as huggingface_hub reads its switches
+_MOST_JSON = 16 << 20  # bytes of an answer about a repository
+# Weights that hold tensors and no code, and what transformers reads next to them.
+_WANTED = re.compile(
+    r"[\w.-]+\.safetensors|[\w.-]*(?:config|tokenizer|vocab|special_tokens_map|added_tokens"
+    r"|index)[\w.-]*\.json|vocab\.txt|merges\.txt|(?:spiece|sentencepiece[\w.]*)\.model",
+    re.ASCII,
+)
+
+
+@dataclass(frozen=True)
+class HubConfig:
+    """Which hub is asked, and how patiently."""
+
+    endpoint: str = ""
+    """Address of a mirror; "" = HF_ENDPOINT, else the hub of Hugging Face."""
+    is_offline: bool = False
+    """Ask nothing; HF_HUB_OFFLINE in the environment does the same."""
+    timeout_s: float = 15.0
+    """Longest silence of the other side in seconds, also the longest wait for a cancel."""
+    retries: int = 5
+    """How often a connection may break without a byte in between."""
+    wait_s: float = 1.0
+    """Pause before it is opened again, in seconds."""
+
+    @property
+    def address(self) -> str:
+        """The address without a slash at its end; ``GagaError`` when it is none."""
+        found = (self.endpoint or os.environ.get("HF_ENDPOINT") or HUB).strip().rstrip("/")
+        parts = urlsplit(found)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise GagaError(
+                f"{found!r} is no address of a hub. Give one such as {HUB}, "
+                "or none for the hub of Hugging Face."
+            )
+        return found
+
+    @property
+    def host(self) -> str:
+        """ "huggingface.co", for sentences."""
+        return urlsplit(self.address).netloc.rpartition("@")[2]
+
+    def why_offline(self) -> str:
+        """Why nothing may be asked; "" when it may."""
+        if self.is_offline:
+            return "the program is set to work offline"
+        for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE"):
+            if os.environ.get(name, "").upper() in _TRUE:
+                return f"{name} is set"
+        return ""
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """A file of a repository as the hub states it."""
+
+    name: str
+    size: int  # bytes
+    sha256: str = ""  # of files that the hub keeps outside git (LFS); "" for small ones
+    git_sha1: str = ""  # name of the blob in git
+
+
+@dataclass(frozen=True)
+class Listing:
+    """What would be downloaded of a model."""
+
+    model: KnownModel
+    endpoint: str
+    revision: str  # that was asked for
+    commit: str
+    licence: str  # as the repository states it; "" when it does not
+    files: tuple[RemoteFile, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(file.size for file in self.files)
+
+    @property
+    def licence_name(self) -> str:
+        """The licence that a person accepts: what the repository states, else what is known."""
+        known = self.model.licence
+        is_same = self.licence.casefold() == known.casefold()
+        return known if is_same or not self.licence else self.licence
+
+    def url(self, file: RemoteFile) -> str:
+        """Address of a file at this commit."""
+        return f"{self.endpoint}/{self.model.hub}/resolve/{self.commit}/{quote(file.name)}"
+
+
+def list_files(
+    model: KnownModel, config: HubConfig | None = None, *, revision: str = "main"
+) -> Listing:
+    """Ask the hub for the files of ``model`` at a branch, tag or commit.
+
+    Only safetensors, configurations and the files of tokenizers count. Raises ``GagaError`` that
+    says what to do: offline, no connection, gated, no such repository or revision, no safetensors.
+    """
+    config = config or HubConfig()
+    address = f"/api/models/{model.hub}/revision/{quote(revision, safe='')}?blobs=true"
+    with connected(model, config) as client:
+        raw = _read_bounded(client, config.address + address)
+        info = decode_json(raw, _Info, f"The answer of {config.host}", "Try again later.")
+        draft = Listing(model, config.address, revision, info.sha, info.licence, ())
+        wanted = {i.rfilename: i for i in info.siblings if _WANTED.fullmatch(i.rfilename)}
+        files = [_remote_file(client, draft, wanted[name]) for name in sorted(wanted)]
+    files.sort(key=lambda file: file.size)  # the weights last
+    has_weights = any(file.name.endswith(".safetensors") for file in files)
+    if not has_weights or "config.json" not in wanted:
+        raise GagaError(
+            f"{model.hub} has no safetensors with a config.json at {revision}, and other forms of "
+            f"weights can hold code. Choose another model, or another revision of {model.page}."
+        )
+    return replace(draft, files=tuple(files))
+
+
+@contextmanager
+def connected(model: KnownModel, config: HubConfig) -> "Iterator[httpx2.Client]":
+    """A client of the hub; its errors become sentences about ``model``.
+
+    A token (HF_TOKEN, or the one of ``hf auth login``) goes to the hub of Hugging Face; a mirror
+    gets only HF_TOKEN.
+    """
+    reason = config.why_offline()
+    if reason:
+        raise GagaError(f"{model.title} is not downloaded: {reason}. {by_hand(model)}")
+    if find_spec("huggingface_hub") is None or find_spec("httpx2") is None:
+        raise GagaError(
+            "Downloads need the package huggingface_hub. "
+            "Install it: pip install 'gaga-studio[models]'."
+        )
+    import httpx2
+    from huggingface_hub import errors, get_token
+
+    headers = {"user-agent": f"gaga-studio/{gaga_core.__version__}", "accept-encoding": "identity"}
+    token = get_token() if config.address == HUB else os.environ.get("HF_TOKEN")
+    if token:
+        headers["authorization"] = f"Bearer {token}"
+    try:
+        with httpx2.Client(
+            headers=headers, timeout=config.timeout_s, follow_redirects=True
+        ) as client:
+            yield client
+    except errors.GatedRepoError as error:
+        raise GagaError(gated(model)) from error
+    except errors.RevisionNotFoundError as error:
+        raise GagaError(f"{model.hub} has no such revision on {config.host}.") from error
+    except errors.RepositoryNotFoundError as error:
+        text = f"{config.host} does not give {model.hub}: it is not there, or needs a login. "
+        raise GagaError(gated(model) if model.is_gated else text + by_hand(model)) from error
+    except errors.HfHubHTTPError as error:
+        status = error.response.status_code
+        raise GagaError(
+            f"{config.host} answered {status} for {model.hub}. Try again later, or use a mirror."
+        ) from error
+    except (httpx2.HTTPError, httpx2.InvalidURL) as error:
+        raise GagaError(
+            f"{config.host} cannot be reached ({_short(error)}). Check the connection and try "
+            f"again, or use a mirror. {by_hand(model)}"
+        ) from error
+
+
+def terms(model: KnownModel, listing: Listing | None) -> str:
+    """Size, licence and page of a model, for the person who is asked for consent.
+
+    Without a listing the size is about.
+    """
+    size, licence, source = f"about {model.megabytes:,} MB", model.licence, HUB
+    if listing is not None:
+        size, licence = f"{listing.size / 1e6:,.1f} MB", listing.licence_name
+        source = listing.endpoint
+    return f"{model.title} is {size} from {source}, licence {licence}, see {model.page}."
+
+
+def gated(model: KnownModel) -> str:
+    """What to do about a model whose page asks who you are."""
+    return (
+        f"{model.title} is gated: {model.page} asks for your name and consent. Ask for access "
+        "there, then set HF_TOKEN (or use hf auth login) and get it again. "
+        f"Or take its files from another place. {by_hand(model)}"
+    )
+
+
+def by_hand(model: KnownModel) -> str:
+    """The way without this program's download: a local folder."""
+    return (
+        f"Put all its files into {models_folder() / model.name}, "
+        "or name any folder that holds them (--weights)."
+    )
+
+
+def raise_for_status(response: "httpx2.Response") -> None:
+    """Raise what `connected` turns into a sentence, when the hub refused."""
+    from huggingface_hub.utils import hf_raise_for_status  # type: ignore[attr-defined]  # lazy
+
+    hf_raise_for_status(response)
+
+
+_Size = Annotated[int, msgspec.Meta(ge=0)]  # bytes
+
+
+class _Lfs(msgspec.Struct):
+    sha256: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
+    size: _Size | None = None
+
+
+class _Sibling(msgspec.Struct):
+    rfilename: str
+    size: _Size | None = None
+    blobId: str | None = None  # noqa: N815  the hub's name
+    lfs: _Lfs | None = None
+
+
+class _Info(msgspec.Struct):
+    sha: Annotated[str, msgspec.Meta(pattern="^[0-9A-Za-z]{1,64}$")]  # becomes a part of paths
+    siblings: list[_Sibling] = []
+    cardData: dict[str, object] | None = None  # noqa: N815  the hub's name
+    tags: list[str] = []
+
+    @property
+    def licence(self) -> str:
+        """The licence of the model card, "" when it names none."""
+        card = self.cardData or {}
+        name = card.get("license_name") if card.get("license") == "other" else card.get("license")
+        if isinstance(name, str) and name:
+            return name
+        tags = (tag.partition("license:")[2] for tag in self.tags if tag.startswith("license:"))
+        return next(tags, "")
+
+
+def _remote_file(client: "httpx2.Client", listing: Listing, item: _Sibling) -> RemoteFile:
+    size, sha256 = item.size, item.lfs.sha256 if item.lfs is not None else ""
+    if size is None and item.lfs is not None:
+        size = item.lfs.size
+    if size is None:  # a mirror that lists names only
+        head = client.head(listing.url(RemoteFile(item.rfilename, 0)))
+        raise_for_status(head)
+        said = [answer.headers for answer in (*head.history, head)]  # redirects name LFS files
+        stated = _first(said, "x-linked-size") or head.headers.get("content-length") or ""
+        size = int(stated) if stated.isdecimal() else 0
+        etag = _first(said, "x-linked-etag") or head.headers.get("etag") or ""
+        found = re.fullmatch(r'(?:W/)?"?([0-9a-f]{64})"?', etag)
+        sha256 = sha256 or (found[1] if found else "")
+    return RemoteFile(item.rfilename, size, sha256, item.blobId or "")
+
+
+def _first(headers: "list[httpx2.Headers]", name: str) -> str:
+    found: list[str] = [answer[name] for answer in headers if name in answer]
+    return found[0] if found else ""
+
+
+def _read_bounded(client: "httpx2.Client", url: str) -> bytes:
+    with client.stream("GET", url) as response:
+        raise_for_status(response)
+        raw = bytearray()
+        for block in response.iter_bytes():
+            raw += block
+            if len(raw) > _MOST_JSON:
+                raise GagaError(
+                    f"The answer of {response.url.host} is too long for a list of files."
+                )
+    return bytes(raw)
+
+
+def _short(error: Exception) -> str:
+    text = str(error).strip().splitlines()
+    return text[0][:120] if text else type(error).__name__

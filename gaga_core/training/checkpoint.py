@@ -1,0 +1,180 @@
+"""A training on disk: what it takes to go on as if it had never stopped."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import atomic_write
+from gaga_core.raster.base import ImageLoss
+from gaga_core.training.densification import ScreenSums
+from gaga_core.training.optimizer import COLUMNS, Splats, of_columns
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.views import TrainViews
+
+# --- Differences of exposure and white balance between photos, trained along and then left out.
+
+
+_BETA1, _BETA2 = 0.9, 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Exposures:
+    """A gain and an offset for each view and channel: photo = gain x picture + offset.
+
+    Their means over the views are 1 and 0, so that the splats keep the photos' mean look. The
+    arrays are changed in place.
+    """
+
+    values: DoubleArray  # (V, 2, 3) gain, offset
+    first: DoubleArray  # (V, 2, 3) Adam's running mean of the gradient
+    second: DoubleArray  # (V, 2, 3) and of its square
+
+    @staticmethod
+    def neutral(n_views: int) -> "Exposures":
+        """All photos as they are."""
+        values = np.zeros((n_views, 2, 3))
+        values[:, 0] = 1
+        return Exposures(values, np.zeros_like(values), np.zeros_like(values))
+
+    def loss_of(self, view: int, loss: ImageLoss, gradient: DoubleArray) -> ImageLoss:
+        """``loss`` behind the exposure of ``view``; its gradient by that is written to
+        ``gradient`` (2, 3)."""
+        gain, offset = self.values[view].astype(np.float32)
+
+        def compare(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
+            value, by_seen = loss(image * gain + offset, target)
+            gradient[0] = (by_seen * image).sum(axis=(0, 1), dtype=np.float64)
+            gradient[1] = by_seen.sum(axis=(0, 1), dtype=np.float64)
+            return value, by_seen * gain
+
+        return compare
+
+    def step(self, view: int, gradient: DoubleArray, rate: float, n_before: int) -> None:
+        """Move the exposure of ``view``, after ``n_before`` such steps of it."""
+        first, second = self.first[view], self.second[view]
+        first += (1 - _BETA1) * (gradient - first)
+        second += (1 - _BETA2) * (gradient**2 - second)
+        over = 1 - _BETA1 ** (n_before + 1), 1 - _BETA2 ** (n_before + 1)
+        self.values[view] -= rate * (first / over[0]) / (np.sqrt(second / over[1]) + 1e-15)
+        self.values[:] -= self.values.mean(axis=0) - np.array([[1.0] * 3, [0.0] * 3])
+
+
+# --- A training on disk: what it takes to go on as if it had never stopped.
+
+
+_FORMAT = 1
+_PARTS = ("values", "first", "second")
+_NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The splats that drew the held-out views best so far."""
+
+    iteration: int
+    psnr: float  # dB, mean over the held-out views
+    gaussians: Gaussians  # as they were then; never changed
+
+
+@dataclass(eq=False)
+class TrainState:
+    """A training between two iterations."""
+
+    iteration: int  # done so far
+    splats: Splats
+    sums: ScreenSums
+    exposures: Exposures
+    losses: FloatArray  # (iterations,) those to come are 0
+    measured: DoubleArray  # (M, 3) iteration, held-out PSNR in dB, SSIM
+    best: Best | None = None  # where `TrainConfig.keeps_best` asks for it
+
+
+def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_workers: int) -> str:
+    """Digest of all that a training starts from: equal only for the same training."""
+    settings = {k: v for k, v in asdict(config).items() if k not in _NO_EFFECT}
+    digest = hashlib.blake2b(json.dumps([_FORMAT, n_workers, settings]).encode())
+    for name in COLUMNS:
+        digest.update(np.ascontiguousarray(getattr(initial, name)).data)
+    for view in (*views.train, *views.test):
+        camera = view.camera
+        digest.update(camera.name.encode())
+        for array in (camera.K, camera.cam_from_world, view.picture):
+            digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def save_checkpoint(path: Path, state: TrainState, digest: str) -> None:
+    """Write ``state`` in place of what is there; ``GagaError`` when that is impossible."""
+    arrays: dict[str, AnyArray] = {
+        "digest": np.array(digest),
+        "iteration": np.array(state.iteration),
+    }
+    for part in _PARTS:
+        columns = getattr(state.splats, part)
+        arrays |= {f"{part}_{name}": getattr(columns, name) for name in COLUMNS}
+        arrays[f"exposures_{part}"] = getattr(state.exposures, part)
+    arrays |= {"gradient": state.sums.gradient, "n_views": state.sums.n_views}
+    arrays |= {"losses": state.losses, "measured": state.measured}
+    if state.best is not None:
+        arrays |= {f"best_{name}": getattr(state.best.gaussians, name) for name in COLUMNS}
+        arrays["best"] = np.array([state.best.iteration, state.best.psnr])
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def load_checkpoint(path: Path, digest: str) -> TrainState | None:
+    """The state of the training with this ``digest``; None when there is none, or of another.
+
+    Raises ``GagaError`` when the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    cure = "Remove it to train from the start."
+    arrays = read_arrays(path, cure)
+    try:
+        if str(arrays["digest"]) != digest:
+            return None
+        parts = [
+            of_columns([np.ascontiguousarray(arrays[f"{part}_{name}"]) for name in COLUMNS])
+            for part in _PARTS
+        ]
+        state = TrainState(
+            int(arrays["iteration"]),
+            Splats(*parts),
+            ScreenSums(arrays["gradient"], arrays["n_views"]),
+            Exposures(*(arrays[f"exposures_{part}"] for part in _PARTS)),
+            arrays["losses"],
+            arrays["measured"],
+            _best(arrays),
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{path} is damaged. {cure}") from error
+    n = len(state.splats)
+    lengths = (*map(len, parts), len(state.sums.gradient), len(state.sums.n_views))
+    if any(length != n for length in lengths) or not 0 <= state.iteration <= len(state.losses):
+        raise GagaError(f"{path} is damaged. {cure}")
+    return state
+
+
+def _best(arrays: Mapping[str, AnyArray]) -> Best | None:
+    if "best" not in arrays:
+        return None
+    iteration, psnr = arrays["best"]
+    columns = [np.ascontiguousarray(arrays[f"best_{name}"]) for name in COLUMNS]
+    return Best(int(iteration), float(psnr), of_columns(columns))
+
+
+def iteration_of(path: Path) -> int | None:
+    """Iterations done in a checkpoint, without reading the rest; None when there is none."""
+    try:
+        return int(read_arrays(path, "", ("iteration",))["iteration"])
+    except (GagaError, ValueError, TypeError):
+        return None

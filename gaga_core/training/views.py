@@ -1,0 +1,156 @@
+"""Photos and cameras as a training takes them: at one size, in memory."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array, check_shape
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.images import read_rgb
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+from gaga_core.training.losses import psnr, ssim
+
+# --- Photos and cameras as a training takes them: at one size, in memory.
+
+
+READ_STAGE = "Read photos"
+_FEWEST = 2  # views to train on
+_SHAPES_APART = 0.02  # a photo may differ from its camera by this in width over height
+
+
+@dataclass(frozen=True, eq=False)
+class TrainView:
+    """A posed photo. The camera has the size of the picture."""
+
+    camera: Camera
+    picture: UInt8Array  # (H, W, 3)
+
+    def __post_init__(self) -> None:
+        check_shape("picture", self.picture, (self.camera.height, self.camera.width, 3), np.uint8)
+
+    def target(self) -> FloatArray:
+        """The picture (H, W, 3) in 0..1."""
+        return self.picture * np.float32(1 / 255)
+
+    def smaller(self, times: float) -> "TrainView":
+        """The view at ``times`` its size, at least one pixel."""
+        width = max(1, round(self.camera.width * times))
+        height = max(1, round(self.camera.height * times))
+        return TrainView(self.camera.resized(width, height), shrunk(self.picture, width, height))
+
+
+@dataclass(frozen=True, eq=False)
+class TrainViews:
+    """Views to train on, and held-out ones to measure on."""
+
+    train: tuple[TrainView, ...]
+    test: tuple[TrainView, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.train) < _FEWEST:
+            raise GagaError(
+                f"There are {len(self.train)} photos to train on, and it takes at least {_FEWEST}."
+                " Take more photos, all around the scene."
+            )
+
+    def smaller(self, times: float) -> "TrainViews":
+        """All views at ``times`` their size."""
+        train, test = (tuple(v.smaller(times) for v in vs) for vs in (self.train, self.test))
+        return TrainViews(train, test)
+
+
+def load_views_stage(
+    cameras: Sequence[Camera],
+    image_paths: Mapping[str, Path],  # by view name
+    test: Sequence[str],  # names of the held-out views
+    longest_side: int,  # pixels
+) -> Stage[TrainViews]:
+    """Read the photos of ``cameras`` that are on disk, shrunk to ``longest_side``.
+
+    Raises ``GagaError`` when a photo cannot be read, has another shape than its camera, or when
+    fewer than two are left to train on.
+    """
+    held_out, parts = set(test), {True: list[TrainView](), False: list[TrainView]()}
+    present = [camera for camera in cameras if camera.name in image_paths]
+    for i, camera in enumerate(present):
+        yield Progress(READ_STAGE, i, len(present), camera.name)
+        view = read_view(camera, image_paths[camera.name], longest_side)
+        parts[camera.name in held_out].append(view)
+    return TrainViews(tuple(parts[False]), tuple(parts[True]))
+
+
+def read_view(camera: Camera, path: Path, longest_side: int) -> TrainView:
+    """One photo with its camera, shrunk so that no side is longer than ``longest_side``."""
+    picture = read_rgb(path)
+    height, width = picture.shape[:2]
+    apart = (width / height) / (camera.width / camera.height)
+    if not 1 / (1 + _SHAPES_APART) < apart < 1 + _SHAPES_APART:
+        raise GagaError(
+            f"{path.name} has {width} x {height} pixels, but its camera {camera.width} x "
+            f"{camera.height}. Put the photo back that the model was made from."
+        )
+    times = min(1.0, longest_side / max(width, height))
+    width, height = max(1, round(width * times)), max(1, round(height * times))
+    resized = camera.resized(width, height)
+    return TrainView(replace(resized, name=camera.name), shrunk(picture, width, height))
+
+
+def shrunk(picture: UInt8Array, width: int, height: int) -> UInt8Array:
+    """The picture at another size, without aliasing."""
+    if picture.shape[:2] == (height, width):
+        return picture
+    image = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
+    return np.array(image)
+
+
+# --- How well Gaussians draw views that they were not trained on.
+
+
+MEASURE_STAGE = "Measure on held-out views"
+
+
+@dataclass(frozen=True)
+class HeldOutView:
+    """One view: the picture against the photo."""
+
+    name: str
+    psnr: float  # dB
+    ssim: float
+
+
+@dataclass(frozen=True)
+class HeldOutQuality:
+    """Means over the views, and each of them."""
+
+    psnr: float  # dB, mean over views
+    ssim: float
+    views: tuple[HeldOutView, ...]
+
+
+def quality_stage(
+    gaussians: Gaussians,
+    views: Sequence[TrainView],
+    rasterizer: Rasterizer,
+    background: DoubleArray | FloatArray,
+) -> Stage[HeldOutQuality | None]:
+    """PSNR and SSIM of ``views``, colors clipped to 0..1; None when there are none."""
+    found = []
+    for i, view in enumerate(views):
+        yield Progress(MEASURE_STAGE, i, len(views), view.camera.name)
+        image = rasterizer.render(gaussians, view.camera, background=background).image
+        image = np.clip(image, 0, 1)
+        target = view.target()
+        found.append(HeldOutView(view.camera.name, psnr(image, target), ssim(image, target)))
+    if not found:
+        return None
+    return HeldOutQuality(
+        float(np.mean([v.psnr for v in found])),
+        float(np.mean([v.ssim for v in found])),
+        tuple(found),
+    )
