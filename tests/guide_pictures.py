@@ -8,11 +8,11 @@ from PIL import Image
 
 from gaga_studio import commands
 from gaga_studio.actions import (
+    associate,
     bank_timeline,
     camera_path,
     children,
     color_grade,
-    files,
     folders,
     objects,
     quality,
@@ -59,7 +59,7 @@ def _find_objects(d: Driver, shot: Shot) -> None:
     viewport = d.studio.viewport
     assert viewport is not None
     n = viewport.n_draws
-    files.associate(d.session)
+    associate.associate(d.session)
     d.until(lambda: _fraction(d.session) > 0.45, "half of the views are associated")
     rest(d)
     d.until(lambda: viewport.n_draws > n, "the groups are drawn")

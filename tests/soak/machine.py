@@ -32,7 +32,6 @@ from gaga_studio.actions import (
     children,
     color_grade,
     files,
-    history,
     named_selections,
     objects,
     selection,
@@ -145,7 +144,7 @@ class SessionMachine(RuleBasedStateMachine):
         for part in (0.5, 1.0):
             matrix = np.c_[np.eye(3), part * np.array(by)]
             transform.preview_move(self.session, matrix)
-        (history.commit_preview if keeps else history.cancel_preview)(self.session)
+        (Session.commit_preview if keeps else Session.cancel_preview)(self.session)
 
     @rule(rgb=st.tuples(*[st.floats(0, 1, width=32)] * 3), opacity=st.floats(0, 1, width=32))
     def recolor(self, rgb: tuple[float, float, float], opacity: float) -> None:
@@ -197,7 +196,7 @@ class SessionMachine(RuleBasedStateMachine):
     @rule(back=st.booleans(), times=st.integers(1, 4))
     def undo_or_redo(self, back: bool, times: int) -> None:
         for _ in range(times):
-            (history.undo if back else history.redo)(self.session)
+            (Session.undo if back else Session.redo)(self.session)
             self._same_as_before()
 
     @rule(share=st.floats(0, 1))
@@ -270,7 +269,7 @@ class SessionMachine(RuleBasedStateMachine):
             self._same_as_before()
             self._tick()
             assert not [text for text in self._texts() if "went wrong" in text]
-            while len(self.scene) > MOST_SPLATS and history.undo(self.session) is not None:
+            while len(self.scene) > MOST_SPLATS and self.session.undo() is not None:
                 pass
 
     def _same_as_before(self) -> None:

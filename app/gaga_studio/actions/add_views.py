@@ -5,7 +5,7 @@ from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_studio.actions import association_repair, files, identities
+from gaga_studio.actions import associate, association_repair, identities
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
@@ -96,7 +96,7 @@ def start(session: Session) -> bool:
     cameras, gaussians = select_views(folder, "train"), stages.file_gaussians(scene)
     config, n_new = AssociateConfig.of(scene.bank.preset), len(new_views(session))
     is_same = association_repair.watch(session, document)
-    progress, end = files.watch_bank(session)
+    progress, end = associate.watch_bank(session)
     n_before = len(set(scene.labels.tolist()) - {0})
 
     def done(found: Association) -> None:

@@ -15,7 +15,7 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import files, unchanged
+from gaga_studio.actions import associate, unchanged
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
@@ -44,7 +44,7 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
     scene = document.settled().scene
     evidence = evidence_of(session, document)
     labels, confidence = file_columns(scene)
-    is_same, (progress, end) = watch(session, document), files.watch_bank(session)
+    is_same, (progress, end) = watch(session, document), associate.watch_bank(session)
     free = edits.free_group(scene)
 
     def stage() -> "Stage[Repair]":

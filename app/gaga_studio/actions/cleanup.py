@@ -1,22 +1,14 @@
 """Clean objects: with a preview to apply or cancel, or before isolate, delete and export."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from gaga_core.arrays import IntArray
-from gaga_core.export.export import MeshExport
 from gaga_core.export.options import ExportOptions
-from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_core.progress import Stage
 from gaga_core.scene import cleanup
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.scene import Scene, State
-from gaga_studio.actions import children, files, history, objects, unchanged
-from gaga_studio.session import stages
+from gaga_core.scene.scene import Scene
+from gaga_studio.actions import children, objects, unchanged
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
@@ -70,7 +62,7 @@ def cancel(session: Session) -> bool:
     """Cancel the preview; False when there is none."""
     if shown(session) is None:
         return False
-    history.cancel_preview(session)
+    session.cancel_preview()
     return True
 
 
@@ -92,37 +84,6 @@ def delete_selected(session: Session) -> None:
     _clean_then(session, "Delete", cleanup.delete_cleaned, objects.delete)
 
 
-def export(
-    session: Session,
-    what: stages.Export,
-    path: Path,
-    *,
-    form: SplatFormat | MeshExport = SplatFormat.PLY,
-    options: ExportOptions = _AS_IS,
-) -> None:
-    """Export as `files.export` does; whole selected objects are cleaned first if that is wanted."""
-    groups = _to_clean(session) if what != "scene" else ()
-    if not groups:
-        files.export(session, what, path, form=form, options=options)
-        return
-    scene, also = replace(session.need().settled().scene), children.locked_along(session)
-    chosen = (*groups, *np.unique(scene.labels[also]).tolist())
-
-    def stage() -> Stage[str]:
-        labels = yield from cleanup.clean_objects_stage(scene, groups)
-        copy = cleanup.cleaned_copy(scene, groups, labels)
-        state = copy.state.copy()
-        state[also] |= np.uint8(State.SELECTED)  # written as they are
-        copy.state = state
-        return (
-            yield from stages.export_stage(
-                copy, what, path, chosen=chosen, form=form, options=options
-            )
-        )
-
-    files.start_export(session, path, stage())
-
-
 def _clean_then(
     session: Session,
     verb: str,
@@ -135,7 +96,7 @@ def _clean_then(
 
     ``with_locked`` objects that go along are named, too: `children.along`.
     """
-    groups = _to_clean(session)
+    groups = to_clean(session)
     if not groups:
         plain(session)
         return
@@ -152,7 +113,7 @@ def _clean_then(
     session.jobs.start(f"{title}, cleaned", stage, on_done=done)
 
 
-def _to_clean(session: Session) -> tuple[int, ...]:
+def to_clean(session: Session) -> tuple[int, ...]:
     """Objects to clean before something is done to the selection; parts of objects never are."""
     if session.scene is None or not session.settings.clean_first:
         return ()

@@ -7,7 +7,6 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
-from gaga_studio.actions import history
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
@@ -93,7 +92,7 @@ class GradeSliders:
         if document is None or not self._shows:
             return
         self._shows = False
-        if history.commit_preview(session):
+        if session.commit_preview():
             self._entry = (document, document.history.state_id)
 
     def reset(self, session: Session) -> None:
@@ -102,7 +101,7 @@ class GradeSliders:
         self._shows = False
         if document is None:
             return
-        history.cancel_preview(session)
+        session.cancel_preview()
         if self._entry == (document, document.history.state_id):
             document.undo()
         self.value, self._entry = Grade(), None

@@ -4,20 +4,11 @@ import numpy as np
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
-from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import spread
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
-
-
-def levels_of(session: Session) -> Levels | None:
-    """The levels of the open scene; None where its groups have none, or while they are made."""
-    if session.scene is None or session.jobs.running is not None:
-        return None
-    bank = session.scene.bank
-    return None if bank is None else bank.levels
 
 
 def preview(session: Session, level: int) -> None:

@@ -23,15 +23,18 @@ from gaga_core.io.files import explain_os_error
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.objects import selected_groups
-from gaga_core.scene.scene import Scene
-from gaga_studio.actions import children, cleanup, files
-from gaga_studio.session.notices import notifies
+from gaga_core.scene.scene import Scene, State
+from gaga_studio.actions import children, cleanup
+from gaga_studio.session import stages
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
 from gaga_studio.system import file_manager, paths
 
 What = Export | Literal["cameras"]
+_AS_IS = ExportOptions()
 _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
@@ -65,11 +68,11 @@ def start(session: Session, plan: ExportPlan) -> bool:
         raise GagaError(explain_os_error(error, plan.path.parent)) from error
     options = plan.options
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
-        files.start_export(session, plan.path, _cameras_stage(session, plan.path, options))
+        start_export(session, plan.path, _cameras_stage(session, plan.path, options))
         return True
     if plan.form is SplatFormat.HTML or options.keep < 1:  # a decimation is judged from the photos
         options = replace(options, page=page_content(session))
-    cleanup.export(session, plan.what, plan.path, form=plan.form, options=options)
+    export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
 
 
@@ -213,3 +216,72 @@ def up_of(session: Session) -> Point:
     """Which way is up in the open scene, unit (3,)."""
     x, y, z = session.rig.up / np.linalg.norm(session.rig.up)
     return float(x), float(y), float(z)
+
+
+# --- writing
+
+
+def export(
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    *,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
+) -> None:
+    """Export as it is; whole selected objects are cleaned first if that is wanted."""
+    groups = cleanup.to_clean(session) if what != "scene" else ()
+    if not groups:
+        _export_as_is(session, what, path, form=form, options=options)
+        return
+    scene, also = replace(session.need().settled().scene), children.locked_along(session)
+    chosen = (*groups, *np.unique(scene.labels[also]).tolist())
+
+    def stage() -> Stage[str]:
+        labels = yield from cleanup_edits.clean_objects_stage(scene, groups)
+        copy = cleanup_edits.cleaned_copy(scene, groups, labels)
+        state = copy.state.copy()
+        state[also] |= np.uint8(State.SELECTED)  # written as they are
+        copy.state = state
+        return (
+            yield from stages.export_stage(
+                copy, what, path, chosen=chosen, form=form, options=options
+            )
+        )
+
+    start_export(session, path, stage())
+
+
+def _export_as_is(
+    session: Session,
+    what: stages.Export,
+    path: Path,
+    *,
+    groups: bool = False,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
+) -> None:
+    """Write what is visible, the selection, or one file per (selected, else any) object.
+
+    ``path`` is a folder for "objects", whose files are of ``form``; else its suffix is the form of
+    the file. ``groups`` adds a column with the group to a .ply, ``options`` change what is written.
+    """
+    if session.scene is None:
+        return
+    session.need().settled()
+    scene = children.scene_along(session)
+    chosen = selected_groups(scene).tolist()
+    stage = stages.export_stage(
+        scene, what, path, chosen=chosen, groups=groups, form=form, options=options
+    )
+    start_export(session, path, stage)
+
+
+def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
+    """Run ``stage``, which exports to ``path`` and returns a sentence on what it has written."""
+
+    def done(text: str) -> None:
+        session.has_exported = True
+        session.notify(Level.INFO, text, shows=path)
+
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done)

@@ -9,7 +9,7 @@ from gaga_core.fill import inpaint
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import State
-from gaga_studio.actions import children, history, unchanged
+from gaga_studio.actions import children, unchanged
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
@@ -171,5 +171,5 @@ def cancel(session: Session) -> bool:
     """Cancel the preview; False when there is none."""
     if shown(session) is None:
         return False
-    history.cancel_preview(session)
+    session.cancel_preview()
     return True

@@ -8,7 +8,6 @@ from gaga_core.scene import edits
 from gaga_core.scene.folders import name_of, parent_of, parents_of, path_of
 from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import objects
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.object_list import FolderSums, folder_sums
@@ -207,7 +206,7 @@ def isolate(session: Session, folder: str) -> bool:
     if len(splats) == 0:
         return False
     alone = edits.isolate(scene, splats, f"Isolate {name_of(folder)}")
-    return session.need().do(alone) if alone is not None else objects.show_all(session)
+    return session.need().do(edits.show_all(scene) if alone is None else alone)
 
 
 def is_alone(table: ObjectTable, own: FolderSums) -> bool:

@@ -14,7 +14,7 @@ from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.pipeline.segment import SegmentReport, ViewDone
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project
-from gaga_studio.actions import files, identities, masks
+from gaga_studio.actions import associate, identities, masks
 from gaga_studio.actions.masks import MaskRequest
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level
@@ -38,7 +38,7 @@ def make(session: Session, request: MaskRequest) -> None:
         return
     found: list[Association] = []  # newest last; the worker adds, nothing is changed
     ended: list[SegmentReport] = []
-    progress, end_of_live = files.watch_bank(session)
+    progress, end_of_live = associate.watch_bank(session)
     stage = _stage(document.project, request, _config(session), found)
 
     def done(report: SegmentReport) -> None:
@@ -52,7 +52,7 @@ def make(session: Session, request: MaskRequest) -> None:
         if not ended:
             masks.keep_partial(session, request.provider)
         if found:
-            n = files.take_groups(document, found[-1])
+            n = associate.take_groups(document, found[-1])
             n_views = len(found[-1].mask_groups)
             session.notify(Level.INFO, f"Found {n} objects in {n_views} photos.")
             for note in found[-1].notes:

@@ -1,8 +1,9 @@
 """The lines of the object list, made again only when something of them has changed."""
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.grouping.levels import Levels
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import detail, list_filter
+from gaga_studio.actions import list_filter
 from gaga_studio.session.object_list import Lines, Listing, lines_of
 from gaga_studio.session.part_index import PartIndex
 from gaga_studio.session.scene_cache import SortKey
@@ -39,10 +40,18 @@ def lines(
 
 def part_index(session: Session) -> PartIndex | None:
     """Return the parts of the objects; None where the groups have no levels, or are being made."""
-    levels = detail.levels_of(session)
+    levels = levels_of(session)
     if levels is None or session.live is not None:
         return None
     document = session.need()
     scene, revision = document.scene, document.scene.revision
     key = (revision.splats, revision.labels, document.read.n_splats(), levels)
     return document.read.once("parts", key, lambda: PartIndex(scene, levels))
+
+
+def levels_of(session: Session) -> Levels | None:
+    """The levels of the open scene; None where its groups have none, or while they are made."""
+    if session.scene is None or session.jobs.running is not None:
+        return None
+    bank = session.scene.bank
+    return None if bank is None else bank.levels

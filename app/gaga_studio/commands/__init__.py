@@ -15,9 +15,9 @@ from gaga_studio.commands.objects import FIND_COMMANDS, OBJECTS_COMMANDS
 from gaga_studio.commands.select import SELECT_COMMANDS
 from gaga_studio.commands.tools import TOOLS_COMMANDS
 from gaga_studio.commands.view import VIEW_COMMANDS
+from gaga_studio.session.camera_rig import FLY_KEYS
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.gestures import FLY_KEYS
 
 MENUS: Mapping[str, tuple[Command, ...]] = {
     "File": FILE_COMMANDS,

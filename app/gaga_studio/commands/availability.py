@@ -9,10 +9,10 @@ from gaga_studio.actions import (
     children,
     cleanup,
     click_object,
-    detail,
     fill,
     folders,
     identities,
+    object_lines,
     quality,
     search,
 )
@@ -222,7 +222,7 @@ def not_one_object_or_folder(session: Session) -> str:
 def not_one_object_with_levels(session: Session) -> str:
     """Needs exactly one selected object, in a scene whose objects have levels of detail."""
     reason = not_one_object(session)
-    if reason or detail.levels_of(session) is not None:
+    if reason or object_lines.levels_of(session) is not None:
         return reason
     return "These objects have no levels of detail: those of regions and of Segment Anything have."
 

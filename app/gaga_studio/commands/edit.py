@@ -1,6 +1,6 @@
 """Edit: undo, duplicate, delete, and what ends a gesture."""
 
-from gaga_studio.actions import cleanup, history, objects, transform
+from gaga_studio.actions import cleanup, objects, transform
 from gaga_studio.commands import handlers
 from gaga_studio.commands.availability import (
     no_cancel,
@@ -13,6 +13,7 @@ from gaga_studio.commands.availability import (
 )
 from gaga_studio.commands.base import Command, ask
 from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
 
 
 def _mirror(axis: int) -> Command:
@@ -26,12 +27,12 @@ def _mirror(axis: int) -> Command:
 
 EDIT_COMMANDS: tuple[Command, ...] = (
     Command(
-        "edit.undo", "Undo", history.undo, "Ctrl+Z", enabled=no_undo, describe=handlers.undo_title
+        "edit.undo", "Undo", Session.undo, "Ctrl+Z", enabled=no_undo, describe=handlers.undo_title
     ),
     Command(
         "edit.redo",
         "Redo",
-        history.redo,
+        Session.redo,
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
         enabled=no_redo,

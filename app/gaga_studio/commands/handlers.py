@@ -7,13 +7,12 @@ from gaga_studio.actions import (
     cleanup,
     click_object,
     fill,
-    history,
     measure,
     selection,
 )
+from gaga_studio.actions.region import close_outline
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.polygon import close_outline
 
 # --- titles
 
@@ -42,7 +41,7 @@ def remove_title(session: Session) -> str:
 def cancel(session: Session) -> None:
     """End what is active: a drag, flying, the tool, or the selection."""
     if session.is_previewing:
-        history.cancel_preview(session)
+        session.cancel_preview()
     elif session.rig.is_flying:
         session.rig.is_flying = False
     elif session.view.outline is not None:

@@ -2,12 +2,12 @@
 
 from gaga_core.scene.scene import LabelSource
 from gaga_studio.actions import (
+    associate,
     association_repair,
     children,
     cleanup,
     click_object,
     detail,
-    files,
     fill,
     folders,
     identities,
@@ -103,7 +103,7 @@ FIND_COMMANDS: tuple[Command, ...] = (
     Command(
         "object.associate",
         "Find objects (associate masks)",
-        files.associate,
+        associate.associate,
         "Ctrl+G",
         enabled=no_masks,
     ),

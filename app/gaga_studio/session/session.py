@@ -265,6 +265,25 @@ class Session:
         self.view.ground = self.view.measured = ()
         self.hovering.away()
 
+    # --- undo and redo, and the end of a drag whose edit is only shown
+
+    def undo(self) -> str | None:
+        """Undo the newest edit; return its title, None if there is none."""
+        return self.document.undo() if self.document is not None else None
+
+    def redo(self) -> str | None:
+        """Redo the next undone edit; return its title, None if there is none."""
+        return self.document.redo() if self.document is not None else None
+
+    def commit_preview(self) -> bool:
+        """Make what a drag shows one entry of the history; False if nothing changed."""
+        return self.document is not None and self.document.commit_preview()
+
+    def cancel_preview(self) -> None:
+        """Cancel a drag: everything is as it was before."""
+        if self.document is not None:
+            self.document.cancel_preview()
+
     # --- every frame
 
     def tick(self, dt: float) -> None:

@@ -82,6 +82,18 @@ class Outline:
         return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
 
 
+@dataclass(frozen=True)
+class ViewportPoint:
+    """A pixel of the picture, its size, and what the modifiers do to a selection."""
+
+    u: float
+    v: float
+    width: int
+    height: int
+    how: How = "set"
+    alt: bool = False
+
+
 class Side(StrEnum):
     """What lies on one side of the line in a split view."""
 

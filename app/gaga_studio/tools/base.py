@@ -6,18 +6,7 @@ from typing import Protocol
 from gaga_core.scene.edits import How
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-
-
-@dataclass(frozen=True)
-class ViewportPoint:
-    """A pixel of the picture, its size, and what the modifiers do to a selection."""
-
-    u: float
-    v: float
-    width: int
-    height: int
-    how: How = "set"
-    alt: bool = False
+from gaga_studio.session.view_state import ViewportPoint as ViewportPoint
 
 
 @dataclass(frozen=True)

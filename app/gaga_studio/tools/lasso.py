@@ -2,10 +2,10 @@
 
 from gaga_core.scene.selection import by_screen
 from gaga_studio.actions import selection
+from gaga_studio.actions.region import Region
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
-from gaga_studio.tools.region import Region
 
 _FINEST = 2.0  # pixels between two corners of the outline
 

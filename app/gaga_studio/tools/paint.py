@@ -18,12 +18,12 @@ from gaga_core.scene.selection.by_volume import (
     surface_point,
 )
 from gaga_core.scene.tint import mean_color, tint_affine
+from gaga_studio.actions.region import Region
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint
-from gaga_studio.tools.region import Region
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
 _APART = 0.5  # brush radii between two points of a clone stroke

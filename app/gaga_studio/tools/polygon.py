@@ -1,10 +1,9 @@
 """Click the corners of an outline; Enter or a double click closes it."""
 
-from gaga_core.scene.selection import by_screen
+from gaga_studio.actions.region import close_outline
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Outline, ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
-from gaga_studio.tools.region import Region
 
 _NEAR = 8.0  # pixels from the first corner at which a click closes the outline
 
@@ -73,16 +72,6 @@ class PolygonTool:
         if session.view.outline is None:
             return region_hint(session, "Click the corners of an outline")
         return "Click the next corner. Enter or a double click closes, Backspace takes one back."
-
-
-def close_outline(session: Session) -> None:
-    """Select what the outline holds, as one edit."""
-    outline, session.view.outline = session.view.outline, None
-    if outline is None or len(outline.points) < 3:
-        return
-    first = outline.points[0]
-    region = Region(session, ViewportPoint(*first, outline.width, outline.height, outline.how))
-    region.take(by_screen.polygon(outline.points, outline.width, outline.height))
 
 
 def _is_near(corner: tuple[float, float], place: ViewportPoint) -> bool:

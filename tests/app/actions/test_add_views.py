@@ -8,7 +8,13 @@ import pytest
 
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_studio import commands
-from gaga_studio.actions import add_views, association_repair, children, files, folders, history
+from gaga_studio.actions import (
+    add_views,
+    associate,
+    association_repair,
+    children,
+    folders,
+)
 from gaga_studio.actions import objects as objects_actions
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, scene_of, snapshot
@@ -27,7 +33,7 @@ def grown(
     session = new_session()
     session.open(scene_folder)
     finish(session)
-    files.associate(session, preset=request.param)
+    associate.associate(session, preset=request.param)
     finish(session)
     assert "took part already" in commands.command("object.add_views").enabled(session)
     for name, content in kept.items():
@@ -62,7 +68,7 @@ def test_masks_that_came_later_join_and_corrections_stay(
     assert (scene.labels == labels).mean() > 0.9
     assert "joined the objects" in session.notices[-1].text
     assert "took part already" in commands.command("object.add_views").enabled(session)
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
     assert np.array_equal(scene.labels, labels)
 

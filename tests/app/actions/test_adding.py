@@ -13,7 +13,7 @@ from gaga_core.export.options import ExportOptions
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import bookmarks, export, history, selection
+from gaga_studio.actions import bookmarks, export, selection
 from gaga_studio.actions import files as files_actions
 from gaga_studio.actions.export import ExportPlan
 from gaga_studio.session.session import Session
@@ -31,7 +31,7 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
     assert np.array_equal(session.selected_indices(), np.arange(n, n + 50))
     assert "chair" in {session.need().name_of(g) for g in session.selected_groups()}
     assert session.unsaved
-    assert history.undo(session) == "Add chair.spz"
+    assert session.undo() == "Add chair.spz"
     assert len(scene) == n
     assert session.need().history.state_id == state
 

@@ -17,7 +17,6 @@ from gaga_studio.actions import (
     bookmarks,
     camera_path,
     files,
-    history,
     objects,
     selection,
 )
@@ -105,7 +104,7 @@ def test_three_clicks_lay_the_floor_level_as_one_undoable_edit(associated: Sessi
     np.testing.assert_allclose(_distances(session), apart, atol=1e-5)
     assert session.unsaved
     assert "level now" in session.notices[-1].text
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
 
 
@@ -134,7 +133,7 @@ def test_photos_bookmarks_and_path_follow_the_ground_and_come_back(associated: S
     np.testing.assert_allclose(
         bookmarks.listed(session)[1].shot.eye, session.rig.shot().eye, atol=1e-9
     )
-    history.undo(session)
+    session.undo()
     assert bookmarks.listed(session)[0].shot == shot
     assert camera_path.path_of(session).keyframes[0].shot == key
     again = [camera.project(points)[0] for camera in session.cameras]

@@ -7,7 +7,6 @@ import numpy as np
 from gaga_core.grouping.memory_bank import Decision
 from gaga_studio.actions import (
     association_repair,
-    history,
     objects,
     quality,
     selection,
@@ -49,7 +48,7 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     )
     assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
     assert not np.array_equal(_labels(session), before)
-    history.undo(session)
+    session.undo()
     assert np.array_equal(_labels(session), before)
     assert session.scene.bank is bank  # type: ignore[union-attr]
 
@@ -123,7 +122,7 @@ def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -
     wanted = truth == np.bincount(truth[part]).argmax()
     assert (part == wanted).mean() > 0.97
     assert len(session.decisions(new)) + len(session.decisions(3)) == n_masks
-    history.undo(session)
+    session.undo()
     assert (_labels(session) != new).all()
 
 
@@ -143,7 +142,7 @@ def test_quality_is_kept_for_each_state_of_the_groups(associated: Session) -> No
     assert session.cameras[session.active_view or 0].name == worst
     assert objects.assign(session, 3)
     assert quality.shown(session) == (found, False)
-    history.undo(session)
+    session.undo()
     assert quality.shown(session) == (found, True)
 
 
@@ -168,5 +167,5 @@ def test_a_group_color_is_an_edit(associated: Session) -> None:
     assert objects.set_color(session, group, (0.2, 0.4, 0.6))
     np.testing.assert_allclose(session.objects().colors[2], [0.2, 0.4, 0.6])
     assert session.unsaved
-    history.undo(session)
+    session.undo()
     np.testing.assert_array_equal(session.objects().colors[2], first)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.actions import autosave as autosave_actions
-from gaga_studio.actions import history, objects, quality, selection, transform
+from gaga_studio.actions import objects, quality, selection, transform
 from gaga_studio.actions.autosave import Autosave, left_over, offer
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.session import Session
@@ -242,7 +242,7 @@ def test_what_was_measured_of_the_objects_comes_back(
 def test_undo_and_redo_come_back(associated: Session, new_session: Callable[[], Session]) -> None:
     _edit(associated)
     _edit(associated)
-    history.undo(associated)
+    associated.undo()
     document = associated.need()
     entries, script = document.history.entries(), document.history.recorded()
     _saved(associated)

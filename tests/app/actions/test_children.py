@@ -11,10 +11,8 @@ from gaga_core.scene.scene import State
 from gaga_studio import commands
 from gaga_studio.actions import (
     children,
-    cleanup,
-    files,
+    export,
     folders,
-    history,
     object_lines,
     objects,
     quality,
@@ -86,7 +84,7 @@ def test_an_object_whose_parent_is_deleted_is_listed_under_the_next(laid: Sessio
     selection.select_groups(laid, (2,))
     assert objects.delete(laid)
     assert _shown(laid)[:3] == ["Kitchen", "  1", "    3"]
-    history.undo(laid)
+    laid.undo()
     assert _shown(laid)[:4] == ["Kitchen", "  1", "    2", "      3"]
 
 
@@ -131,15 +129,15 @@ def test_moving_a_whole_object_takes_along_what_lies_under_it(laid: Session) -> 
     assert set(np.unique(scene.labels[moved]).tolist()) == {2, 3}
     assert laid.need().commit_preview()
     assert laid.need().history.undo_title.endswith(" and 1 under it")
-    history.undo(laid)
+    laid.undo()
     half = laid.selected_indices()[::2]
     laid.need().select(half)
     assert transform.move(laid, shift(np.array([0.0, 0.0, 1.0])))
     assert np.flatnonzero(scene.placement > 0).tolist() == half.tolist(), "a part goes alone"
-    while history.undo(laid) is not None:
+    while laid.undo() is not None:
         pass
     assert scene.folders.parent == {}
-    while history.redo(laid) is not None:
+    while laid.redo() is not None:
         pass
     assert scene.folders.parent == {2: 1, 3: 2}
 
@@ -167,7 +165,7 @@ def test_deleting_says_what_goes_along_and_undo_brings_it_back(laid: Session) ->
     assert objects.delete(laid)
     assert _groups(laid, State.DELETED) == {1, 2, 3}
     assert " and 2 under it. Undo" in laid.notices[-1].text
-    history.undo(laid)
+    laid.undo()
     assert snapshot(scene) == selected != before
     assert commands.run("object.children_go_along", laid)
     assert objects.delete(laid)
@@ -196,7 +194,7 @@ def test_an_export_of_an_object_has_what_lies_under_it(laid: Session, tmp_path: 
     assert summary(laid, ExportPlan(tmp_path, "objects")).n_files == 2
     n = int((scene_of(laid).labels == 2).sum() + (scene_of(laid).labels == 3).sum())
     assert summary(laid, ExportPlan(tmp_path / "a.ply", "selected")).n_splats == n
-    files.export(laid, "objects", tmp_path / "out")
+    export.export(laid, "objects", tmp_path / "out")
     finish(laid)
     manifest = json.loads((tmp_path / "out" / "groups.json").read_text())
     assert {e["id"]: e["parent"] for e in manifest["groups"]} == {2: 0, 3: 2}
@@ -231,7 +229,7 @@ def test_what_is_locked_is_isolated_and_exported_with_its_parent_and_never_chang
     assert set(np.unique(scene.labels[scene.visible]).tolist()) - {0} == {2, 3}
     assert laid.need().history.undo_title == "Isolate group 2 and 1 under it"
     assert summary(laid, ExportPlan(tmp_path, "objects")).n_files == 2
-    cleanup.export(laid, "objects", tmp_path / "out")
+    export.export(laid, "objects", tmp_path / "out")
     finish(laid)
     manifest = json.loads((tmp_path / "out" / "groups.json").read_text())
     assert {e["id"]: e["parent"] for e in manifest["groups"]} == {2: 0, 3: 2}

@@ -12,7 +12,7 @@ from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, files, history, objects, selection, transform
+from gaga_studio.actions import cleanup, export, objects, selection, transform
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.motion import shift
@@ -81,7 +81,7 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
     "other",
     [
         lambda s: selection.select_groups(s, (1,)),
-        history.undo,
+        Session.undo,
         objects.hide,
         lambda s: transform.preview_move(s, shift(np.array([1.0, 0.0, 0.0]))),
         lambda s: s.save(),
@@ -96,7 +96,7 @@ def test_whatever_is_done_next_ends_the_preview(
     other(session)
     assert cleanup.shown(session) is None
     assert command("object.clean_apply").enabled(session)
-    history.cancel_preview(session)
+    session.cancel_preview()
     assert (session.need().scene.placement == 0).all()
     session.jobs.wait()
 
@@ -107,7 +107,7 @@ def test_a_preview_never_becomes_an_entry_by_the_end_of_a_drag(
     session, _ = floating
     preview(session)
     cursor = session.need().history.cursor
-    assert not history.commit_preview(session)
+    assert not session.commit_preview()
     assert session.need().history.cursor == cursor
     assert cleanup.shown(session) is not None
 
@@ -207,9 +207,9 @@ def test_exports_are_cleaned_and_the_scene_is_not(
     high = scene.gaussians.means[rows, 2].min()
     if what == "selected":
         target = tmp_path / "ball.ply"
-        cleanup.export(session, "selected", target)
+        export.export(session, "selected", target)
     else:
-        cleanup.export(session, "objects", tmp_path / "objects")
+        export.export(session, "objects", tmp_path / "objects")
         target = tmp_path / "objects" / f"group-{GROUP}.ply"
     finish(session)
     written = read_ply(target)
@@ -224,7 +224,7 @@ def test_a_save_is_without_the_colors_of_the_preview(
     session, _ = floating
     preview(session)
     target = tmp_path / "all.ply"
-    files.export(session, "scene", target)
+    export.export(session, "scene", target)
     finish(session)
     np.testing.assert_array_equal(read_ply(target).sh, session.need().scene.gaussians.sh)
 

@@ -10,7 +10,13 @@ import pytest
 
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import association_repair, detail, files, history, objects
+from gaga_studio.actions import (
+    associate,
+    association_repair,
+    detail,
+    object_lines,
+    objects,
+)
 from gaga_studio.session.session import Session
 
 
@@ -24,7 +30,7 @@ def session(new_session: Callable[[], Session], grouped_scene: Path, tmp_path: P
     made = new_session()
     made.open(folder)
     assert made.jobs.wait()
-    files.associate(made, preset="robust")
+    associate.associate(made, preset="robust")
     assert made.jobs.wait(), made.notices
     return made
 
@@ -41,7 +47,7 @@ def _bank(session: Session) -> MemoryBank:
 
 
 def test_a_chosen_level_is_one_edit_that_undo_takes_back(session: Session) -> None:
-    levels = detail.levels_of(session)
+    levels = object_lines.levels_of(session)
     assert levels is not None
     before, bank, cursor = _scene(session).labels.copy(), _bank(session), session.need().history
     place, finest = cursor.cursor, len(levels.labels) - 1
@@ -50,7 +56,7 @@ def test_a_chosen_level_is_one_edit_that_undo_takes_back(session: Session) -> No
     assert np.array_equal(_scene(session).labels, levels.labels[finest])
     assert _bank(session).levels is not None
     assert _bank(session).levels.chosen == finest  # type: ignore[union-attr]
-    history.undo(session)
+    session.undo()
     assert np.array_equal(_scene(session).labels, before)
     assert _bank(session) is bank
 
@@ -67,7 +73,7 @@ def test_a_preview_changes_nothing_of_the_scene(session: Session) -> None:
 
 
 def test_names_and_masks_stay_with_groups_that_are_there_at_both_levels(session: Session) -> None:
-    levels = detail.levels_of(session)
+    levels = object_lines.levels_of(session)
     assert levels is not None
     group = int(np.bincount(levels.labels[0])[1:].argmax()) + 1
     assert objects.rename(session, group, "floor")
@@ -100,6 +106,6 @@ def test_a_moved_mask_leaves_other_objects_as_they_are(session: Session) -> None
 
 
 def test_scenes_without_levels_have_no_detail(associated: Session) -> None:
-    assert detail.levels_of(associated) is None
+    assert object_lines.levels_of(associated) is None
     with pytest.raises(ValueError, match="no levels"):
         detail.choose(associated, 0)

@@ -13,7 +13,7 @@ from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.actions import children, fill, history, selection
+from gaga_studio.actions import children, fill, selection
 from gaga_studio.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
@@ -121,7 +121,7 @@ def test_an_inpainting_model_colors_the_hole_until_it_is_switched_off(
     assert (session.need().history.undo_title or "").endswith(", colors by red.pt")
 
     red.unlink()
-    history.undo(session)
+    session.undo()
     run("object.fill", session)
     assert session.jobs.wait()
     assert fill.shown(session) is None
@@ -154,7 +154,7 @@ def test_what_was_deleted_is_filled_later_in_one_step(at_table: Session) -> None
     assert session.need().unsaved
     assert len(scene) > n
     assert (scene.labels[n:] == TABLE).all()
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
 
 
@@ -177,7 +177,7 @@ def test_what_lies_under_the_object_goes_with_it(at_table: Session) -> None:
     run("edit.confirm", session)
     assert scene.has(State.DELETED)[rows].all()
     assert (document.history.undo_title or "").endswith(" and 1 under it")
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
 
 
@@ -193,7 +193,7 @@ def test_it_says_when_there_is_nothing_to_fill(at_table: Session) -> None:
     assert "nothing to fill: the place is covered already" in session.notices[-1].text
     assert session.notices[-1].level is Level.HINT, "nothing was done"
     assert session.notices[-1].command == "", "it is deleted"
-    history.undo(session)
+    session.undo()
     selection.select_all(session)
     run("object.fill", session)
     finish(session)

@@ -10,7 +10,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
 from gaga_studio import commands
-from gaga_studio.actions import folders, history, list_filter, object_lines, quality, selection
+from gaga_studio.actions import folders, list_filter, object_lines, quality, selection
 from gaga_studio.session.object_list import Lines, ListFilter
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -54,7 +54,7 @@ def test_the_selection_goes_into_a_new_folder_whose_name_is_asked_for(
     assert commands.run("object.folder_delete", associated)
     assert (scene.folders.paths, scene.folders.home) == (("Kitchen",), {})
     assert associated.unsaved
-    while history.undo(associated) is not None:
+    while associated.undo() is not None:
         pass
     assert scene.folders.paths == ()
 

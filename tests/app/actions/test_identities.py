@@ -9,7 +9,7 @@ import pytest
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import files, history, identities
+from gaga_studio.actions import associate, identities
 from gaga_studio.commands import command, run
 from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.session import Session
@@ -47,7 +47,7 @@ def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Se
     assert whole is not None
     assert whole.seconds == groups_only.seconds + 200  # the training is in the estimate
     _quickly(session)
-    files.associate(session)
+    associate.associate(session)
     assert session.jobs.wait(), session.notices
     scene, document = _scene(session), session.need()
     assert scene.identities.source == "identities"
@@ -65,13 +65,13 @@ def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Se
     assert np.array_equal(scene.labels, votes)
     assert command("object.labels_votes").is_on(session)  # type: ignore[misc]
     for _ in range(2):  # the choice, then the lift
-        history.undo(session)
+        session.undo()
     assert scene.identities.other is None
     assert np.array_equal(scene.labels, votes)
     assert "Lift the groups" in command("view.identity").enabled(session)
     for _ in range(2):
-        history.redo(session)
-    files.associate(session, preset="robust")
+        session.redo()
+    associate.associate(session, preset="robust")
     assert session.jobs.wait()
     assert scene.identities.source == "votes"
     assert scene.identities.other is None
@@ -79,7 +79,7 @@ def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Se
 
 def test_a_choice_of_labels_is_saved(session: Session, scene_folder: Path) -> None:
     _quickly(session)
-    files.associate(session)
+    associate.associate(session)
     assert session.jobs.wait()
     identities.use_labels(session, "votes")
     before = _scene(session)
@@ -98,7 +98,7 @@ def test_a_choice_of_labels_is_saved(session: Session, scene_folder: Path) -> No
 
 def test_cancel_keeps_the_groups_and_a_next_training_goes_on(session: Session) -> None:
     _quickly(session, 100_000)
-    files.associate(session)
+    associate.associate(session)
     while (job := session.jobs.running) is None or "loss" not in job.message:
         session.jobs.poll()
     session.jobs.cancel()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import history, live_objects, masks
+from gaga_studio.actions import live_objects, masks
 from gaga_studio.actions.masks import MaskRequest
 from gaga_studio.session.session import Session
 
@@ -40,7 +40,7 @@ def test_stopping_keeps_the_objects_so_far_as_one_edit(bare: Session) -> None:
     assert bare.live is None
     assert 0 < len(bare.masks) < len(masks.photos_of(bare, "train"))
     assert n_objects(bare.scene) > 1
-    history.undo(bare)
+    bare.undo()
     assert n_objects(bare.scene) == 0
     assert bare.history is not None
     assert not bare.history.can_undo

@@ -11,7 +11,7 @@ from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.models.catalogue import KNOWN
 from gaga_core.segmentation.regions import RegionsConfig
-from gaga_studio.actions import files, mask_settings, masks
+from gaga_studio.actions import associate, mask_settings, masks
 from gaga_studio.actions.masks import MaskPreview, MaskRequest
 from gaga_studio.session.session import Session
 
@@ -50,7 +50,7 @@ def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Sess
     offer = bare.stage_offer()
     assert offer is not None
     assert offer.command == "object.associate"
-    files.associate(bare)
+    associate.associate(bare)
     assert bare.jobs.wait()
     assert bare.document is not None
     assert bare.document.read.has_groups()

@@ -5,7 +5,7 @@ import pytest
 
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import history, measure
+from gaga_studio.actions import measure
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -61,7 +61,7 @@ def test_a_known_length_sets_the_scale_of_everything_and_the_picture_stays(
     np.testing.assert_allclose(session.rig.camera(640, 480).project(grown)[0], pixels, atol=0.1)
     for camera, before in zip(session.cameras, photos, strict=True):
         np.testing.assert_allclose(camera.project(grown)[0], before, atol=0.05)
-    history.undo(session)
+    session.undo()
     session.tick(0.0)
     session.tick(10.0)
     assert snapshot(scene) == start

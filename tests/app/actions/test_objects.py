@@ -17,8 +17,8 @@ from gaga_core.scene.tint import Grade
 from gaga_studio.actions import (
     align_ground,
     color_grade,
+    export,
     files,
-    history,
     named_selections,
     objects,
     selection,
@@ -49,8 +49,8 @@ def test_growing_and_shrinking_change_the_selection_both_ways(associated: Sessio
     assert chosen < grown
     assert run("select.shrink", associated)
     assert set(associated.selected_indices().tolist()) < grown
-    history.undo(associated)
-    history.undo(associated)
+    associated.undo()
+    associated.undo()
     assert set(associated.selected_indices().tolist()) == chosen
 
 
@@ -105,7 +105,7 @@ def test_a_grade_is_previewed_and_one_entry(associated: Session) -> None:
     for saturation in (0.7, 0.3, 0.0):
         color_grade.preview_grade(associated, Grade(saturation=saturation))
     assert np.ptp(shown_colors(_scene(associated))[chosen], axis=1).max() < 1e-5
-    history.cancel_preview(associated)
+    associated.cancel_preview()
     assert np.array_equal(shown_colors(_scene(associated)), before)
     assert color_grade.grade(associated, Grade(saturation=0.0))
     assert len(associated.need().history.entries()) == n + 1
@@ -142,11 +142,11 @@ def test_a_recorded_session_replays_to_the_same_file(associated: Session, tmp_pa
     color_grade.grade(session, Grade(temperature=0.5, opacity=0.8))
     run("select.grow", session)
     run("object.separate", session)
-    history.undo(session)
+    session.undo()
     objects.delete(session)
     script, live, again = tmp_path / "edits.json", tmp_path / "live.ply", tmp_path / "again.ply"
     assert files.save_script(session, script)
-    files.export(session, "scene", live)
+    export.export(session, "scene", live)
     assert session.jobs.wait()
     session.tick(0.1)
     scene = run_stage(open_path_stage(path)).scene

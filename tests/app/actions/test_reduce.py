@@ -11,7 +11,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene.project import Project
 from gaga_core.scene.reduce import LossCurve
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.actions import history, objects, reduce, selection
+from gaga_studio.actions import objects, reduce, selection
 from gaga_studio.actions.reduce import ReducePlan
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
@@ -51,7 +51,7 @@ def test_an_estimate_makes_way_for_the_reduction(at_balls: Session) -> None:
     assert "80 splats became 20: " in session.notices[-1].text
     assert document.history.undo_title is not None
     assert "group 2 to 20" in document.history.undo_title
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
 
 

@@ -11,7 +11,7 @@ from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.pipeline.search import train_views
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene.edits.groups import name_groups
-from gaga_studio.actions import history, objects, selection, transform
+from gaga_studio.actions import objects, selection, transform
 from gaga_studio.actions import search as search_actions
 from gaga_studio.session.object_list import ListFilter
 from gaga_studio.session.session import Session
@@ -156,7 +156,7 @@ def test_selecting_measures_nothing_again_but_editing_does(associated: Session) 
     objects.delete(associated)
     assert search.key(scene, cameras) != key
     assert groups[0] not in _ask(associated, "the largest")
-    history.undo(associated)
+    associated.undo()
     assert _ask(associated, "the largest") == groups
 
 
@@ -232,7 +232,7 @@ def test_naming_many_is_one_edit_that_reverts(associated: Session) -> None:
     ids = [int(group) for group in associated.objects().ids if group > 0]
     assert document.do(name_groups(document.scene, {ids[0]: "mug", ids[1]: " big  bowl "}))
     assert document.scene.names == {ids[0]: "mug", ids[1]: "big bowl"}
-    assert history.undo(associated) == "Name objects"
+    assert associated.undo() == "Name objects"
     assert document.scene.names == {}
     assert name_groups(document.scene, {}) is None
 

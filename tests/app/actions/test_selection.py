@@ -7,7 +7,7 @@ from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import column, shown_colors
 from gaga_core.scene.tint import Grade
-from gaga_studio.actions import history, selection, transform
+from gaga_studio.actions import selection, transform
 from gaga_studio.actions.color_grade import GradeSliders
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
@@ -64,7 +64,7 @@ def test_a_crop_keeps_the_box_and_undo_brings_the_rest_back(selected: Session) -
     inside = ((world_means(scene) >= box[0]) & (world_means(scene) <= box[1])).all(axis=1)
     assert not kept[~inside].any()
     assert 0 < kept.sum() < len(scene)
-    history.undo(selected)
+    selected.undo()
     assert np.array_equal(_scene(selected).state, before)
 
 

@@ -8,7 +8,7 @@ import pytest
 from gaga_core.arrays import UInt8Array
 from gaga_core.scene.object_picture import GROUND
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import color_grade, history, search, selection, thumbnails
+from gaga_studio.actions import color_grade, search, selection, thumbnails
 from gaga_studio.session.session import Session
 
 
@@ -82,7 +82,7 @@ def test_a_picture_is_that_of_the_state_through_recolor_and_undo(measured: Sessi
         after[..., 0].mean() - after[..., 1].mean() > before[..., 0].mean() - before[..., 1].mean()
     )
     assert picture(measured, 3)[0] == other
-    history.undo(measured)
+    measured.undo()
     measure(measured)
     key_again, again = picture(measured, 2)
     assert key_again == key

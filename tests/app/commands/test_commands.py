@@ -9,7 +9,7 @@ import pytest
 from PIL import ImageFont
 
 from gaga_core.assets import assets
-from gaga_studio.actions import files, history, objects, selection
+from gaga_studio.actions import associate, objects, selection
 from gaga_studio.commands import COMMANDS, MENUS, Command, command, for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
@@ -82,7 +82,7 @@ def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Sess
 
 
 def test_reasons_follow_the_selection(session: Session) -> None:
-    files.associate(session)
+    associate.associate(session)
     assert session.jobs.wait()
     first, second = session.objects().ids[1:3]
     assert "Nothing is selected" in command("edit.delete").enabled(session)
@@ -110,7 +110,7 @@ def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
 
 
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
-    files.associate(session)
+    associate.associate(session)
     assert "running" in command("file.export_scene").enabled(session)
     assert not command("file.save").enabled(session)
     assert not command("job.cancel").enabled(session)
@@ -174,7 +174,7 @@ def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Comman
     for group in session.objects().ids[1:3]:
         selection.select_groups(session, (int(group),), "add")
     objects.hide(session)
-    history.undo(session)
+    session.undo()
     if wanted.id in {"object.rename", "object.clean"}:
         selection.select_groups(session, (int(session.objects().ids[1]),))
     reason = wanted.enabled(session)

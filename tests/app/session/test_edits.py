@@ -13,7 +13,14 @@ from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
-from gaga_studio.actions import color_grade, files, history, objects, selection, transform
+from gaga_studio.actions import (
+    associate,
+    color_grade,
+    export,
+    objects,
+    selection,
+    transform,
+)
 from gaga_studio.session.motion import shift
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -49,7 +56,7 @@ def _colors(gaussians_sh: FloatArray) -> FloatArray:
 def test_the_whole_walk(
     session: Session, new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
 ) -> None:
-    files.associate(session)
+    associate.associate(session)
     finish(session)
     scene = scene_of(session)
     red_one, bowl, doomed = objects_of(session)[:3]
@@ -78,15 +85,15 @@ def test_the_whole_walk(
 
     final = snapshot(scene)
     n_edits = len(session.history.entries()) if session.history else 0
-    while history.undo(session) is not None:
+    while session.undo() is not None:
         pass
     assert not session.unsaved
     for _ in range(n_edits):
-        assert history.redo(session) is not None
+        assert session.redo() is not None
     assert snapshot(scene) == final
 
     target = tmp_path / "out" / "scene.ply"
-    files.export(session, "scene", target, groups=True)
+    export.export(session, "scene", target, groups=True)
     finish(session)
     written = read_ply(target)
     assert len(written) == int(scene.visible.sum())
@@ -97,10 +104,10 @@ def test_the_whole_walk(
     np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
 
     selection.select_groups(session, (copy,))
-    files.export(session, "selected", tmp_path / "copy.ply")
+    export.export(session, "selected", tmp_path / "copy.ply")
     finish(session)
     assert len(read_ply(tmp_path / "copy.ply")) == len(group_indices(scene, copy))
-    files.export(session, "objects", tmp_path / "objects")
+    export.export(session, "objects", tmp_path / "objects")
     finish(session)
     assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == [
         "groups.json",
@@ -169,7 +176,7 @@ def test_inspector_follows_the_selection_through_undo(associated: Session) -> No
     selection.select_groups(associated, (first,))
     selection.select_groups(associated, (second,))
     assert associated.focus == second
-    history.undo(associated)
+    associated.undo()
     assert associated.focus == first
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_studio.actions import files, history, objects, selection, transform
+from gaga_studio.actions import associate, objects, selection, transform
 from gaga_studio.commands import command, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -92,7 +92,7 @@ def test_a_folder_without_masks_offers_to_make_them(
     assert offer is not None
     assert "no masks" in offer.reason
     assert offer.command == "object.masks_quick"
-    files.associate(session)
+    associate.associate(session)
     assert "no masks" in session.notices[-1].text
     assert session.jobs.running is None
 
@@ -109,12 +109,12 @@ def test_a_selection_is_nothing_to_save(associated: Session) -> None:
     assert associated.title.endswith("*")
     selection.select_groups(associated, (second,))
     assert associated.unsaved
-    history.undo(associated)
-    history.undo(associated)
+    associated.undo()
+    associated.undo()
     assert not associated.unsaved
-    history.redo(associated)
+    associated.redo()
     assert associated.unsaved
-    history.undo(associated)
+    associated.undo()
     selection.select_groups(associated, (second,))
     assert not associated.unsaved
 
@@ -124,9 +124,9 @@ def test_saved_edits_are_saved_until_one_is_undone(associated: Session) -> None:
     associated.save()
     finish(associated)
     assert not associated.unsaved
-    history.undo(associated)
+    associated.undo()
     assert associated.unsaved
-    history.redo(associated)
+    associated.redo()
     assert not associated.unsaved
 
 
@@ -258,7 +258,7 @@ def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
 
 def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     before = snapshot(scene_of(session))
-    files.associate(session)
+    associate.associate(session)
     assert session.stage_offer() is None
     seen: list[int] = []
     end = time.monotonic() + 60
@@ -285,16 +285,16 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     group = objects_of(session)[0]
     assert {d.group for d in session.decisions(group)} == {group}
     assert session.objects().n_views[session.objects().row(group)] > 0
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
     assert session.decisions(group) == ()
-    history.redo(session)
+    session.redo()
     assert len(objects_of(session)) == n_objects
 
 
 def test_cancelled_association_leaves_everything(session: Session) -> None:
     before = snapshot(scene_of(session))
-    files.associate(session)
+    associate.associate(session)
     session.jobs.cancel()
     finish(session)
     session.tick(0)
@@ -311,13 +311,13 @@ def test_duplicates_follow_their_originals(associated: Session) -> None:
     scene = scene_of(associated)
     n_file = int(scene.source.max()) + 1
     assert len(scene) > n_file
-    files.associate(associated)
+    associate.associate(associated)
     finish(associated)
     np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
 
 
 def test_unknown_masks_are_a_sentence(session: Session) -> None:
-    files.associate(session, "none")
+    associate.associate(session, "none")
     assert session.notices[-1].level is Level.ERROR
     assert "made" in session.notices[-1].text
 

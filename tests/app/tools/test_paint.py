@@ -8,9 +8,9 @@ from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
+from gaga_studio.actions import region
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools import region
 from gaga_studio.tools.gestures import KeyState
 from tests.app.looks import snapshot
 from tests.app.tools.hand import H, Hand, W, titles

@@ -10,7 +10,7 @@ import pytest
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import history, objects, selection
+from gaga_studio.actions import objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.controller import ToolController
@@ -201,7 +201,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     assert titles(associated)[1:] == [f"{name.title()} group {group}"]
     wanted = start @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(world_means(scene, splats), wanted, atol=1e-5)
-    history.undo(associated)
+    associated.undo()
     assert state(associated) == before
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaga_studio.actions import files, history, objects, selection
+from gaga_studio.actions import associate, export, objects, selection
 from gaga_studio.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
@@ -24,7 +24,7 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
         seen.append(progress.next)
 
     look()
-    files.associate(session)
+    associate.associate(session)
     finish(session)
     look()
     selection.select_groups(session, (1,))
@@ -33,11 +33,11 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     look()  # to select is no change
     objects.hide(session)
     look()
-    files.export(session, "scene", tmp_path / "out.ply")
+    export.export(session, "scene", tmp_path / "out.ply")
     finish(session)
     look()
     assert seen == [2, 3, 4, 4, 5, 0]
-    history.undo(session)
+    session.undo()
     look()
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
 

@@ -9,7 +9,7 @@ import pytest
 from imgui_bundle import ImVec2
 
 from gaga_core.scene import edits
-from gaga_studio.actions import detail, files, history, selection
+from gaga_studio.actions import associate, object_lines, selection
 from gaga_studio.commands import run
 from tests.app.window.driver import Driver, drive
 
@@ -31,7 +31,7 @@ def _split_and_join(d: Driver) -> None:
     assert d.on_main(lambda: run("object.join_here", session))
     assert (document.scene.labels[before == group] == group).all()
     for _ in ("join", "select", "split"):
-        history.undo(session)
+        session.undo()
     assert np.array_equal(document.scene.labels, before)
 
 
@@ -45,10 +45,10 @@ def test_the_slider_of_detail_is_one_edit(
 
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
-        assert detail.levels_of(session) is None
-        d.on_main(lambda: files.associate(session, preset="robust"))
+        assert object_lines.levels_of(session) is None
+        d.on_main(lambda: associate.associate(session, preset="robust"))
         d.settle()
-        levels = detail.levels_of(session)
+        levels = object_lines.levels_of(session)
         assert levels is not None
         before, place = document.scene.labels.copy(), session.need().history.cursor
         d.engine.mouse_move("//Objects/##Detail")
@@ -63,7 +63,7 @@ def test_the_slider_of_detail_is_one_edit(
         assert session.live is None
         assert np.array_equal(document.scene.labels, levels.labels[0])
         assert session.need().history.cursor == place + 1
-        history.undo(session)
+        session.undo()
         assert np.array_equal(document.scene.labels, before)
         _split_and_join(d)
 

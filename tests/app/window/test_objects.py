@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.actions import history, objects, quality, selection
+from gaga_studio.actions import objects, quality, selection
 from gaga_studio.commands import run
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -43,7 +43,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.frames()
         assert not (document.scene.labels == 4).any()
         assert len(session.decisions(5)) == sum(n_masks)
-        history.undo(session)
+        session.undo()
 
         d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
@@ -55,7 +55,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         assert moved is not None
         assert moved.group == 2
         assert moved.by_hand
-        history.undo(session)
+        session.undo()
 
         d.on_main(lambda: selection.select_groups(session, (3,)))
         d.frames(3)
@@ -65,7 +65,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         moved = document.read.decision_of(mask.view, mask.mask)
         assert moved is not None
         assert moved.group > 6
-        history.undo(session)
+        session.undo()
 
         assert run("object.quality", session)
         d.settle()

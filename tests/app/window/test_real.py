@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.scene import State
-from gaga_studio.actions import color_grade, files, selection, transform
+from gaga_studio.actions import associate, color_grade, export, selection, transform
 from gaga_studio.actions.navigation import go_to_view
 from gaga_studio.session.settings import Settings
 from tests.app.window.driver import KEY, Driver, drive
@@ -37,7 +37,7 @@ def test_the_table_from_masks_to_an_edited_file(
     seen: dict[str, int] = {}
 
     def walk(d: Driver) -> None:
-        files.associate(d.session, preset="paper")
+        associate.associate(d.session, preset="paper")
         d.settle()
         go_to_view(d.session, view)
         d.settle()
@@ -103,13 +103,13 @@ def test_the_garden_is_viewed_clicked_and_exported(
 
     def walk(d: Driver) -> None:
         assert d.pixels().std() > 20, "the garden is on the screen"
-        files.associate(d.session, preset="paper")
+        associate.associate(d.session, preset="paper")
         d.settle()
         width, height = d.size
         d.click_picture(width / 2, height * 0.6)
         assert d.session.selected_groups()
         count.append(len(d.session.selected_indices()))
-        files.export(d.session, "selected", target)
+        export.export(d.session, "selected", target)
         d.settle()
 
     drive(walk, path=folder)

@@ -16,7 +16,7 @@ import pytest
 
 from gaga_core.scene.scene import Scene
 from gaga_studio import commands
-from gaga_studio.actions import color_grade, history, objects, selection, transform
+from gaga_studio.actions import color_grade, objects, selection, transform
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
@@ -99,7 +99,7 @@ class _Walk:
         session, rng = self.session, self.rng
         groups = session.objects().ids
         if len(groups) == 0:  # all is deleted
-            history.undo(session)
+            session.undo()
             return
         group = int(groups[int(rng.integers(len(groups)))])
         match int(rng.integers(6)):
@@ -110,9 +110,9 @@ class _Walk:
             case 2:
                 self._preview()
             case 3:
-                history.undo(session)
+                session.undo()
             case 4:
-                history.redo(session)
+                session.redo()
             case _:
                 session.tool = ToolName(rng.choice(list(ToolName)))
                 session.view.mode = Mode(rng.choice(list(Mode)))
@@ -130,8 +130,8 @@ class _Walk:
                 color_grade.preview_recolor(session, (x, y, z), 0.9)
             self._draw()
         if rng.random() < 0.3:
-            history.cancel_preview(session)
-        history.commit_preview(session)
+            session.cancel_preview()
+        session.commit_preview()
 
     def _settle(self) -> None:
         """Answer what is asked, close what was opened, let jobs end, keep the scene small."""
@@ -141,7 +141,7 @@ class _Walk:
             session.answer(session.pending_question.choices[-1])
         session.take_request()
         assert session.scene is not None
-        while len(session.scene) > _MOST_SPLATS and history.undo(session) is not None:
+        while len(session.scene) > _MOST_SPLATS and session.undo() is not None:
             pass
 
     def _draw(self) -> None:
@@ -181,7 +181,7 @@ def test_two_thousand_random_commands(associated: Session, gl: Any) -> None:
     while walk.done.total() < _COMMANDS:
         for _ in range(_STEPS):
             walk.step()
-        history.cancel_preview(session)
+        session.cancel_preview()
         session.history.go_to(0)
         assert _contents(session.scene) == at_first
         session.history.clear()

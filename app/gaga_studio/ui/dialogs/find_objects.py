@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_studio.actions import files, identities
+from gaga_studio.actions import associate, identities
 from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.next_stage import training_text
 from gaga_studio.session.requests import Request
@@ -135,7 +135,7 @@ def _actions(session: Session) -> None:
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
-        files.associate(session)
+        associate.associate(session)
     imgui.same_line()
     bank = session.need().scene.bank
     why_not = busy or no_masks or _no_groups(bank)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import imgui
 
-from gaga_studio.actions import detail
+from gaga_studio.actions import detail, object_lines
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
@@ -19,7 +19,7 @@ class DetailState:
 
 def draw(session: Session, state: DetailState) -> None:
     """Draw the slider where the groups of the scene have levels."""
-    levels = detail.levels_of(session)
+    levels = object_lines.levels_of(session)
     if levels is None:
         state.dragged = None
         return

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import color_grade, history
+from gaga_studio.actions import color_grade
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -119,7 +119,7 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
         widgets.escape_closes()
         imgui.end_popup()
     elif state.color is not None:
-        history.commit_preview(session)  # the popup was closed with the mouse still down
+        session.commit_preview()  # the popup was closed with the mouse still down
         state.color = None
 
 
@@ -133,7 +133,7 @@ def _picker(session: Session, state: InspectorState, color: list[float]) -> None
         state.color = (picked[0], picked[1], picked[2])
         color_grade.preview_recolor(session, state.color)
     if state.color is not None and not imgui.is_any_item_active():
-        history.commit_preview(session)
+        session.commit_preview()
         state.color = None
 
 

@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_studio.actions import history, measure, transform
+from gaga_studio.actions import measure, transform
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -114,7 +114,7 @@ def _scale(session: Session, state: PlacementState, start: Pose) -> None:
 def _after(session: Session, state: PlacementState, start: Pose, changed: bool) -> None:
     """Show the placement that the numbers describe; keep it when a drag or a typed value ends."""
     if state.target is not None and imgui.is_key_pressed(imgui.Key.escape):  # given up
-        history.cancel_preview(session)
+        session.cancel_preview()
         state.clear()
         imgui.internal.clear_active_id()
         return
@@ -122,7 +122,7 @@ def _after(session: Session, state: PlacementState, start: Pose, changed: bool) 
     if (changed or ended) and state.target is not None:
         transform.preview_move(session, motion_between(start, state.target), state.verb)
     if ended:
-        history.commit_preview(session)
+        session.commit_preview()
         state.clear()
 
 

@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
 from gaga_studio import commands
-from gaga_studio.actions import association_repair, children, history, objects, quality, selection
+from gaga_studio.actions import association_repair, children, objects, quality, selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line
 from gaga_studio.session.part_index import PartIndex
@@ -272,7 +272,7 @@ class _Row:
             objects.preview_color(self.session, self.group, picked)
             state.is_coloring = True
         if state.is_coloring and not imgui.is_any_item_active():
-            history.commit_preview(self.session)
+            self.session.commit_preview()
             state.is_coloring = False
 
     def _picture(self) -> None:

@@ -14,7 +14,7 @@ from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_studio.session.session import Session
-from gaga_studio.tools.base import ViewportPoint
+from gaga_studio.session.view_state import ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
@@ -110,3 +110,15 @@ def _median_depth(scene: Scene, camera: Camera) -> FloatArray:
     columns = (np.arange(camera.width) + 0.5) * width / camera.width
     result: FloatArray = depth[rows.astype(int)[:, None], columns.astype(int)]
     return result
+
+
+def close_outline(session: Session) -> None:
+    """Select what the outline holds, as one edit."""
+    outline, session.view.outline = session.view.outline, None
+    if outline is None or len(outline.points) < 3:
+        return
+    from gaga_core.scene.selection import by_screen
+
+    first = outline.points[0]
+    region = Region(session, ViewportPoint(*first, outline.width, outline.height, outline.how))
+    region.take(by_screen.polygon(outline.points, outline.width, outline.height))
