@@ -14,8 +14,9 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats, split_view
-from gaga_studio.actions import camera_path as camera_path_actions
+from gaga_studio.features import autosave, cleanup, split_view
+from gaga_studio.features import camera as camera_path_actions
+from gaga_studio.features.find import memory_bank
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
@@ -179,7 +180,7 @@ class Studio:
         theme.resize(self.session.settings.ui_scale)
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
-        bank_timeline.tick(self.session, imgui.get_io().delta_time)
+        memory_bank.tick_timeline(self.session, imgui.get_io().delta_time)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
             saving.look_at_files(self.session)
@@ -251,8 +252,8 @@ class Studio:
             return True
         if self.picture.cancel(self.session):
             return True
-        if bank_timeline.timeline_of(self.session).is_open:
-            bank_timeline.close(self.session)
+        if memory_bank.timeline_of(self.session).is_open:
+            memory_bank.close_timeline(self.session)
             return True
         evidence = self.ui.scene.picture.evidence
         if evidence.decision is not None:
@@ -359,8 +360,8 @@ class Studio:
         return Overlays(
             cameras=session.cameras if session.view.show_frusta else (),
             active_camera=session.active_view,
-            labels=session.live_labels if session.live else bank_timeline.labels(session),
-            tint=mask_splats.tint(session, decision),
+            labels=session.live_labels if session.live else memory_bank.timeline_labels(session),
+            tint=memory_bank.mask_tint(session, decision),
             muted=session.muted_colors(),
             hovered_group=session.hovered_group,
             focused_group=session.focus if session.view.mode is Mode.MASK else 0,
@@ -377,7 +378,7 @@ class Studio:
         is_drawn &= self.left is None or not self._shows_left or self.left.settled
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
-        is_driven |= bank_timeline.timeline_of(self.session).is_playing
+        is_driven |= memory_bank.timeline_of(self.session).is_playing
         is_driven |= self.session.view.playback.is_playing or self.session.view.holds_photo
         is_driven |= (
             self.session.render_requests is not None and self.session.render_requests.is_wanted

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.identity.lift import LiftConfig
-from gaga_studio.actions import associate
+from gaga_studio.features.find import association
 from gaga_studio.session.find_options import FindOptions
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
@@ -65,7 +65,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     made = Session(Settings(preset="paper", identities="none"))
     made.open(folder)
     assert made.jobs.wait()
-    associate.associate(made)
+    association.associate(made)
     assert made.jobs.wait()
     made.save()
     assert made.jobs.wait()

@@ -21,7 +21,7 @@ from gaga_core.scene.export_manifest import Manifest
 from gaga_core.scene.lod.tree import LodFile
 from gaga_core.scene.project_file import ProjectFile
 from gaga_core.segmentation.models.download import ModelLock
-from gaga_studio.actions.autosave import RecoveryNote
+from gaga_studio.features.autosave import RecoveryNote
 from gaga_studio.session.settings import Settings
 from tests.docs.pages import DOCS
 

@@ -26,17 +26,7 @@ from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project_file import saved_scene, scene_arrays
 from gaga_core.scene.scene import Scene
-from gaga_studio import commands
-from gaga_studio.actions import (
-    autosave,
-    children,
-    color_grade,
-    files,
-    named_selections,
-    objects,
-    selection,
-    transform,
-)
+from gaga_studio.features import autosave, commands, files, folders, objects, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.scenes import objects_scene, random_gaussians
@@ -148,7 +138,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(rgb=st.tuples(*[st.floats(0, 1, width=32)] * 3), opacity=st.floats(0, 1, width=32))
     def recolor(self, rgb: tuple[float, float, float], opacity: float) -> None:
-        color_grade.recolor(self.session, rgb, opacity)
+        transform.recolor(self.session, rgb, opacity)
 
     @rule(at=st.integers(0, 9), name=st.text(max_size=12))
     def rename(self, at: int, name: str) -> None:
@@ -160,7 +150,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(at=st.integers(0, 9), parent=st.integers(0, 9))
     def put_under(self, at: int, parent: int) -> None:
-        children.put_under(self.session, self._group(parent), (self._group(at),))
+        folders.put_under(self.session, self._group(parent), (self._group(at),))
 
     @rule(at=st.integers(0, 9))
     def assign(self, at: int) -> None:
@@ -168,7 +158,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(name=st.sampled_from("abc"), forgets=st.booleans())
     def name_selection(self, name: str, forgets: bool) -> None:
-        change = named_selections.forget if forgets else named_selections.keep
+        change = selection.forget_named if forgets else selection.keep_selection
         change(self.session, name)
 
     @rule(seed=st.integers(0, 99))

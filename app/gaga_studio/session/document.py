@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class Document:
-    """One open project. The edits themselves are in ``gaga_studio.actions``."""
+    """One open project. The edits themselves are in ``gaga_studio.features``."""
 
     def __init__(self, project: Project) -> None:
         self.project = project

@@ -46,7 +46,7 @@ NO_GROUPS = "There are no groups here. Use Find objects to make them."
 
 
 class Session:
-    """At most one open document, its view and its jobs. Edits are in ``gaga_studio.actions``."""
+    """At most one open document, its view and its jobs. Edits are in ``gaga_studio.features``."""
 
     def __init__(self, settings: Settings | None = None) -> None:
         self.document: Document | None = None

@@ -1,7 +1,7 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.actions import align_ground, measure, navigation, selection
+from gaga_studio.features import camera, measure, selection
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
@@ -114,7 +114,7 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
         if isinstance(tool, PolygonTool):
             tool.double_click(session, place)
         else:
-            navigation.focus_at(session, place.u, place.v, place.width, place.height)
+            camera.focus_at(session, place.u, place.v, place.width, place.height)
     elif action.act is Act.CLICK:
         tool.click(session, place)
     elif action.act is Act.MENU:
@@ -138,7 +138,7 @@ def _menu(session: Session, place: ViewportPoint) -> None:
         view.outline = view.outline.without_last()
         return
     if session.tool is ToolName.GROUND and view.ground:
-        align_ground.take_back(session)
+        measure.take_back_ground_point(session)
         return
     if session.tool is ToolName.MEASURE and view.measured:
         measure.take_back(session)

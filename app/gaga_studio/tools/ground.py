@@ -1,6 +1,6 @@
 """Click three points of the ground; drags orbit."""
 
-from gaga_studio.actions import align_ground
+from gaga_studio.features import measure
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
@@ -27,8 +27,8 @@ class GroundTool(ClickTool):
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Add the surface point; the third one aligns the scene."""
-        align_ground.add(session, surface_point(session, place))
+        measure.add_ground_point(session, surface_point(session, place))
 
     def hint(self, session: Session) -> str:
         """What a click does now."""
-        return f"{align_ground.prompt(session)}  ·  {align_ground.HELP}"
+        return f"{measure.ground_prompt(session)}  ·  {measure.GROUND_HELP}"

@@ -1,8 +1,8 @@
 """Draw an outline around what is to be selected."""
 
 from gaga_core.scene.selection import by_screen
-from gaga_studio.actions import selection
-from gaga_studio.actions.region import Region
+from gaga_studio.features import selection
+from gaga_studio.features.selection import Region
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint

@@ -1,6 +1,6 @@
 """Click points of the surface and read what lies between them; drags orbit."""
 
-from gaga_studio.actions import measure
+from gaga_studio.features import measure
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint

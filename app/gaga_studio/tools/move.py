@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.actions import selection, transform
+from gaga_studio.features import selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint

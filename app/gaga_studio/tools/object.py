@@ -1,6 +1,6 @@
 """Click a thing to select it, whatever groups there are; drag a box around it."""
 
-from gaga_studio.actions import click_object
+from gaga_studio.features.find import click_object
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import RectShape, ViewportPoint

@@ -18,7 +18,7 @@ from gaga_core.scene.selection.by_volume import (
     surface_point,
 )
 from gaga_core.scene.tint import mean_color, tint_affine
-from gaga_studio.actions.region import Region
+from gaga_studio.features.selection import Region
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session

@@ -1,6 +1,6 @@
 """Click an object to select it whole; drags orbit."""
 
-from gaga_studio.actions import selection
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint

@@ -1,6 +1,6 @@
 """Click the corners of an outline; Enter or a double click closes it."""
 
-from gaga_studio.actions.region import close_outline
+from gaga_studio.features.selection import close_outline
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Outline, ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint

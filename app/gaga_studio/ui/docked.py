@@ -1,6 +1,6 @@
 """The dockable panels: their titles, who draws them, and where each is docked."""
 
-from gaga_studio.actions.bank_timeline import timeline_of
+from gaga_studio.features.find.memory_bank import timeline_of
 from gaga_studio.session.session import Session
 from gaga_studio.system.layout import Panel
 from gaga_studio.ui.panels import (

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from gaga_studio.actions.reduce import ReducePlan
+from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs.export import ExportSheet
 from gaga_studio.ui.dialogs.file_dialog import FilePicker

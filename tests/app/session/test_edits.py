@@ -13,15 +13,9 @@ from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
-from gaga_studio.actions import (
-    associate,
-    color_grade,
-    export,
-    objects,
-    selection,
-    transform,
-)
-from gaga_studio.session.motion import shift
+from gaga_studio.features import export, objects, selection, transform
+from gaga_studio.features.find import association
+from gaga_studio.features.transform import shift
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
@@ -56,7 +50,7 @@ def _colors(gaussians_sh: FloatArray) -> FloatArray:
 def test_the_whole_walk(
     session: Session, new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
 ) -> None:
-    associate.associate(session)
+    association.associate(session)
     finish(session)
     scene = scene_of(session)
     red_one, bowl, doomed = objects_of(session)[:3]
@@ -66,8 +60,8 @@ def test_the_whole_walk(
     assert set(np.unique(scene.labels[scene.visible])) == {red_one}
     objects.show_all(session)
     selection.select_groups(session, (red_one,))
-    color_grade.preview_recolor(session, (0.2, 0.4, 0.9))
-    color_grade.recolor(session, (0.9, 0.1, 0.1))
+    transform.preview_recolor(session, (0.2, 0.4, 0.9))
+    transform.recolor(session, (0.9, 0.1, 0.1))
     np.testing.assert_allclose(
         mean_color(scene, group_indices(scene, red_one)), [0.9, 0.1, 0.1], atol=0.02
     )

@@ -8,8 +8,8 @@ import pytest
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import save_project
 from gaga_core.scene.project_file import saved_scene
-from gaga_studio.actions import files, objects, selection, transform
-from gaga_studio.session.history_copy import FILE, copy_history, read_history, write_history
+from gaga_studio.features import files, objects, selection, transform
+from gaga_studio.features.autosave import FILE, copy_history, read_history, write_history
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 from tests.scenes import random_gaussians

@@ -10,8 +10,9 @@ import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_studio.actions import associate, objects, selection, transform
-from gaga_studio.commands import command, run
+from gaga_studio.features import objects, selection, transform
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
@@ -92,7 +93,7 @@ def test_a_folder_without_masks_offers_to_make_them(
     assert offer is not None
     assert "no masks" in offer.reason
     assert offer.command == "object.masks_quick"
-    associate.associate(session)
+    association.associate(session)
     assert "no masks" in session.notices[-1].text
     assert session.jobs.running is None
 
@@ -258,7 +259,7 @@ def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
 
 def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     before = snapshot(scene_of(session))
-    associate.associate(session)
+    association.associate(session)
     assert session.stage_offer() is None
     seen: list[int] = []
     end = time.monotonic() + 60
@@ -294,7 +295,7 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
 
 def test_cancelled_association_leaves_everything(session: Session) -> None:
     before = snapshot(scene_of(session))
-    associate.associate(session)
+    association.associate(session)
     session.jobs.cancel()
     finish(session)
     session.tick(0)
@@ -311,13 +312,13 @@ def test_duplicates_follow_their_originals(associated: Session) -> None:
     scene = scene_of(associated)
     n_file = int(scene.source.max()) + 1
     assert len(scene) > n_file
-    associate.associate(associated)
+    association.associate(associated)
     finish(associated)
     np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
 
 
 def test_unknown_masks_are_a_sentence(session: Session) -> None:
-    associate.associate(session, "none")
+    association.associate(session, "none")
     assert session.notices[-1].level is Level.ERROR
     assert "made" in session.notices[-1].text
 

@@ -11,7 +11,7 @@ import pytest
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
-from gaga_studio.commands import run
+from gaga_studio.features.commands import run
 from gaga_studio.session import upright
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings

@@ -8,7 +8,7 @@ from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
-from gaga_studio.actions import region
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import KeyState
@@ -44,7 +44,7 @@ def test_a_stroke_erases_what_is_seen_and_undo_brings_it_back(associated: Sessio
 def test_a_press_does_not_wait_for_the_surface(associated: Session) -> None:
     """Nor do the previews of a drag: the picture goes on while the depth is rendered."""
     go_on = Event()
-    busy = region._worker.submit(go_on.wait, 5)
+    busy = selection._worker.submit(go_on.wait, 5)
     hand = _hand(associated, ToolName.ERASE)
     scene = associated.need().scene
     hand.play(u=float(_FROM[0]), v=float(_FROM[1]))

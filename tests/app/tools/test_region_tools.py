@@ -5,7 +5,7 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.commands import for_shortcut, run
+from gaga_studio.features.commands import for_shortcut, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.gestures import KeyState

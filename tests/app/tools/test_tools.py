@@ -10,7 +10,7 @@ import pytest
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import objects, selection
+from gaga_studio.features import objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.controller import ToolController

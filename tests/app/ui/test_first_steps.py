@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gaga_studio.actions import associate, export, objects, selection
-from gaga_studio.commands import run
+from gaga_studio.features import export, objects, selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, FirstSteps, place
@@ -24,7 +25,7 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
         seen.append(progress.next)
 
     look()
-    associate.associate(session)
+    association.associate(session)
     finish(session)
     look()
     selection.select_groups(session, (1,))

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from imgui_bundle import imgui
 
-from gaga_studio.actions import selection
-from gaga_studio.commands import COMMANDS
+from gaga_studio.features import selection
+from gaga_studio.features.commands import COMMANDS
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings

@@ -9,8 +9,7 @@ from imgui_bundle import ImVec2
 from PIL import Image
 
 from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_studio import commands
-from gaga_studio.actions import camera_path
+from gaga_studio.features import camera, commands
 from gaga_studio.session.view_state import PhotoCompareMode
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -47,7 +46,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.keys(KEY.k)
         s.rig.orbit(100, 0)
         d.keys(KEY.k)
-        assert len(camera_path.path_of(s).keyframes) == 2
+        assert len(camera.path_of(s).keyframes) == 2
         d.studio.ui.film.width, d.studio.ui.film.height = 64, 48
         d.studio.ui.film.fps = 5.0
         d.menu("Camera/Save film…")
@@ -65,7 +64,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.answer_path(picture)
         d.settle()
         commands.run("view.rings", s)  # only OpenGL draws these
-        camera_path.save_picture(s, tmp_path / "rings.png", (80, 60), transparent=True)
+        camera.save_picture(s, tmp_path / "rings.png", (80, 60), transparent=True)
         d.settle()
 
     drive(walk, path=scene_folder, size=(1000, 640))

@@ -9,7 +9,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import State
-from gaga_studio.actions import cleanup, selection
+from gaga_studio.features import cleanup, selection
 from gaga_studio.session.view_state import Mode
 from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot

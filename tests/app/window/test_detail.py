@@ -9,8 +9,9 @@ import pytest
 from imgui_bundle import ImVec2
 
 from gaga_core.scene import edits
-from gaga_studio.actions import associate, object_lines, selection
-from gaga_studio.commands import run
+from gaga_studio.features import object_list, selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import association
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window
@@ -45,10 +46,10 @@ def test_the_slider_of_detail_is_one_edit(
 
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
-        assert object_lines.levels_of(session) is None
-        d.on_main(lambda: associate.associate(session, preset="robust"))
+        assert object_list.levels_of(session) is None
+        d.on_main(lambda: association.associate(session, preset="robust"))
         d.settle()
-        levels = object_lines.levels_of(session)
+        levels = object_list.levels_of(session)
         assert levels is not None
         before, place = document.scene.labels.copy(), session.need().history.cursor
         d.engine.mouse_move("//Objects/##Detail")

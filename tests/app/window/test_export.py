@@ -10,8 +10,8 @@ from gaga_core.export.cameras import CameraForm
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats
-from gaga_studio.actions import selection
-from gaga_studio.commands import run
+from gaga_studio.features import selection
+from gaga_studio.features.commands import run
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data

@@ -8,8 +8,9 @@ import pytest
 from imgui_bundle import ImVec2
 
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
-from gaga_studio.actions import mask_splats, selection
-from gaga_studio.commands import run
+from gaga_studio.features import selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.view_state import CentreColors, Mode, Side
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -38,7 +39,7 @@ def _mask_in_3d(d: Driver, plain: np.ndarray) -> None:
     d.focus("Memory bank")
     decision = d.session.decisions(3)[0]
     d.click(f"Memory bank/**/{decision.view} {decision.mask}/##decision")
-    d.until(lambda: mask_splats.found(d.session, decision) is not None, "the view is read")
+    d.until(lambda: memory_bank.mask_splats_of(d.session, decision) is not None, "the view is read")
     lit = d.pixels().astype(int)
     assert np.abs(lit - plain).mean() > 5
     d.click("Memory bank/Depth gate")

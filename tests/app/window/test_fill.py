@@ -8,7 +8,7 @@ import pytest
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import fill, selection
+from gaga_studio.features import fill, selection
 from tests.app.window.driver import Driver, drive
 from tests.core.scene.fill import models
 from tests.core.scene.fill.tables import BOX, table_with_box

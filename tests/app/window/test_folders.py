@@ -11,7 +11,7 @@ from gaga_core.grouping.levels import Levels
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
-from gaga_studio.actions import folders, selection
+from gaga_studio.features import folders, selection
 from gaga_studio.session.object_list import ListFilter
 from tests.app.window.driver import KEY, Driver, drive
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.commands import command
+from gaga_studio.features.commands import command
 from gaga_studio.session.find_options import FindOptions
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode

@@ -10,7 +10,7 @@ from PIL import Image
 from gaga_core.arrays import UInt8Array
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
-from gaga_studio.actions import objects, selection
+from gaga_studio.features import objects, selection
 from gaga_studio.session.settings import load_settings
 from tests.app.folders import write_scene
 from tests.app.window.driver import Driver, drive

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio import commands
-from gaga_studio.actions import selection
+from gaga_studio.features import commands, selection
 from gaga_studio.session.view_state import Mode, SplatLook
 from tests.app.window.driver import Driver, drive
 

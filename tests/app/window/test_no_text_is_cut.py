@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from imgui_bundle import imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import camera_path, selection
+from gaga_studio.features import camera, commands, selection
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import ToolName
 from tests.app.window.driver import KEY, Driver, drive
@@ -39,7 +38,7 @@ def test_no_text_is_cut_at_any_size(
     def walk(d: Driver) -> None:
         d.on_main(partial(selection.select_groups, d.session, (2,)))
         for _ in range(3):
-            d.on_main(partial(camera_path.add_keyframe, d.session))
+            d.on_main(partial(camera.add_keyframe, d.session))
         d.on_main(partial(selection.select_groups, d.session, (2,)))
         monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
         monkeypatch.setattr(imgui, "button", watch.button(imgui.button))

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.actions import objects, quality, selection
-from gaga_studio.commands import run
+from gaga_studio.features import objects, selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import memory_bank
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
@@ -73,7 +74,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.frames(3)
         d.click("Inspector/###Quality")
         d.frames(3)
-        measured = quality.of_group(session, 3)
+        measured = memory_bank.quality_of(session, 3)
         assert measured is not None
         info = d.engine.item_info(f"//Inspector/###Worst {measured.views[0].view}")
         whole, seen = info.rect_full, info.rect_clipped

@@ -10,8 +10,7 @@ import pytest
 from imgui_bundle import ImVec4, imgui
 from PIL import Image
 
-from gaga_studio import commands
-from gaga_studio.actions import camera_path, selection
+from gaga_studio.features import camera, commands, selection
 from gaga_studio.ui.kit import theme
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -94,7 +93,7 @@ def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
     """Several columns where the panel is wide and low: nothing is scrolled away."""
     for turn in range(_KEYFRAMES):
         d.session.rig.orbit(60.0 * (turn > 0), 0)
-        d.on_main(partial(camera_path.add_keyframe, d.session))
+        d.on_main(partial(camera.add_keyframe, d.session))
     d.focus("Camera path")
     d.frames(4)
     for index in range(_KEYFRAMES):

@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.scene.orientation import degrees_of
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import selection
+from gaga_studio.features import selection
 from gaga_studio.session.settings import Settings
 from tests.app.window.driver import KEY, Driver, drive
 

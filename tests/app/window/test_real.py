@@ -10,8 +10,9 @@ from gaga_core.camera import Camera
 from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.scene import State
-from gaga_studio.actions import associate, color_grade, export, selection, transform
-from gaga_studio.actions.navigation import go_to_view
+from gaga_studio.features import export, selection, transform
+from gaga_studio.features.camera import go_to_view
+from gaga_studio.features.find import association
 from gaga_studio.session.settings import Settings
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -37,7 +38,7 @@ def test_the_table_from_masks_to_an_edited_file(
     seen: dict[str, int] = {}
 
     def walk(d: Driver) -> None:
-        associate.associate(d.session, preset="paper")
+        association.associate(d.session, preset="paper")
         d.settle()
         go_to_view(d.session, view)
         d.settle()
@@ -50,7 +51,7 @@ def test_the_table_from_masks_to_an_edited_file(
         d.click("Inspector/###Isolate")
         assert set(np.unique(scene.labels[scene.visible])) == {groups[-1]}
         d.keys(KEY.mod_shift, KEY.h)
-        color_grade.recolor(d.session, (0.9, 0.1, 0.1))
+        transform.recolor(d.session, (0.9, 0.1, 0.1))
         transform.move(d.session, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1]]))
         selection.select_groups(d.session, (groups[0],), "set")
         d.engine.item_click("//Viewport/##picture", 2)
@@ -103,7 +104,7 @@ def test_the_garden_is_viewed_clicked_and_exported(
 
     def walk(d: Driver) -> None:
         assert d.pixels().std() > 20, "the garden is on the screen"
-        associate.associate(d.session, preset="paper")
+        association.associate(d.session, preset="paper")
         d.settle()
         width, height = d.size
         d.click_picture(width / 2, height * 0.6)

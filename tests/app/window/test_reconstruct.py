@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
 from gaga_core.progress import run_stage
-from gaga_studio.actions.reconstruction import ReconstructionPlan
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from tests.app.window.driver import Driver, drive
 from tests.core.reconstruct.photo_scenes import write_photos
 

@@ -13,8 +13,8 @@ from PIL import Image
 
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio import commands
-from gaga_studio.actions import bank_timeline, objects, selection
+from gaga_studio.features import commands, objects, selection
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
 from tests.app.window.driver import KEY, Driver, drive
@@ -122,7 +122,7 @@ def _titles_of_panels_are_whole(d: Driver) -> None:
     assert {"Objects", "Camera path", "Memory bank"} < set(shown)
     assert "Timeline" not in shown
     d.on_main(partial(commands.run, "view.timeline", d.session))
-    d.until(lambda: bank_timeline.timeline_of(d.session).is_open, "the growth is known")
+    d.until(lambda: memory_bank.timeline_of(d.session).is_open, "the growth is known")
     d.frames(4)
     d.click("Timeline/**/###Close replay")
     d.frames(4)

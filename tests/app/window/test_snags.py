@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from gaga_core.scene.objects import group_indices
-from gaga_studio import commands
-from gaga_studio.actions import objects, selection
+from gaga_studio.features import commands, objects, selection
 from gaga_studio.session.notices import Level
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, PathKind

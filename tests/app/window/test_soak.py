@@ -15,8 +15,7 @@ import psutil
 import pytest
 
 from gaga_core.scene.scene import Scene
-from gaga_studio import commands
-from gaga_studio.actions import color_grade, objects, selection, transform
+from gaga_studio.features import commands, objects, selection, transform
 from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
@@ -127,7 +126,7 @@ class _Walk:
             if is_move:
                 transform.preview_move(session, np.c_[np.eye(3), [0.1 * x, 0, 0]])
             else:
-                color_grade.preview_recolor(session, (x, y, z), 0.9)
+                transform.preview_recolor(session, (x, y, z), 0.9)
             self._draw()
         if rng.random() < 0.3:
             session.cancel_preview()

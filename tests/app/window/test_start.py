@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
-from gaga_studio.commands import COMMANDS
+from gaga_studio.features.commands import COMMANDS
 from gaga_studio.ui.chrome import status_bar
 from gaga_studio.ui.dialogs import shortcuts
 from gaga_studio.ui.dialogs.sheets import matching

@@ -11,9 +11,9 @@ import pytest
 from imgui_bundle import imgui
 
 from gaga_core.progress import Progress, Stage
-from gaga_studio import commands
-from gaga_studio.commands import MENUS
-from gaga_studio.commands.base import Command
+from gaga_studio.features import commands
+from gaga_studio.features.base import Command
+from gaga_studio.features.commands import MENUS
 from gaga_studio.ui.chrome import menu
 from gaga_studio.ui.kit import widgets
 from tests.app.window.driver import KEY, Driver, drive

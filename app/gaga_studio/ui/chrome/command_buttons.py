@@ -2,8 +2,7 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import navigation
+from gaga_studio.features import camera, commands
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
@@ -267,9 +266,9 @@ def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
 
 def fly_to(session: Session, view: str) -> None:
     """Go to where a photo was taken, by its name."""
-    index = navigation.view_index(session, view)
+    index = camera.view_index(session, view)
     if index is not None:
-        navigation.go_to_view(session, index)
+        camera.go_to_view(session, index)
 
 
 def gap(size: float) -> None:

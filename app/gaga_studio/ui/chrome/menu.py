@@ -5,9 +5,8 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from gaga_studio.actions import masks
-from gaga_studio.commands import MENUS
-from gaga_studio.commands.camera import RECALL, SET
+from gaga_studio.features.commands import MENUS, RECALL, SET
+from gaga_studio.features.find import masks
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets

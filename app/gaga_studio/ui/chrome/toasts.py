@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import export
+from gaga_studio.features import commands, export
 from gaga_studio.session.notices import Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets

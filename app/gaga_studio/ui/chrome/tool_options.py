@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from gaga_studio.actions import click_model
+from gaga_studio.features.find import click_object
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import REGION_TOOLS, ToolName
 from gaga_studio.ui.chrome import command_buttons
@@ -149,7 +149,7 @@ def _clicks(session: Session) -> None:
 def _model_of_clicks(session: Session) -> None:
     """Which model clicks ask, and the way to get one; the menu Tools has a switch where this has
     no room."""
-    chosen = click_model.chosen(session)
+    chosen = click_object.chosen_model(session)
     title = widgets.elided(chosen.title if chosen is not None else "none", em(11))
     room = imgui.get_content_region_avail().x - 2 * imgui.get_style().frame_padding.x
     texts = (f"{text}  {icons.UNFOLDED}" for text in (f"Model: {title}", "Model"))
@@ -164,10 +164,10 @@ def _model_of_clicks(session: Session) -> None:
     if not imgui.begin_popup("Models for clicks"):
         return
     if imgui.menu_item("None", "", chosen is None)[0]:
-        click_model.choose_model(session, click_model.NO_MODEL)
-    for model in click_model.models_here(session):
+        click_object.choose_model(session, click_object.NO_MODEL)
+    for model in click_object.models_here(session):
         if imgui.menu_item(f"{model.title}###{model.title}", "", model is chosen)[0]:
-            click_model.choose_model(session, model.name)
+            click_object.choose_model(session, model.name)
     imgui.separator()
     command_buttons.command_item(session, "object.models")
     imgui.end_popup()

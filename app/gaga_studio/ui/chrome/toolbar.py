@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from gaga_studio import commands
+from gaga_studio.features import commands
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, SplatLook

@@ -2,7 +2,7 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.actions import add_views
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs import make_masks
@@ -30,7 +30,7 @@ def draw(session: Session) -> None:
         imgui.end_popup()
         return
     make_masks.draw_choice(session, -1)
-    names, bare = add_views.new_views(session), add_views.bare_text(session)
+    names, bare = memory_bank.new_views(session), memory_bank.text_on_bare_photos(session)
     n = len(names)
     shown = ", ".join(names[:_NAMED]) + (", …" if n > _NAMED else "")
     if names:
@@ -42,15 +42,15 @@ def draw(session: Session) -> None:
         "Only these are looked at: their masks join the objects, or make new ones.", wrap=True
     )
     imgui.dummy(ImVec2(0, em(0.2)))
-    for sentence in add_views.consequences(session):
+    for sentence in memory_bank.consequences_of_adding(session):
         widgets.dim(f"•  {sentence}", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     job = session.jobs.running
     busy = "" if job is None else f"{job.title} is still running."
     face = Face("Add", icons.RUN, primary=True)
-    if widgets.button("Add views", face, why_not=busy or add_views.why_not(session)):
+    if widgets.button("Add views", face, why_not=busy or memory_bank.why_no_new_views(session)):
         imgui.close_current_popup()
-        add_views.start(session)
+        memory_bank.add_views(session)
     imgui.same_line()
     if widgets.button("Close"):
         imgui.close_current_popup()

@@ -11,9 +11,8 @@ from gaga_core.export.export import MeshExport, MeshForm
 from gaga_core.export.options import ExportOptions
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
-from gaga_studio import commands
-from gaga_studio.actions import export
-from gaga_studio.actions.export import ExportPlan, ExportSummary, What
+from gaga_studio.features import commands, export
+from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths

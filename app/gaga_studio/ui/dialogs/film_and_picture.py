@@ -11,8 +11,8 @@ from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
-from gaga_studio.actions import camera_path, split_view
-from gaga_studio.commands.availability import no_path, no_photo_files
+from gaga_studio.features import camera, split_view
+from gaga_studio.features.commands import no_path, no_photo_files
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -140,10 +140,10 @@ def _along(session: Session, choices: FilmChoices) -> None:
 def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
     """Seconds and pictures of the film."""
     if choices.through_photos:
-        n_photos = len(camera_path.photos_of(session, choices.views))
+        n_photos = len(camera.photos_of(session, choices.views))
         n_each = max(round(choices.seconds * choices.fps), 1)
         return n_photos * n_each / choices.fps, n_photos * n_each
-    path = camera_path.path_of(session)
+    path = camera.path_of(session)
     return path.seconds, len(path.frame_times(choices.fps)) if path.keyframes else 0
 
 
@@ -165,7 +165,7 @@ def _photos(session: Session, choices: FilmChoices) -> None:
 
 
 def _no_photo_of(session: Session, part: Views) -> str:
-    return "" if camera_path.photos_of(session, part) else "The scene has no such photos."
+    return "" if camera.photos_of(session, part) else "The scene has no such photos."
 
 
 def _choice(name: str, named: Mapping[T, str], current: T, why_not: Mapping[T, str]) -> T:
@@ -248,12 +248,12 @@ def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
     if choices.through_photos:
         shown = choices.photo_config(session)
-        return camera_path.export_photo_film(session, path, shown, choices.views)
+        return camera.export_photo_film(session, path, shown, choices.views)
     config, before = choices.config(session), choices.left == "before"
-    return camera_path.export_film(session, path, config, before=before)
+    return camera.export_film(session, path, config, before=before)
 
 
 def _ask_picture(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     dialog = writing("Save the picture", session, f"{stem(session)}.png", (".png", ".jpg"))
     size, clear = (choices.width, choices.height), choices.transparent
-    files.ask(dialog, lambda path: camera_path.save_picture(session, path, size, transparent=clear))
+    files.ask(dialog, lambda path: camera.save_picture(session, path, size, transparent=clear))

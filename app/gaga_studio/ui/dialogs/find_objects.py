@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_studio.actions import associate, identities
+from gaga_studio.features.find import association
 from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.next_stage import training_text
 from gaga_studio.session.requests import Request
@@ -135,14 +135,14 @@ def _actions(session: Session) -> None:
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
-        associate.associate(session)
+        association.associate(session)
     imgui.same_line()
     bank = session.need().scene.bank
     why_not = busy or no_masks or _no_groups(bank)
     hint = "Identities of the groups that are here; the groups stay"
     if widgets.button("Lift", Face("Lift only"), why_not=why_not, hint=hint):
         imgui.close_current_popup()
-        identities.lift(session)
+        association.lift(session)
     imgui.same_line()
     as_preset = session.find_options == FindOptions()
     same = "All is as the preset has it." if as_preset and _is_default(session.settings) else ""

@@ -12,8 +12,8 @@ from gaga_core.errors import GagaError
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.weights import models_folder
-from gaga_studio.actions import mask_settings, masks, models
-from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
+from gaga_studio.features.find import masks
+from gaga_studio.features.find.masks import MaskForm, MaskPreview, MaskRequest, Views
 from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
@@ -217,7 +217,7 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         if entry.page and widgets.button("Get", Face("Get it…", primary=True)):
             imgui.close_current_popup()
             session.request = Request.MODELS
-            models.ask(session, known_model(entry.name))
+            masks.ask_model(session, known_model(entry.name))
         imgui.same_line()
         if entry.page and widgets.button("Copy the address", Face("Copy the address of its page")):
             imgui.set_clipboard_text(entry.page)
@@ -231,22 +231,22 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     request = dialog.request
     settings = request.settings
     try:
-        kind = mask_settings.family(entry)
+        kind = masks.settings_family(entry)
     except GagaError as error:
         imgui.text_wrapped(str(error))
         return
-    if mask_settings.has_profile(entry):
+    if masks.has_profile(entry):
         is_paper = settings.profile == "paper"
         changed, is_paper = widgets.checkbox("As in the paper", is_paper)
         widgets.tooltip("SAM: 64 points a side, predicted IoU 0.7; EntitySeg: no mask is dropped")
         if changed:
-            settings = mask_settings.with_profile(settings, paper=is_paper)
-    for slider in mask_settings.SLIDERS[kind]:
-        value = mask_settings.value_of(settings, slider, entry)
+            settings = masks.with_profile(settings, paper=is_paper)
+    for slider in masks.SLIDERS[kind]:
+        value = masks.value_of(settings, slider, entry)
         changed, value = _slider(slider, value)
         widgets.tooltip(slider.hint)
         if changed:
-            settings = mask_settings.with_value(settings, slider, entry, value)
+            settings = masks.with_value(settings, slider, entry, value)
     views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
     _, redo = widgets.checkbox("Make them again", request.redo)
     widgets.tooltip("Also where masks of the same settings are there already")
@@ -259,7 +259,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     )
 
 
-def _slider(slider: mask_settings.Slider, value: float) -> tuple[bool, float]:
+def _slider(slider: masks.Slider, value: float) -> tuple[bool, float]:
     with theme.face(scale=0.93):
         widgets.dim(slider.label)
     imgui.set_next_item_width(-1)
@@ -357,7 +357,7 @@ def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
     if preview is not None and preview.seconds and preview.request.provider == request.provider:
         text = duration_text(n * preview.seconds)
     else:
-        text = models.duration(session, request.provider, n)
+        text = masks.model_duration(session, request.provider, n)
     return f", {text}" if text else ""
 
 

@@ -5,7 +5,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.segmentation.models.hub import Listing, terms
 from gaga_core.segmentation.models.status import ModelStatus
 from gaga_core.segmentation.models.weights import models_folder
-from gaga_studio.actions import models
+from gaga_studio.features.find import masks
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
@@ -34,7 +34,7 @@ def register(table: RequestTable) -> None:
     """Answer the request for the sheet."""
 
     def open_sheet(session: Session) -> None:
-        models.refresh(session)
+        masks.refresh_models(session)
         imgui.open_popup(SHEET)
 
     table.register(Request.MODELS, open_sheet)
@@ -45,7 +45,7 @@ def draw(session: Session) -> None:
     if not begin_modal(SHEET, em(70)):
         return
     if not session.models.entries:
-        models.refresh(session)
+        masks.refresh_models(session)
     imgui.push_text_wrap_pos(0.0)
     widgets.dim(
         "Nothing is downloaded without your consent. Sizes are approximate until you ask for one.",
@@ -98,18 +98,18 @@ def _row(session: Session, entry: ModelStatus) -> None:
     widgets.line(f"{model.megabytes:,} MB")
     imgui.table_next_column()
     if imgui.text_link(f"{model.licence}##licence"):
-        models.open_page(model)
+        masks.open_model_page(model)
     widgets.tooltip(f"Open {model.page}")
     imgui.table_next_column()
     widgets.line(_seconds(entry))
     imgui.table_next_column()
-    why_not = models.why_not(session)
+    why_not = masks.why_no_download(session)
     if entry.path is None:
         hint = f"Goes on after {entry.partial_bytes / 1e6:.0f} MB" if entry.partial_bytes else ""
         if widgets.button("Get", Face("Get…", width=-1), why_not=why_not, hint=hint):
-            models.ask(session, model)
+            masks.ask_model(session, model)
     elif widgets.button("Remove", Face("Remove…", width=-1)):
-        models.ask_remove(session, model)
+        masks.ask_remove_model(session, model)
 
 
 def _seconds(entry: ModelStatus) -> str:
@@ -130,10 +130,10 @@ def _foot(session: Session) -> None:
     elif state.removing is not None:
         imgui.text_wrapped(f"Delete {state.removing.title} from this computer?")
         if widgets.button("Delete", Face(primary=True)):
-            models.remove_asked(session)
+            masks.remove_asked_model(session)
         imgui.same_line()
         if widgets.button("Keep it"):
-            models.decline(session)
+            masks.decline_model(session)
     else:
         widgets.dim("Get… shows the license and the exact size, and asks.")
 
@@ -155,10 +155,10 @@ def _terms(session: Session, listing: Listing) -> None:
     imgui.text_wrapped(terms(listing.model, listing))
     imgui.pop_text_wrap_pos()
     if widgets.button("Accept", Face("Accept the license and download", primary=True)):
-        models.accept(session)
+        masks.accept_model(session)
     imgui.same_line()
     if widgets.button("Not now"):
-        models.decline(session)
+        masks.decline_model(session)
     imgui.same_line()
     if widgets.button("Read the license"):
-        models.open_page(listing.model)
+        masks.open_model_page(listing.model)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
-from gaga_studio.actions import camera_path, files, fill, masks
+from gaga_studio.features import camera, files, fill
+from gaga_studio.features.find import masks
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
@@ -106,13 +107,13 @@ def _save_script(picker: FilePicker, session: Session) -> None:
 
 def _open_path(picker: FilePicker, session: Session) -> None:
     dialog = _reading("Open a camera path", session, (".json",), "Open")
-    picker.ask(dialog, lambda path: camera_path.open_path_file(session, path))
+    picker.ask(dialog, lambda path: camera.open_path_file(session, path))
 
 
 def _save_path(picker: FilePicker, session: Session) -> None:
     name = f"{stem(session)} path.json"
     dialog = writing("Save the camera's path", session, name, (".json",))
-    picker.ask(dialog, lambda path: camera_path.save_path_file(session, path))
+    picker.ask(dialog, lambda path: camera.save_path_file(session, path))
 
 
 def _reading(title: str, session: Session, suffixes: tuple[str, ...], action: str) -> FileDialog:

@@ -2,8 +2,8 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.actions import reduce
-from gaga_studio.actions.reduce import ReducePlan, What
+from gaga_studio.features import cleanup
+from gaga_studio.features.cleanup import ReducePlan, ReduceWhat
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
@@ -15,7 +15,7 @@ from gaga_studio.ui.kit.widgets import Face
 NAME = "Reduce splats"
 _NAMES = 5.0  # width of the names of fields, ems
 _FEWEST, _MOST = 5, 95  # percent
-_WHATS: tuple[tuple[What, str, str, str], ...] = (
+_WHATS: tuple[tuple[ReduceWhat, str, str, str], ...] = (
     ("selection", "", "Selection", "What is selected"),
     ("objects", "", "Objects", "All of each object that something is selected of"),
     ("scene", "", "Scene", "All that is visible and not locked"),
@@ -27,7 +27,7 @@ def register(table: RequestTable, plan: ReducePlan) -> None:
 
     def opens(session: Session) -> None:
         if session.document is not None:
-            reduce.open_plan(session, plan)
+            cleanup.open_reduce_plan(session, plan)
             imgui.open_popup(NAME)
 
     table.register(Request.REDUCE, opens)
@@ -36,20 +36,20 @@ def register(table: RequestTable, plan: ReducePlan) -> None:
 def draw(session: Session, plan: ReducePlan) -> None:
     """The sheet, while it is open."""
     if not begin_modal(NAME, em(30)):
-        reduce.close_plan(session, plan)
+        cleanup.close_reduce_plan(session, plan)
         return
     if session.document is None:
         imgui.close_current_popup()
         imgui.end_popup()
         return
-    reduce.estimate(session, plan)
+    cleanup.estimate_loss(session, plan)
     widgets.dim(
         "Neighbours that are alike become one splat. Hidden and locked splats, and those of "
         "different objects, are never merged.",
         wrap=True,
     )
     widgets.field_name("Of", em(_NAMES))
-    off = {what: reduce.why_not(session, what) for what, *_ in _WHATS}
+    off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
     plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off)
     widgets.field_name("Keep", em(_NAMES))
     flags = imgui.SliderFlags_.always_clamp
@@ -62,10 +62,10 @@ def draw(session: Session, plan: ReducePlan) -> None:
 
 def _says(session: Session, plan: ReducePlan) -> None:
     """How many are left, and about how much is lost."""
-    n = len(reduce.splats(session, plan.what))
+    n = len(cleanup.reducible_splats(session, plan.what))
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.text_unformatted(f"{n:,} splats become {max(min(n, 1), round(plan.percent / 100 * n)):,}")
-    widgets.dim(reduce.what_is_known(session, plan), wrap=True)
+    widgets.dim(cleanup.what_is_known_of_loss(session, plan), wrap=True)
     widgets.dim("From 40 dB on nearly nothing is seen of it; at 25 dB fine texture is gone.")
 
 
@@ -75,9 +75,9 @@ def _buttons(session: Session, plan: ReducePlan) -> None:
     room = imgui.get_content_region_avail().x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
     face = Face("Reduce", width=width, primary=True)
-    if widgets.button("Reduce now", face, why_not=reduce.why_not_now(session, plan)):
+    if widgets.button("Reduce now", face, why_not=cleanup.why_not_reducing(session, plan)):
         imgui.close_current_popup()
-        reduce.start(session, plan)
+        cleanup.start_reducing(session, plan)
     imgui.same_line()
     if widgets.button("Cancel", Face(width=width)):
         imgui.close_current_popup()

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core import __version__
-from gaga_studio import commands
-from gaga_studio.commands import COMMANDS, MENUS, Command
+from gaga_studio.features import commands
+from gaga_studio.features.base import Command
+from gaga_studio.features.commands import COMMANDS, MENUS
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from imgui_bundle import imgui
 
-from gaga_studio import commands
+from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 
 _NAMED = {

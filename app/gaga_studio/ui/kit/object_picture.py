@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import thumbnails
+from gaga_studio.features import thumbnails
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em

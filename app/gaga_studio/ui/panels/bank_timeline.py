@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.figures import BankGrowth
-from gaga_studio.actions import bank_timeline
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.timeline import Timeline
@@ -23,7 +23,7 @@ def register(table: RequestTable) -> None:
 
 def draw(session: Session) -> None:
     """The whole panel."""
-    timeline = bank_timeline.timeline_of(session)
+    timeline = memory_bank.timeline_of(session)
     if session.document is None or session.document.scene.bank is None:
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", "")
         return
@@ -47,11 +47,11 @@ def draw(session: Session) -> None:
 
 def _photo(session: Session, room: ImVec2) -> None:
     """The view of the step, its masks in the colors of the groups that they joined."""
-    view = bank_timeline.view_of_step(session)
+    view = memory_bank.view_of_step(session)
     shown = view or (session.cameras[0].name if session.cameras else "")
     aspect = photo_textures.aspect(session, shown)
     width = min(room.y * aspect, 0.4 * room.x)
-    bank = bank_timeline.bank_at(session)
+    bank = memory_bank.bank_at(session)
     texture = photo_textures.photo_with_masks(session, view, bank) if view else None
     photo_textures.place(texture, width, aspect)
 
@@ -59,7 +59,7 @@ def _photo(session: Session, room: ImVec2) -> None:
 def _controls(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
     icon = icons.PAUSE if timeline.is_playing else icons.PLAY
     if widgets.icon_button("Play the bank", icon, hint="Play or stop"):
-        bank_timeline.toggle_playing(session)
+        memory_bank.toggle_timeline_playing(session)
     imgui.same_line(0, em(0.2))
     if widgets.icon_button("Step back", icons.STEP_BACK, hint="One view back"):
         _stop_at(session, timeline, timeline.step - 1)
@@ -75,15 +75,15 @@ def _controls(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
     imgui.same_line()
     hint = "The camera follows the views"
     if widgets.icon_button("Camera follows", icons.CAMERA, hint=hint, on=timeline.follows):
-        bank_timeline.set_follows(session, not timeline.follows)
+        memory_bank.set_follows(session, not timeline.follows)
     imgui.same_line()
     if widgets.icon_button("Close replay", icons.CLOSE, hint="Close the replay (Esc)"):
-        bank_timeline.close(session)
+        memory_bank.close_timeline(session)
 
 
 def _stop_at(session: Session, timeline: Timeline, step: int) -> None:
     timeline.is_playing = False
-    bank_timeline.go_to_step(session, step)
+    memory_bank.go_to_step(session, step)
 
 
 def _sentence(session: Session, timeline: Timeline, growth: BankGrowth) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.camera_path import Bookmark
-from gaga_studio.actions import bookmarks
+from gaga_studio.features import camera
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -23,7 +23,7 @@ class BookmarkState:
 
 def draw(session: Session, state: BookmarkState) -> None:
     """The whole panel."""
-    marks = bookmarks.listed(session)
+    marks = camera.bookmarks(session)
     if session.document is None:
         widgets.empty_state(icons.BOOKMARK, "No bookmarks", "")
         return
@@ -54,20 +54,20 @@ def _row(session: Session, state: BookmarkState, index: int, mark: Bookmark) -> 
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 state.renaming, state.text = index, mark.name
             else:
-                bookmarks.recall(session, index)
+                camera.recall_bookmark(session, index)
         widgets.tooltip("Click to go there, double click to rename")
         if keys:
             imgui.same_line(0, em(0.4))
             widgets.dim(keys)
     imgui.same_line(room - tools + em(0.3))
     if widgets.small_icon("Update", icons.UPDATE, hint="Keep the present view instead"):
-        bookmarks.update(session, index)
+        camera.update_bookmark(session, index)
     imgui.same_line(0, 0)
     if widgets.small_icon("Up", icons.EARLIER, hint="Move up"):
-        bookmarks.move(session, index, -1)
+        camera.move_bookmark(session, index, -1)
     imgui.same_line(0, 0)
     if widgets.small_icon("Remove", icons.CLOSE, hint="Remove the bookmark"):
-        bookmarks.remove(session, index)
+        camera.remove_bookmark(session, index)
 
 
 def _name_field(session: Session, state: BookmarkState, index: int, width: float) -> None:
@@ -80,5 +80,5 @@ def _name_field(session: Session, state: BookmarkState, index: int, width: float
         entered, state.text = imgui.input_text("##Name", state.text, flags)
     if entered or imgui.is_item_deactivated():
         if entered or not imgui.is_key_pressed(imgui.Key.escape):
-            bookmarks.rename(session, index, state.text)
+            camera.rename_bookmark(session, index, state.text)
         state.renaming, state.has_keyboard = None, False

@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.camera_path import CameraPath
-from gaga_studio.actions import camera_path
+from gaga_studio.features import camera
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -15,7 +15,7 @@ def draw(session: Session) -> None:
     if session.document is None:
         widgets.empty_state(icons.FILM, "No camera path", "")
         return
-    path = camera_path.path_of(session)
+    path = camera.path_of(session)
     _buttons(session, path)
     if not path.keyframes:
         widgets.dim(
@@ -39,11 +39,11 @@ def _buttons(session: Session, path: CameraPath) -> None:
     widgets.next_to("Closed", em(1))
     hint = "After the last keyframe the camera goes on to the first"
     if widgets.toggle("Closed", path.is_closed, hint=hint):
-        camera_path.set_closed(session, not path.is_closed)
+        camera.set_closed_path(session, not path.is_closed)
     widgets.next_to("Even speed")
     hint = "The same speed all the way: the times between the keyframes follow their distances"
     if widgets.toggle("Even speed", path.even_speed, hint=hint):
-        camera_path.set_even_speed(session, not path.even_speed)
+        camera.set_even_speed(session, not path.even_speed)
     widgets.next_to(f"{icons.FILM}  Save film…", em(1))
     command_buttons.command_button(session, "camera.film", "Save film…")
 
@@ -53,21 +53,21 @@ def _scrub(session: Session, path: CameraPath) -> None:
     icon = icons.PAUSE if playback.is_playing else icons.PLAY
     why_not = "" if len(path.keyframes) > 1 else "Add another keyframe."
     if widgets.icon_button("Play", icon, hint="Play or stop", why_not=why_not, shortcut="Shift+K"):
-        camera_path.toggle_playing(session)
+        camera.toggle_playing(session)
     imgui.same_line()
     width = em(5.5)
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
     changed, at = imgui.slider_float("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
     if changed:
         playback.is_playing = False
-        camera_path.scrub(session, at)
+        camera.scrub(session, at)
     _marks(path)
     imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
     widgets.tooltip("Time of the whole path; all times are stretched alike")
     if changed:
-        camera_path.set_total(session, total)
+        camera.set_total_seconds(session, total)
 
 
 def _marks(path: CameraPath) -> None:
@@ -108,7 +108,7 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
     width, field = (em(5.6), em(4.4)) if is_narrow else (em(6.4), em(6.4))
     text = f"{index + 1}   at {times[index]:.1f} s"
     if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
-        camera_path.choose(session, index)
+        camera.choose_keyframe(session, index)
     widgets.tooltip("Click to go there")
     imgui.same_line(width + em(0.4))
     if index or path.is_closed:
@@ -120,7 +120,7 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
         imgui.pop_style_var()
         imgui.end_disabled()
         if changed:
-            camera_path.set_seconds(session, index, seconds)
+            camera.set_seconds(session, index, seconds)
     imgui.same_line(width + field + em(0.8))
     _row_buttons(session, index)
     imgui.pop_id()
@@ -128,13 +128,13 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
 
 def _row_buttons(session: Session, index: int) -> None:
     if widgets.small_icon("Update", icons.UPDATE, hint="Show the present view here instead"):
-        camera_path.update_keyframe(session, index)
+        camera.update_keyframe(session, index)
     imgui.same_line(0, 0)
     if widgets.small_icon("Earlier", icons.EARLIER, hint="Earlier"):
-        camera_path.move_keyframe(session, index, -1)
+        camera.move_keyframe(session, index, -1)
     imgui.same_line(0, 0)
     if widgets.small_icon("Later", icons.LATER, hint="Later"):
-        camera_path.move_keyframe(session, index, 1)
+        camera.move_keyframe(session, index, 1)
     imgui.same_line(0, 0)
     if widgets.small_icon("Remove", icons.CLOSE, hint="Remove this keyframe"):
-        camera_path.remove_keyframe(session, index)
+        camera.remove_keyframe(session, index)

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
-from gaga_studio import commands
-from gaga_studio.actions import cleanup
+from gaga_studio.features import cleanup, commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import imgui
 
-from gaga_studio.actions import detail, object_lines
+from gaga_studio.features import object_list, objects
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
@@ -19,7 +19,7 @@ class DetailState:
 
 def draw(session: Session, state: DetailState) -> None:
     """Draw the slider where the groups of the scene have levels."""
-    levels = object_lines.levels_of(session)
+    levels = object_list.levels_of(session)
     if levels is None:
         state.dragged = None
         return
@@ -32,7 +32,7 @@ def draw(session: Session, state: DetailState) -> None:
     widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
     if moved and level != state.dragged:
         state.dragged = level
-        detail.preview(session, level)
+        objects.preview_level(session, level)
     if ended and state.dragged is not None:
         chosen, state.dragged = state.dragged, None
-        detail.choose(session, chosen)
+        objects.choose_level(session, chosen)

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import fill
+from gaga_studio.features import commands, fill
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -7,7 +7,7 @@ from itertools import accumulate
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import navigation
+from gaga_studio.features import camera as navigation
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets

@@ -3,7 +3,7 @@
 from imgui_bundle import imgui
 
 from gaga_core.scene.folders import name_of
-from gaga_studio.actions import folders
+from gaga_studio.features import folders
 from gaga_studio.session.object_list import FolderSums, Line
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

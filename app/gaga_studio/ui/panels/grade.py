@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 from imgui_bundle import imgui
 
 from gaga_core.scene.tint import Grade
-from gaga_studio.actions.color_grade import GradeSliders
+from gaga_studio.features.transform import GradeSliders
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import color_grade
+from gaga_studio.features import transform
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -30,7 +30,7 @@ class InspectorState:
 
     placement: PlacementState = field(default_factory=PlacementState)
     color: tuple[float, float, float] | None = None
-    grade: color_grade.GradeSliders = field(default_factory=color_grade.GradeSliders)
+    grade: transform.GradeSliders = field(default_factory=transform.GradeSliders)
 
 
 def draw(session: Session, state: InspectorState) -> None:
@@ -131,7 +131,7 @@ def _picker(session: Session, state: InspectorState, color: list[float]) -> None
     changed, picked = imgui.color_picker3("##Picker", color, flags)
     if changed:
         state.color = (picked[0], picked[1], picked[2])
-        color_grade.preview_recolor(session, state.color)
+        transform.preview_recolor(session, state.color)
     if state.color is not None and not imgui.is_any_item_active():
         session.commit_preview()
         state.color = None

@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_studio.actions import measure, transform
+from gaga_studio.features import measure, transform
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

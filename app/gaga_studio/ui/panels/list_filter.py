@@ -5,7 +5,8 @@ from imgui_bundle import imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.actions import list_filter, quality
+from gaga_studio.features import object_list
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.object_list import ListFilter, Measure, Range
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -39,7 +40,7 @@ def button(session: Session) -> None:
 def foot(session: Session, table: ObjectTable) -> bool:
     """How many objects the filter lists, of what is looked for, and its end; False while off."""
     listing = session.need().listing
-    kept = list_filter.kept(session, table, quality.column(session, table))
+    kept = object_list.kept_rows(session, table, memory_bank.quality_column(session, table))
     if kept is None:
         return False
     n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
@@ -58,7 +59,7 @@ def foot(session: Session, table: ObjectTable) -> bool:
 def _ranges(session: Session) -> None:
     """A range for each measure; what nothing is known of says why."""
     table = session.objects()
-    measures = list_filter.measures(session, table, quality.column(session, table))
+    measures = object_list.measures(session, table, memory_bank.quality_column(session, table))
     widgets.heading("List only objects with")
     for measure, name, hint in _ROWS:
         _range(session, table, (measure, name, hint), measures[measure])
@@ -77,7 +78,7 @@ def _range(
 ) -> None:
     measure, name, hint = row
     listing = session.need().listing
-    whole = list_filter.whole_range(table, measure, values)
+    whole = object_list.whole_range(table, measure, values)
     why_not = _UNKNOWN.get(measure, "") if whole is None else ""
     imgui.align_text_to_frame_padding()
     widgets.dim(name)

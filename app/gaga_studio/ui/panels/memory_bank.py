@@ -10,8 +10,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
-from gaga_studio import commands
-from gaga_studio.actions import mask_splats
+from gaga_studio.features import commands
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -88,8 +88,8 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     hint = "Only splats at the depths of what the mask shows; without it also those behind it, pink"
     if widgets.toggle("Depth gate", view.has_mask_gate, hint=hint):
         commands.run("view.mask_gate", session)
-    splats = mask_splats.found(session, decision)
-    shares = mask_splats.overlaps(session, decision, has_gate=view.has_mask_gate)
+    splats = memory_bank.mask_splats_of(session, decision)
+    shares = memory_bank.mask_overlaps(session, decision, has_gate=view.has_mask_gate)
     if splats is None or shares is None:
         widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
         return

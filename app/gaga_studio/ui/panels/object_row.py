@@ -8,8 +8,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
-from gaga_studio import commands
-from gaga_studio.actions import association_repair, children, objects, quality, selection
+from gaga_studio.features import commands, folders, objects, selection
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line
 from gaga_studio.session.part_index import PartIndex
@@ -131,7 +131,7 @@ class _Row:
             self.state.rename(self.group, self.name)
             return
         selection.select_groups(self.session, (self.group,))
-        children.select_with_children(self.session)
+        folders.select_with_children(self.session)
 
     def _begin(self) -> None:
         """What opens what is under the object, or its parts; then the row begins."""
@@ -183,9 +183,7 @@ class _Row:
         if imgui.accept_drag_drop_payload_py_id(MASK_DRAG) is not None:
             mask, self.rows.masks.dragged = self.rows.masks.dragged, None
             if mask is not None:
-                association_repair.move_mask(
-                    self.session, mask, self.group or association_repair.NONE
-                )
+                memory_bank.move_mask(self.session, mask, self.group or memory_bank.NONE)
         imgui.end_drag_drop_target()
 
     def _take(self, group: int) -> None:
@@ -197,7 +195,7 @@ class _Row:
             return
         selected = self.session.selected_groups()
         groups = selected if group in selected else (group,)
-        children.put_under(self.session, self.group, [g for g in groups if g != self.group])
+        folders.put_under(self.session, self.group, [g for g in groups if g != self.group])
 
     def _menu(self) -> None:
         state = self.state
@@ -234,7 +232,7 @@ class _Row:
             without = (*selected, *self.document.scene.folders.under(*selected))
             above = object_menu.objects(self.state.menu, self.rows.table, without=without)
             if above is not None:
-                children.put_under(self.session, above, selected)
+                folders.put_under(self.session, above, selected)
             imgui.end_menu()
         for command_id in ("object.leave_parent", "select.children"):
             if not commands.command(command_id).enabled(self.session):
@@ -323,7 +321,7 @@ class _Row:
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
         color = theme.GOOD if value >= _GOOD else theme.WARN if value >= _FAIR else theme.BAD
-        _, is_now = quality.shown(self.session)
+        _, is_now = memory_bank.shown_quality(self.session)
         color = color if is_now else theme.FAINT
         sign = " %" if self.rows.columns.is_roomy else ""
         if value < 0:

@@ -7,8 +7,8 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio import commands
-from gaga_studio.actions import folders, object_lines, quality
+from gaga_studio.features import commands, folders, object_list
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line, Lines
 from gaga_studio.session.requests import Request
@@ -109,10 +109,10 @@ def _list(
     masks: MaskMenuState,
     table: ObjectTable,
 ) -> None:
-    measured = quality.column(session, table)
-    lines = object_lines.lines(session, table, measured, *state.sort)
+    measured = memory_bank.quality_column(session, table)
+    lines = object_list.lines(session, table, measured, *state.sort)
     height = object_row.height(imgui.get_content_region_avail().y)
-    parts = object_lines.part_index(session)
+    parts = object_list.part_index(session)
     order = document.scene.folders
     has_arrows = parts is not None or bool(order.paths or order.parent)
     is_measured = bool((measured >= 0).any())

@@ -7,8 +7,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from gaga_core.scene.scene import State
-from gaga_studio import commands
-from gaga_studio.actions import selection
+from gaga_studio.features import commands, selection
 from gaga_studio.session.object_list import Line
 from gaga_studio.session.part_index import Part
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -4,8 +4,8 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio import commands
-from gaga_studio.actions import quality
+from gaga_studio.features import commands
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -26,8 +26,8 @@ def draw(session: Session, document: Document) -> None:
 
 
 def _agreement(session: Session, group: int) -> None:
-    found = quality.of_group(session, group)
-    _, is_now = quality.shown(session)
+    found = memory_bank.quality_of(session, group)
+    _, is_now = memory_bank.shown_quality(session)
     text = "not measured" if found is None else f"{100 * found.agreement:.0f} %"
     if found is not None and not is_now:
         text = f"was {text}"

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio import commands
-from gaga_studio.actions import search as search_actions
-from gaga_studio.actions import selection
+from gaga_studio.features import commands, selection
+from gaga_studio.features.find import search as search_actions
 from gaga_studio.session.document import Document
 from gaga_studio.session.requests import Request
 from gaga_studio.session.search_state import SearchHit, SearchState

@@ -10,7 +10,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import selection
+from gaga_studio.features import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

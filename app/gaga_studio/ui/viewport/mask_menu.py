@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.memory_bank import Decision
-from gaga_studio import commands
-from gaga_studio.actions import association_repair, mask_splats, selection
+from gaga_studio.features import commands, selection
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -74,9 +74,9 @@ def button(session: Session, document: Document, state: MaskMenuState, decision:
 
 def _elsewhere(session: Session, decision: Decision) -> None:
     if imgui.menu_item_simple(f"{icons.NEW}  New object###New object"):
-        association_repair.move_mask(session, decision, association_repair.NEW)
+        memory_bank.move_mask(session, decision, memory_bank.NEW)
     if imgui.menu_item_simple(f"{icons.CLOSE}  No object###No object"):
-        association_repair.move_mask(session, decision, association_repair.NONE)
+        memory_bank.move_mask(session, decision, memory_bank.NONE)
 
 
 def drag_source(state: MaskMenuState, document: Document, decision: Decision) -> None:
@@ -99,7 +99,7 @@ def _objects(
     """The other objects: those that hold splats behind the mask first, with their share."""
     key = f"{decision.view} {decision.mask} {document.read.labels_digest()}"
     if state.overlaps[0] != key:
-        found = mask_splats.overlaps(session, decision)
+        found = memory_bank.mask_overlaps(session, decision)
         if found is not None:
             state.overlaps = (key, {group: share for group, share in found.items() if group})
     is_known = state.overlaps[0] == key
@@ -113,4 +113,4 @@ def _objects(
         state.objects, session.objects(), first=first, without=(decision.group,), shares=shares
     )
     if to is not None:
-        association_repair.move_mask(session, decision, to)
+        memory_bank.move_mask(session, decision, to)

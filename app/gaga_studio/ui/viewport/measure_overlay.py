@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import measure
+from gaga_studio.features import measure
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.ui.kit import theme, widgets

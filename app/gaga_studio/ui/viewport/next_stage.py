@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
+from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.ui.chrome import command_buttons

@@ -10,8 +10,8 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.evaluate.photo_film import truth_picture
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import photo_compare, split_view
-from gaga_studio.actions.photo_compare import PhotoPlacement
+from gaga_studio.features import split_view
+from gaga_studio.features.split_view import PhotoPlacement
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import PhotoCompareMode, Side
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
@@ -49,7 +49,7 @@ def draw(
         return False
     is_divided = is_split(session)
     needs_photo = not is_divided or bool(split_view.AT_A_PHOTO & set(view.sides))
-    photo = photo_compare.compared(session) if needs_photo else None
+    photo = split_view.compared_photo(session) if needs_photo else None
     if needs_photo and photo is None:
         if is_divided:
             return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
@@ -89,7 +89,7 @@ def bar_height(session: Session) -> float:
 def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:
     """Where the photo lies on the screen."""
     density = imgui.get_io().display_framebuffer_scale
-    on_picture = photo_compare.place(photo, camera)
+    on_picture = split_view.place_photo(photo, camera)
     return PhotoPlacement(
         corner.x + on_picture.x / density.x,
         corner.y + on_picture.y / density.y,
@@ -150,9 +150,9 @@ def _photo_side(
         return _NO_MAP if images.cannot_read(key) else "Reading the true map…"
     if path is None:
         return "This photo cannot be read"
-    mark = f"{photo_compare.content_mark(scene)} {scene.revision.labels}"
+    mark = f"{split_view.content_mark(scene)} {scene.revision.labels}"
     key = f"errors {path} {mark}"
-    frozen: Scene = photo_compare.snapshot(scene)
+    frozen: Scene = split_view.snapshot(scene)
 
     def errors() -> UInt8Array:
         found = split_view.errors_of(frozen, photo, path, truth, _ERROR_SIDE)
@@ -251,11 +251,11 @@ def _difference(
     path = folder.image_paths.get(photo.name) if folder is not None else None
     if path is None or session.scene is None or session.images is None:
         return "This photo cannot be read"
-    key = f"difference {path} {photo_compare.content_mark(session.scene)}"
-    scene: Scene = photo_compare.snapshot(session.scene)
+    key = f"difference {path} {split_view.content_mark(session.scene)}"
+    scene: Scene = split_view.snapshot(session.scene)
 
     def load() -> UInt8Array:
-        picture, differences[key] = photo_compare.difference(scene, photo, path)
+        picture, differences[key] = split_view.difference(scene, photo, path)
         return picture
 
     if not _image(session.images.texture(key, partial(load)), place) or key not in differences:

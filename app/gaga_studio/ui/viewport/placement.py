@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.actions import reconstruction
-from gaga_studio.actions.reconstruction import ReconstructionPlan
+from gaga_studio.features import reconstruction
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 

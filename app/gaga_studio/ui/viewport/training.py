@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.errors import GagaError
-from gaga_studio import commands
-from gaga_studio.actions import reconstruction
-from gaga_studio.actions.reconstruction import ReconstructionPlan
+from gaga_studio.features import commands, reconstruction
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session import next_stage
 from gaga_studio.session.notices import Level
 from gaga_studio.session.requests import Request

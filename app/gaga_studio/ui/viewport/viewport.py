@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import align_ground, cleanup, fill, objects
+from gaga_studio.features import cleanup, fill, objects
+from gaga_studio.features import measure as align_ground
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
@@ -216,7 +217,9 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     if preview_badge(session):
         top = _badge(preview_badge(session), corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
-        top = _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
+        top = _badge(
+            align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
+        )
     elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
         top = _badge(mode_badge(session), corner)
     area.head_bottom = tool_options.draw_card(session, area, top)

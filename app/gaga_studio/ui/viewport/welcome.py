@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from gaga_studio import commands
+from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em

@@ -1,0 +1,487 @@
+"""Move the camera to: training views one after the other, an object, the whole scene."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
+from gaga_core.pipeline import film as video
+from gaga_core.pipeline.film import FilmConfig, What
+from gaga_core.scene.camera_path import (
+    Bookmark,
+    CameraPath,
+    Keyframe,
+    carried_bookmarks,
+    carried_path,
+    load_path,
+    save_path,
+    turntable,
+)
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.selection.bounds import splat_box
+from gaga_studio.features import split_view
+from gaga_studio.session import stages
+from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.view_state import Mode, SplatLook
+
+# --- Move the camera to: training views one after the other, an object, the whole scene.
+
+
+def go_to_view(session: Session, index: int) -> None:
+    """Fly to the camera of a photo (its place in ``session.cameras``)."""
+    session.active_view = index
+    session.rig.go_to(session.cameras[index])
+
+
+def view_index(session: Session, name: str) -> int | None:
+    """Return the index of the photo ``name`` in ``session.cameras``; None if there is none."""
+    names = [camera.name for camera in session.cameras]
+    return names.index(name) if name in names else None
+
+
+def next_view(session: Session, step: int) -> None:
+    """Fly to the next (1) or previous (-1) photo, cyclically."""
+    if session.cameras:
+        at = session.active_view if session.active_view is not None else -step
+        go_to_view(session, (at + step) % len(session.cameras))
+
+
+def frame_all(session: Session) -> None:
+    """Show everything that is visible."""
+    if session.scene is not None:
+        _frame(session, None)
+
+
+def frame_selected(session: Session) -> None:
+    """Show the selection; everything when nothing is selected."""
+    if session.document is None:
+        return
+    indices = session.document.read.selected_indices()
+    _frame(session, indices if len(indices) else None)
+
+
+def frame_group(session: Session, group: int) -> None:
+    """Show one object."""
+    if session.scene is not None:
+        _frame(session, group_indices(session.scene, group))
+
+
+def focus_at(session: Session, u: float, v: float, width: int, height: int) -> bool:
+    """Make the surface at a pixel the pivot of the camera (double click)."""
+    found = session.pick(u, v, width, height)
+    if found is not None:
+        session.rig.set_pivot(found.point)
+    return found is not None
+
+
+def _frame(session: Session, indices: IntArray | None) -> None:
+    scene = session.scene
+    if scene is None or (indices is not None and len(indices) == 0):
+        return
+    lo, hi = splat_box(scene, indices, 0.98 if indices is not None else 0.9)
+    session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
+
+
+# --- Views that a person keeps by name; they are saved with the project.
+
+
+BOOKMARK_KEYS = tuple(range(1, 10))
+
+
+def bookmarks(session: Session) -> tuple[Bookmark, ...]:
+    """Return the bookmarks of the open scene, in their order."""
+    document = session.document
+    if document is None:
+        return ()
+    marks, world = document.project.bookmarks, document.world
+    key = (marks, world.tobytes())
+    return document.read.once("bookmarks", key, lambda: carried_bookmarks(marks, world))
+
+
+def add_bookmark(session: Session, name: str = "", key: int = 0) -> None:
+    """Keep the present view at the end of the list."""
+    marks = bookmarks(session)
+    mark = Bookmark(name or _fresh_name(marks), session.rig.shot(), key)
+    _bookmarks_keep(session, (*marks, mark))
+
+
+def recall_bookmark(session: Session, index: int) -> None:
+    """Fly to a bookmark by its place in the list."""
+    session.view.playback.is_playing = False
+    session.active_view = None
+    session.rig.go_to_shot(bookmarks(session)[index].shot)
+
+
+def bookmark_index(session: Session, key: int) -> int | None:
+    """Return the index of the bookmark that has a key 1..9; None if none has it."""
+    found = [i for i, mark in enumerate(bookmarks(session)) if mark.key == key]
+    return found[0] if found else None
+
+
+def set_bookmark_key(session: Session, key: int) -> None:
+    """Keep the present view under a key 1..9: its bookmark moves here, or a new one is made."""
+    index = bookmark_index(session, key)
+    if index is None:
+        add_bookmark(session, f"View {key}" if not _has(session, f"View {key}") else "", key)
+    else:
+        update_bookmark(session, index)
+
+
+def recall_bookmark_key(session: Session, key: int) -> bool:
+    """Fly to the bookmark with this key; False if there is none."""
+    index = bookmark_index(session, key)
+    if index is not None:
+        recall_bookmark(session, index)
+    return index is not None
+
+
+def update_bookmark(session: Session, index: int) -> None:
+    """Replace the view of a bookmark by the present one."""
+    _change(session, index, replace(bookmarks(session)[index], shot=session.rig.shot()))
+
+
+def rename_bookmark(session: Session, index: int, name: str) -> None:
+    """Give a bookmark another name; an empty one changes nothing."""
+    mark = bookmarks(session)[index]
+    if name.strip() and name.strip() != mark.name:
+        _change(session, index, replace(mark, name=name.strip()))
+
+
+def remove_bookmark(session: Session, index: int) -> None:
+    """Forget a bookmark."""
+    marks = bookmarks(session)
+    _bookmarks_keep(session, (*marks[:index], *marks[index + 1 :]))
+
+
+def move_bookmark(session: Session, index: int, by: int) -> None:
+    """Move a bookmark up (-1) or down (1) in the list."""
+    marks = list(bookmarks(session))
+    to = index + by
+    if 0 <= to < len(marks):
+        marks.insert(to, marks.pop(index))
+        _bookmarks_keep(session, tuple(marks))
+
+
+def _change(session: Session, index: int, mark: Bookmark) -> None:
+    marks = bookmarks(session)
+    _bookmarks_keep(session, (*marks[:index], mark, *marks[index + 1 :]))
+
+
+def _bookmarks_keep(session: Session, marks: tuple[Bookmark, ...]) -> None:
+    document = session.need()
+    kept = document.project.bookmarks
+    known = {now.shot: was.shot for now, was in zip(bookmarks(session), kept, strict=True)}
+    document.project.bookmarks = tuple(
+        replace(mark, shot=document.as_opened(mark.shot, known)) for mark in marks
+    )
+    document.save_state.note_outside_history()
+
+
+def _has(session: Session, name: str) -> bool:
+    return any(mark.name == name for mark in bookmarks(session))
+
+
+def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
+    names, n = {mark.name for mark in marks}, len(marks) + 1
+    while f"View {n}" in names:
+        n += 1
+    return f"View {n}"
+
+
+# --- The camera's path: keyframes, its preview, and films and pictures that are written.
+
+
+KEYFRAME_SECONDS = 2.0  # from one keyframe to the next, by default
+TURN_SECONDS = 8.0
+WHATS: dict[Mode, What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
+_MODES = {what: mode for mode, what in WHATS.items()}
+
+
+def path_of(session: Session) -> CameraPath:
+    """Return the path of the open scene; without keyframes when nothing is open."""
+    document = session.document
+    if document is None:
+        return CameraPath()
+    film, world = document.project.film, document.world
+    key = (film, world.tobytes())
+    return document.read.once("camera path", key, lambda: carried_path(film, world))
+
+
+# --- keyframes
+
+
+def add_keyframe(session: Session) -> None:
+    """Add the present view as a keyframe after the chosen one, or at the end."""
+    path, chosen = path_of(session), session.view.playback.chosen
+    at = min(chosen + 1, len(path.keyframes))
+    key = Keyframe(session.rig.shot(), KEYFRAME_SECONDS)
+    _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]))
+    choose_keyframe(session, at, goes=False)
+
+
+def update_keyframe(session: Session, index: int) -> None:
+    """Replace the view of a keyframe by the present one."""
+    keys = list(path_of(session).keyframes)
+    keys[index] = replace(keys[index], shot=session.rig.shot())
+    _with_keys(session, tuple(keys))
+
+
+def remove_keyframe(session: Session, index: int) -> None:
+    """Remove a keyframe."""
+    keys = path_of(session).keyframes
+    _with_keys(session, (*keys[:index], *keys[index + 1 :]))
+    playback = session.view.playback
+    playback.chosen = max(min(playback.chosen, len(keys) - 2), 0)
+
+
+def move_keyframe(session: Session, index: int, by: int) -> None:
+    """Move a keyframe earlier (-1) or later (1); the times between the places stay."""
+    keys = list(path_of(session).keyframes)
+    to = index + by
+    if 0 <= to < len(keys):
+        a, b = keys[index], keys[to]
+        keys[index], keys[to] = replace(a, shot=b.shot), replace(b, shot=a.shot)
+        _with_keys(session, tuple(keys))
+        choose_keyframe(session, to, goes=False)
+
+
+def set_seconds(session: Session, index: int, seconds: float) -> None:
+    """Set the time from the keyframe before to this one."""
+    keys = list(path_of(session).keyframes)
+    keys[index] = replace(keys[index], seconds=min(max(seconds, 0.05), 600.0))
+    _with_keys(session, tuple(keys))
+
+
+def set_total_seconds(session: Session, seconds: float) -> None:
+    """Stretch all times so that the whole path takes ``seconds``."""
+    path = path_of(session)
+    if path.seconds > 0 and seconds > 0:
+        factor = seconds / path.seconds
+        keys = tuple(replace(k, seconds=max(k.seconds * factor, 1e-3)) for k in path.keyframes)
+        _with_keys(session, keys)
+
+
+def set_closed_path(session: Session, closed: bool) -> None:
+    """Close the path from the last keyframe to the first, or open it."""
+    _camera_path_keep(session, replace(path_of(session), is_closed=closed))
+
+
+def set_even_speed(session: Session, even: bool) -> None:
+    """Use one speed along the path, or the times of the keyframes."""
+    _camera_path_keep(session, replace(path_of(session), even_speed=even))
+
+
+def clear_path(session: Session) -> None:
+    """Remove every keyframe."""
+    _with_keys(session, ())
+    session.view.playback.chosen = 0
+
+
+def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
+    """Replace the path by a circle around the pivot, and play it."""
+    _camera_path_keep(session, turntable(session.rig.shot(), session.rig.up, seconds))
+    session.view.playback.chosen = 0
+    session.view.playback.at = 0.0
+    session.view.playback.is_playing = True
+
+
+@notifies
+def save_path_file(session: Session, file: Path) -> None:
+    """Write the path as JSON, for ``gaga render --path``."""
+    session.notify(Level.INFO, f"Saved the path to {save_path(path_of(session), file)}.")
+
+
+@notifies
+def open_path_file(session: Session, file: Path) -> None:
+    """Take the path of a JSON file in place of the present one."""
+    _camera_path_keep(session, load_path(file))
+    session.view.playback.chosen = 0
+
+
+# --- preview
+
+
+def toggle_playing(session: Session) -> None:
+    """Play the path, from its start when it had ended; or stop."""
+    playback, path = session.view.playback, path_of(session)
+    playback.is_playing = not playback.is_playing and len(path.keyframes) > 1
+    if playback.is_playing and playback.at >= path.seconds - 1e-6:
+        playback.at = 0.0
+
+
+def tick(session: Session, dt: float) -> None:
+    """Advance the preview, once a frame. A camera that is moved by hand ends it."""
+    playback, path = session.view.playback, path_of(session)
+    if not playback.is_playing:
+        return
+    if len(path.keyframes) < 2:
+        playback.is_playing = False
+        return
+    at = playback.at + dt
+    if path.is_closed:
+        at %= path.seconds
+    playback.is_playing = at < path.seconds
+    scrub(session, at)
+
+
+def scrub(session: Session, seconds: float) -> None:
+    """Show the path's view at a moment."""
+    path = path_of(session)
+    if not path.keyframes:
+        return
+    session.view.playback.at = min(max(seconds, 0.0), path.seconds)
+    session.active_view = None
+    session.rig.go_to_shot(path.shot(session.view.playback.at), animated=False)
+
+
+def choose_keyframe(session: Session, index: int, *, goes: bool = True) -> None:
+    """Make a keyframe the chosen one, and fly there."""
+    path = path_of(session)
+    session.view.playback.chosen = index
+    session.view.playback.is_playing = False
+    if index < len(path.keyframes):
+        session.view.playback.at = path.times()[index]
+        if goes:
+            session.active_view = None
+            session.rig.go_to_shot(path.keyframes[index].shot)
+
+
+# --- writing
+
+
+@notifies
+def export_film(
+    session: Session, target: Path, config: FilmConfig, *, before: bool = False
+) -> bool:
+    """Write the path as a video, as a job; drawn by the graphics card where there is one.
+
+    ``before``: left of the line of ``config.split`` is the scene before its last edit.
+    """
+    document = session.need()
+    settled = document.settled()
+    requests, camera_path = session.render_requests, path_of(session)
+    painter: video.Painter | None = None
+    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
+        painter = _painter(session, config)
+    earlier = split_view.scene_before(session) if before and config.split is not None else None
+    left: video.Painter | None = None
+    if painter is not None and config.split is not None and earlier is None:
+        left = _painter(session, replace(config, what=config.split.left))
+    looked = replace(config, antialiased=_look(session))
+    stage = video.film_stage(
+        settled.scene,
+        camera_path,
+        target,
+        looked,
+        painter=painter,
+        left=video.LeftSide(earlier, left),
+    )
+    has_kernels = painter is None or (config.split is not None and left is None)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+def photos_of(session: Session, views: str) -> tuple[str, ...]:
+    """Return the photos of "all", "train" or "test" that are here, by name."""
+    folder = session.need().project.folder
+    if folder is None:
+        return ()
+    parts = {"train": folder.train, "test": folder.test}
+    names = parts.get(views, tuple(camera.name for camera in folder.cameras))
+    return tuple(name for name in names if name in folder.image_paths)
+
+
+@notifies
+def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
+    """Write a film through photos as a job: what is chosen of them left of a line."""
+    names = photos_of(session, views)
+    stage = photo_film_stage(session.need().settled(), target, config, names)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+@notifies
+def save_picture(
+    session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
+) -> bool:
+    """Write what the camera sees at any size as .png or .jpg, as a job."""
+    video.check_picture(target, size, transparent)
+    scene = session.need().settled().scene
+    view, requests = session.view, session.render_requests
+    camera = session.rig.shot().camera(*size)
+    what = WHATS.get(view.mode)
+    config = FilmConfig(what or "rgb", view.background, antialiased=_look(session))
+    painter: video.Painter | None = None
+    if (
+        requests is not None
+        and max(size) <= requests.max_side
+        and (requests.is_fast or what is None)
+    ):
+        painter = _painter(session, config, transparent=transparent, mode=view.mode)
+    elif what is None:
+        raise GagaError(
+            f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
+            "Color, Groups or Depth."
+        )
+    stage = video.picture_stage(
+        scene, camera, target, config, transparent=transparent, painter=painter
+    )
+    return session.jobs.start(
+        f"Save {target.name}",
+        stages.prepared("Draw", lambda: stage) if painter is None else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+    )
+
+
+def _painter(
+    session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
+) -> video.Painter | None:
+    """Return the window's own drawing at full quality; None for depth, whose range would jump."""
+    requests = session.render_requests
+    if requests is None or (config.what == "depth" and mode is None):
+        return None
+    view = replace(
+        session.view,
+        mode=mode or _MODES[config.what],
+        background=config.background,
+        splat_budget=0,
+        coarse_budget=0,
+        resolution_scale=1.0,
+        show_outline=False,
+        show_frusta=False,
+    )
+
+    def paint(camera: Camera) -> UInt8Array:
+        return requests.paint(camera, view, transparent=transparent)
+
+    return paint
+
+
+def _look(session: Session) -> bool | None:
+    look = session.view.look
+    return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
+
+
+def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
+    _camera_path_keep(session, replace(path_of(session), keyframes=keys))
+
+
+def _camera_path_keep(session: Session, path: CameraPath) -> None:
+    document = session.need()
+    shown, kept = path_of(session).keyframes, document.project.film.keyframes
+    known = {now.shot: was.shot for now, was in zip(shown, kept, strict=True)}
+    keys = tuple(replace(k, shot=document.as_opened(k.shot, known)) for k in path.keyframes)
+    document.project.film = replace(path, keyframes=keys)
+    document.save_state.note_outside_history()
+    session.view.playback.at = min(session.view.playback.at, path.seconds)

@@ -1,0 +1,369 @@
+"""Folders of the object list: make, fill, rename and delete them, and act on all that is in one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.arrays import IntArray
+from gaga_core.scene import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.folders import name_of, parent_of, parents_of, path_of
+from gaga_core.scene.objects import ObjectTable, group_indices
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.algebra import groups_under_selection, splats_under_selection
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.object_list import FolderSums, folder_sums
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.scene.edits import How
+
+# --- Folders of the object list: make, fill, rename and delete them, and act on all that is in
+# one.
+
+
+_NEW = "Folder"  # what a new one is called until it has a name
+
+# --- which folders are meant
+
+
+@notifies
+def choose(session: Session, folder: str, how: "How" = "set") -> bool:
+    """Choose a folder, add or remove it: all objects in it are selected, or not any more."""
+    document = session.need()
+    before = () if how == "set" else chosen(session)
+    rest = [path for path in before if path != folder]
+    groups = document.scene.folders.groups(folder)
+    verb = "Deselect" if how == "remove" else "Select"
+    done = document.select(
+        group_indices(document.scene, groups), how, f"{verb} folder {name_of(folder)}"
+    )
+    listing = document.listing
+    listing.chosen = tuple(rest if how == "remove" else [*rest, folder])
+    listing.chosen_with = _selection(document)
+    return done
+
+
+def chosen(session: Session) -> tuple[str, ...]:
+    """Return the folders that were chosen, while the selection is still what that made."""
+    document = session.document
+    if document is None or not document.listing.chosen:
+        return ()
+    if document.listing.chosen_with != _selection(document):
+        return ()
+    known = set(document.scene.folders.paths)
+    return tuple(path for path in document.listing.chosen if path in known)
+
+
+def of_selection(session: Session) -> tuple[str, ...]:
+    """Return the chosen folders, else the one that the selected objects lie in."""
+    if session.scene is None:
+        return ()
+    homes = {session.scene.folders.places.get(g, "") for g in session.selected_groups()}
+    return chosen(session) or (tuple(homes - {""}) if len(homes) == 1 else ())
+
+
+def can_take_out(session: Session) -> bool:
+    """Return whether a selected object or a chosen folder lies in a folder."""
+    if session.scene is None:
+        return False
+    folders, home = chosen(session), session.scene.folders.home
+    if folders:
+        return any(parent_of(path) for path in folders)
+    return any(group in home for group in session.selected_groups())
+
+
+def _selection(document: Document) -> object:
+    read = document.read
+    return read.selected_groups(), len(read.selected_indices())
+
+
+# --- edits
+
+
+@notifies
+def new_folder(session: Session) -> bool:
+    """Put the selected objects and chosen folders into a new folder, and ask for its name.
+
+    It lies where they are; it is empty when nothing is selected.
+    """
+    document = session.need()
+    scene = document.settled().scene
+    folders, groups = chosen(session), session.selected_groups()
+    places = [parent_of(path) for path in folders] or [
+        scene.folders.places.get(group, "") for group in groups
+    ]
+    path = scene.folders.free(_common(places), _NEW)
+    if groups or folders:
+        edit = edits.put_in_folder(scene, groups, path, folders, "New folder")
+    else:
+        edit = edits.new_folder(scene, path)
+    if not document.do(edit):
+        return False
+    choose(session, path)
+    document.listing.reveal(path)
+    session.request = Request.RENAME
+    return True
+
+
+def _common(places: Sequence[str]) -> str:
+    """The deepest folder in which all of these folders lie."""
+    if not places:
+        return ""
+    ways = [[*reversed(parents_of(place)), place] for place in places]
+    common = ""
+    for names in zip(*ways, strict=False):
+        if len(set(names)) > 1:
+            break
+        common = names[0]
+    return common
+
+
+@notifies
+def put_in(
+    session: Session, folder: str, groups: Sequence[int], folders: Sequence[str] = ()
+) -> bool:
+    """Put objects and folders into a folder; "" takes them out of all."""
+    document = session.need()
+    scene = document.settled().scene
+    n = len(groups) + len(folders)
+    names = [document.name_of(group) for group in groups] + [name_of(path) for path in folders]
+    what = names[0] if n == 1 else f"{n} objects" if not folders else f"{n} things"
+    title = f"Put {what} into {name_of(folder)}" if folder else f"Take {what} out of its folder"
+    edit = edits.put_in_folder(scene, groups, folder, folders, title)
+    moved = edits.moved_folders(scene, folder, folders)
+    if not document.do(edit):
+        return False
+    for before, after in moved:
+        document.listing.follow(before, after)
+    document.listing.reveal(folder)
+    return True
+
+
+@notifies
+def take_out(session: Session) -> bool:
+    """Take the chosen folders, else the selected objects, one folder up."""
+    document = session.need()
+    scene = document.settled().scene
+    folders = [path for path in chosen(session) if parent_of(path)]
+    groups = [] if folders else [g for g in session.selected_groups() if g in scene.folders.home]
+    places = [parent_of(path) for path in folders] + [scene.folders.home[g] for g in groups]
+    return put_in(session, parent_of(_common(places)), groups, folders)
+
+
+@notifies
+def rename(session: Session, folder: str, name: str) -> bool:
+    """Give a folder another name; an empty one leaves it as it is."""
+    document = session.need()
+    if not name.strip():
+        return False
+    edit = edits.rename_folder(document.settled().scene, folder, name, f"Rename {name_of(folder)}")
+    if not document.do(edit):
+        return False
+    document.listing.follow(folder, path_of(parent_of(folder), " ".join(name.split())))
+    return True
+
+
+@notifies
+def delete(session: Session, *folders: str) -> bool:
+    """Take folders away; their objects stay."""
+    document = session.need()
+    what = f"folder {name_of(folders[0])}" if len(folders) == 1 else f"{len(folders)} folders"
+    scene = document.settled().scene
+    return document.do(edits.delete_folder(scene, *folders, title=f"Delete {what}"))
+
+
+def delete_chosen(session: Session) -> None:
+    """Take the chosen folders away, else the one that the selected objects lie in."""
+    delete(session, *of_selection(session))
+
+
+# --- all that is in one
+
+
+def sums(session: Session) -> dict[str, FolderSums]:
+    """Return what is in each folder, by its path."""
+    document, table = session.need(), session.objects()
+    folders = document.scene.folders
+    return document.read.once("folder sums", (table, folders), lambda: folder_sums(table, folders))
+
+
+@notifies
+def set_hidden(session: Session, folder: str, hidden: bool) -> bool:
+    """Hide or show all objects in a folder."""
+    scene, splats = _inside(session, folder)
+    build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
+    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
+
+
+@notifies
+def set_locked(session: Session, folder: str, locked: bool) -> bool:
+    """Protect all objects in a folder from being selected, or let them be again."""
+    scene, splats = _inside(session, folder)
+    build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
+    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
+
+
+@notifies
+def isolate(session: Session, folder: str) -> bool:
+    """Hide everything but a folder; show all again when that is so already."""
+    scene, splats = _inside(session, folder)
+    if len(splats) == 0:
+        return False
+    alone = edits.isolate(scene, splats, f"Isolate {name_of(folder)}")
+    return session.need().do(edits.show_all(scene) if alone is None else alone)
+
+
+def is_alone(table: ObjectTable, own: FolderSums) -> bool:
+    """Return whether the objects of a folder with these sums, and nothing else, are shown."""
+    n_shown = int((table.counts - table.n_hidden).sum())
+    return 0 < own.n_splats == n_shown and not own.n_hidden
+
+
+def _inside(session: Session, folder: str) -> tuple[Scene, IntArray]:
+    scene = session.need().settled().scene
+    return scene, group_indices(scene, scene.folders.groups(folder))
+
+
+# --- Objects under other objects: put them there, take them out, select and edit them together.
+
+
+# --- which object lies under which
+
+
+@notifies
+def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
+    """Put objects under another one; what lies under them goes along."""
+    document = session.need()
+    scene = document.settled().scene
+    what = document.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
+    title = f"Put {what} under {document.name_of(parent)}"
+    if not document.do(edits.set_parent(scene, groups, parent, title)):
+        return False
+    document.listing.reveal_group(scene.folders, groups[0])
+    return True
+
+
+@notifies
+def leave_parent(session: Session) -> bool:
+    """Take the selected objects out from under the object that each of them lies under."""
+    document = session.need()
+    scene = document.settled().scene
+    groups = [group for group in session.selected_groups() if group in scene.folders.parent]
+    what = document.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
+    over = {scene.folders.parent[group] for group in groups}
+    above = document.name_of(over.pop()) if len(over) == 1 else "what they lie under"
+    return document.do(edits.leave_parent(scene, groups, f"Take {what} out from under {above}"))
+
+
+def can_leave_parent(session: Session) -> bool:
+    """Return whether a selected object lies under another one."""
+    scene = session.scene
+    return scene is not None and any(g in scene.folders.parent for g in session.selected_groups())
+
+
+def has_children(session: Session) -> bool:
+    """Return whether something lies under a selected object."""
+    scene = session.scene
+    return scene is not None and bool(scene.folders.under(*session.selected_groups()))
+
+
+@notifies
+def select_with_children(session: Session) -> bool:
+    """Select the selected objects whole, and all that lies under them."""
+    document = session.need()
+    groups = session.selected_groups()
+    under = document.scene.folders.under(*groups)
+    if not groups:
+        return False
+    title = f"Select {_and_under(document.name_of(groups[0]), len(groups), len(under))}"
+    return document.select(group_indices(document.scene, (*groups, *under)), "set", title)
+
+
+def group_and_under(scene: Scene, group: int) -> IntArray:
+    """Return the splats (K,) of an object and of all that lies under it, deleted ones left out."""
+    return group_indices(scene, (group, *scene.folders.under(group)))
+
+
+# --- edits of the selection that children go along with
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """The selection and what goes along with it."""
+
+    splats: IntArray  # (K,) both
+    groups: tuple[int, ...]  # that go along
+
+
+def along(session: Session, *, with_locked: bool = False) -> Along:
+    """Return the selected splats, and those under objects that are selected whole.
+
+    Without the latter when "Children go along" is off. Locked ones only ``with_locked``: isolating
+    and exporting change nothing of them. Raises ``NothingSelectedError``.
+    """
+    document = session.need()
+    chosen, scene = document.selected(), document.scene
+    if not session.settings.children_go_along or not scene.folders.parent:
+        return Along(chosen, ())
+    revision = scene.revision
+    key = (revision.splats, revision.state, revision.labels, scene.folders)
+
+    def find() -> Along:
+        splats = splats_under_selection(scene, with_locked=with_locked)
+        moved = set(np.unique(scene.labels[splats]).tolist())
+        groups = tuple(group for group in groups_under_selection(scene) if group in moved)
+        return Along(np.sort(np.concatenate([chosen, splats])).astype(np.int32), groups)
+
+    return document.read.once("along with locked" if with_locked else "along", key, find)
+
+
+def locked_along(session: Session) -> IntArray:
+    """Return the locked splats (K,) that isolating and exporting take along; none without any."""
+    if len(session.selected_indices()) == 0:
+        return np.zeros(0, np.int32)
+    splats = along(session, with_locked=True).splats
+    return np.setdiff1d(splats, along(session).splats, assume_unique=True)
+
+
+def scene_along(session: Session, *, with_locked: bool = True) -> Scene:
+    """Return the scene with what goes along selected, too: what exports read. Not for edits."""
+    scene = session.need().scene
+    if len(session.selected_indices()) == 0:
+        return scene
+    taken = along(session, with_locked=with_locked)
+    if not taken.groups:
+        return scene
+    state = scene.state.copy()
+    state[taken.splats] |= np.uint8(State.SELECTED)
+    return replace(scene, state=state)
+
+
+def edit_along(
+    session: Session,
+    verb: str,
+    build: Callable[[Scene, IntArray, str], Edit | None],
+    *,
+    with_locked: bool = False,
+) -> bool:
+    """Apply the edit that ``build`` makes of the scene, `along`, and a title that names both."""
+    document = session.need()
+    scene = document.settled().scene
+    taken = along(session, with_locked=with_locked)
+    return document.do(build(scene, taken.splats, title_along(document, verb, taken.groups)))
+
+
+def title_along(document: Document, verb: str, groups: Sequence[int]) -> str:
+    """Return the title of an edit of the selection with ``groups``: "Delete pot and 2 under it"."""
+    n_own = max(len(document.read.selected_groups()), 1)
+    return _and_under(document.title_for(verb), n_own, len(groups))
+
+
+def _and_under(text: str, n: int, n_under: int) -> str:
+    if not n_under:
+        return text
+    return f"{text} and {n_under} under {'it' if n == 1 else 'them'}"
