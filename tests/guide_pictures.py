@@ -9,7 +9,7 @@ from PIL import Image
 from gaga_studio.features import camera, commands, folders, objects, transform
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
 from tests.app.window.driver import KEY, Driver
 from tests.shots import Film, Picture, Shot, rest

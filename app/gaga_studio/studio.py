@@ -23,9 +23,8 @@ from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Viewport
 from gaga_studio.session import level_of_detail, saving
 from gaga_studio.session.notices import Level
-from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, RenderRequests, ViewState
 from gaga_studio.system import paths, window
 from gaga_studio.system.log import start_log
 from gaga_studio.system.window import Hooks, Window, WindowOptions

@@ -57,7 +57,7 @@ def session(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
 def test_the_command_selects_and_is_undone_at_once(
     names: Callable[..., dict[str, Any]], session: Session
 ) -> None:
-    found = names("app/gaga_studio/features/selection.py", "app/gaga_studio/features/commands.py")
+    found = names("app/gaga_studio/features/selection.py")
     command = found["FAINT"]
     assert isinstance(command, Command)
     assert command.enabled(session) == ""

@@ -10,7 +10,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 pytestmark = pytest.mark.gl

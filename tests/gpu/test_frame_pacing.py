@@ -12,7 +12,7 @@ from gaga_studio.gpu.frame_pacing import (
     TARGET_MS,
     Pacing,
 )
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 
 VIEW = ViewState()
 

@@ -8,7 +8,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.gl

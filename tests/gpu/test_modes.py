@@ -10,7 +10,7 @@ from gaga_core.raster import choose
 from gaga_core.scene.scene import Identities, Scene, State
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import objects_scene, orbit_cameras
 
 pytestmark = pytest.mark.gl

@@ -17,7 +17,7 @@ from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import Mode, SplatLook, ViewState
+from gaga_studio.session.view import Mode, SplatLook, ViewState
 from tests.gpu.conftest import Errors
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

@@ -1,18 +1,16 @@
-"""What a command is."""
+"""What a command is, the conditions that features compose, and the check at the end of a job."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from gaga_core.errors import GagaError
+from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, NothingSelectedError, Request
 from gaga_studio.session.session import Session
 
-# --- What a command is.
-
-
-Reason = Callable[[Session], str]
+Reason = Callable[[Session], str]  # why not; "" when nothing is against it
 ViewSwitch = Literal[
     "show_frusta",
     "show_outline",
@@ -31,11 +29,6 @@ ViewSwitch = Literal[
 ]  # fields of `ViewState` that are on or off
 
 
-def always(_: Session) -> str:
-    """No reason against it."""
-    return ""
-
-
 @dataclass(frozen=True)
 class Command:
     """Something that a person can do from anywhere.
@@ -49,7 +42,7 @@ class Command:
     run: Callable[[Session], object]
     shortcut: str = ""
     aliases: tuple[str, ...] = ()
-    enabled: Reason = always  # "" when it can be run, else why not
+    enabled: Reason = lambda _: ""  # "" when it can be run, else why not
     is_on: Callable[[Session], bool] | None = None  # of what can be switched on and off
     describe: Callable[[Session], str] | None = None  # title of the moment: "Undo Move chair"
 
@@ -58,17 +51,24 @@ class Command:
         return self.describe(session) if self.describe is not None else self.title
 
 
-def ask(request: Request) -> Callable[[Session], None]:
-    """Return an action that asks the window for this (see `Session.take_request`)."""
+def ask(
+    id_: str,
+    title: str,
+    request: Request,
+    shortcut: str = "",
+    aliases: tuple[str, ...] = (),
+    enabled: Reason = lambda _: "",
+) -> Command:
+    """Build a command that asks the window for something (see `Session.take_request`)."""
 
     def run(session: Session) -> None:
         session.request = request
 
-    return run
+    return Command(id_, title, run, shortcut, aliases, enabled)
 
 
 def switch(
-    id_: str, title: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = always
+    id_: str, title: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = lambda _: ""
 ) -> Command:
     """Build a command that switches a field of the view on and off."""
 
@@ -80,21 +80,107 @@ def switch(
     )
 
 
-# --- Check that the result of a job still fits what is open.
+# --- conditions: why a command cannot be run now
+
+
+def first_of(*reasons: Reason) -> Reason:
+    """Return the first of these reasons that is against it."""
+    return lambda session: next(filter(None, (reason(session) for reason in reasons)), "")
+
+
+def needs(holds: Callable[[Session], object], text: str) -> Reason:
+    """Build a condition on the open scene: ``text`` is the reason while ``holds`` is not true."""
+
+    def reason(session: Session) -> str:
+        if session.document is None:
+            return "No scene is open."
+        return "" if holds(session) else text
+
+    return reason
+
+
+def busy(session: Session) -> str:
+    """Needs the job runner."""
+    return session.jobs.why_busy
+
+
+def need_no_job(session: Session) -> None:
+    """Raise ``GagaError`` while a job runs."""
+    if reason := busy(session):
+        raise GagaError(reason)
+
+
+def not_one_object(session: Session) -> str:
+    """Needs exactly one selected object."""
+    if reason := no_selection(session):
+        return reason
+    n = len(session.selected_groups())
+    return "" if n == 1 else f"{n} objects are selected. Select one." if n else "Select an object."
+
+
+no_scene = needs(lambda session: True, "")
+no_selection = needs(lambda session: len(session.selected_indices()), str(NothingSelectedError()))
+no_groups = needs(
+    lambda session: session.live is not None or session.need().read.has_groups(),
+    "There are no groups yet. Use Find objects to make them.",
+)
+no_confidence = needs(
+    lambda session: session.need().scene.confidence is not None,
+    "The confidence of the groups is not known. Use Find objects.",
+)
+no_photos = needs(lambda session: session.cameras, "This scene has no photos.")
+not_saveable = first_of(no_scene, busy)
+_without_masks = needs(
+    lambda session: len(session.masks), "This scene has no masks. Use Make masks, or Import masks."
+)
+no_masks = first_of(not_saveable, _without_masks)
+NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
+no_shown_bank = first_of(
+    needs(lambda session: session.need().scene.bank is not None, NO_BANK), _without_masks
+)
+no_bank = first_of(no_shown_bank, no_masks)
+no_views = first_of(no_photos, busy)
+nothing_pointed = needs(
+    lambda session: session.view.pointed is not None,
+    "No point is chosen. Right-click one in the picture.",
+)
+
+
+# --- what features take of a document
+
+
+def one_object(session: Session, text: str = "Select one object.") -> int:
+    """Return the only selected object; ``GagaError`` with ``text`` unless there is exactly one."""
+    groups = session.selected_groups()
+    if len(groups) != 1:
+        raise GagaError(text)
+    return groups[0]
+
+
+def need_bank(session: Session) -> tuple[Document, MemoryBank]:
+    """Return the open document and its memory bank; ``GagaError`` when it has none."""
+    document = session.need()
+    if document.scene.bank is None:
+        raise GagaError(NO_BANK)
+    return document, document.scene.bank
 
 
 def watch(
-    session: Session, document: Document, is_same: Callable[[], bool], text: str
+    session: Session, document: Document, text: str, is_same: Callable[[], bool] | None = None
 ) -> Callable[[], bool]:
     """Return a check for the end of a job: is ``document`` still open, and ``is_same`` true?
 
-    When ``is_same`` is false, the user gets the notice ``text``.
+    By default: is there no other edit and no preview? If not, the user gets the notice ``text``.
     """
+    before = document.history.state_id
+
+    def no_edit() -> bool:
+        return document.history.state_id == before and not document.history.is_previewing
 
     def check() -> bool:
         if session.document is not document:
             return False
-        if is_same():
+        if (is_same or no_edit)():
             return True
         session.notify(Level.WARNING, text)
         return False

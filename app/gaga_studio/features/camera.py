@@ -1,5 +1,6 @@
 """Move the camera to: training views one after the other, an object, the whole scene."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,10 +25,12 @@ from gaga_core.scene.camera_path import (
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.features import split_view
+from gaga_studio.features.base import Command, ask, busy, first_of, needs, no_photos, no_scene
 from gaga_studio.session import stages
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, SplatLook
+from gaga_studio.session.settings import RANGES
+from gaga_studio.session.view import Mode, SplatLook
 
 # --- Move the camera to: training views one after the other, an object, the whole scene.
 
@@ -485,3 +488,139 @@ def _camera_path_keep(session: Session, path: CameraPath) -> None:
     document.project.film = replace(path, keyframes=keys)
     document.save_state.note_outside_history()
     session.view.playback.at = min(session.view.playback.at, path.seconds)
+
+
+# --- commands
+
+
+def _speed(factor: float) -> Callable[[Session], None]:
+    low, high = RANGES["fly_speed"]
+
+    def run(session: Session) -> None:
+        speed = min(max(session.settings.fly_speed * factor, low), high)
+        session.change_settings(replace(session.settings, fly_speed=speed))
+        session.hint = f"Fly speed {speed:.2g}×"
+
+    return run
+
+
+def _toggle_orthographic(session: Session) -> None:
+    session.rig.set_orthographic(not session.rig.pose.is_orthographic)
+
+
+def _toggle_flying(session: Session) -> None:
+    session.rig.is_flying = not session.rig.is_flying
+
+
+def _recall(key: int) -> Command:
+    def name(session: Session) -> str:
+        index = bookmark_index(session, key)
+        return f"Bookmark {key}" if index is None else bookmarks(session)[index].name
+
+    return Command(
+        RECALL[key - 1],
+        f"Go to bookmark {key}",
+        lambda session: recall_bookmark_key(session, key),
+        f"Ctrl+{key}",
+        enabled=needs(
+            lambda session: bookmark_index(session, key) is not None,
+            f"No bookmark has the key {key} yet.",
+        ),
+        describe=name,
+    )
+
+
+def _set(key: int) -> Command:
+    return Command(
+        SET[key - 1],
+        f"Set bookmark {key}",
+        lambda session: set_bookmark_key(session, key),
+        f"Ctrl+Shift+{key}",
+        enabled=no_scene,
+    )
+
+
+def _axis(axis: str) -> Command:
+    return Command(
+        f"view.{axis}", f"From the {axis}", lambda s: s.rig.look_along(axis), enabled=no_scene
+    )
+
+
+RECALL = tuple(f"camera.bookmark_{key}" for key in BOOKMARK_KEYS)
+SET = tuple(f"camera.set_bookmark_{key}" for key in BOOKMARK_KEYS)
+no_keyframe = needs(
+    lambda session: session.need().project.film.keyframes,
+    "The camera's path has no keyframes. Add one first.",
+)
+no_path = first_of(
+    no_keyframe,
+    needs(
+        lambda session: len(session.need().project.film.keyframes) > 1,
+        "The camera's path has one keyframe only. Add another one.",
+    ),
+)
+
+
+def no_photo_files(session: Session) -> str:
+    """Needs photos that are on the disk."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is not None and folder.image_paths:
+        return ""
+    return no_photos(session) or "The photos of this scene are not here."
+
+
+def _not_filmable(session: Session) -> str:
+    """Needs two keyframes or more, or photos to go through, and the job runner."""
+    return (no_path(session) if no_photo_files(session) else "") or busy(session)
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("view.frame_selected", "Focus the selection", frame_selected, "F", enabled=no_scene),
+    Command(
+        "view.frame_all",
+        "Show the whole scene",
+        frame_all,
+        "Shift+F",
+        ("Home",),
+        enabled=no_scene,
+    ),
+    *(_axis(axis) for axis in ("front", "back", "left", "right", "top", "bottom")),
+    Command("view.next_photo", "Next photo", lambda s: next_view(s, 1), "Right", enabled=no_photos),
+    Command(
+        "view.previous_photo",
+        "Previous photo",
+        lambda s: next_view(s, -1),
+        "Left",
+        enabled=no_photos,
+    ),
+    Command(
+        "view.fly", "Fly", _toggle_flying, "V", enabled=no_scene, is_on=lambda s: s.rig.is_flying
+    ),
+    Command(
+        "view.ortho",
+        "Orthographic",
+        _toggle_orthographic,
+        "5",
+        enabled=no_scene,
+        is_on=lambda session: session.rig.pose.is_orthographic,
+    ),
+    Command("camera.faster", "Fly faster", _speed(1.25)),
+    Command("camera.slower", "Fly slower", _speed(1 / 1.25)),
+    Command("camera.add_bookmark", "Bookmark this view", add_bookmark, "Ctrl+B", enabled=no_scene),
+    *(_recall(key) for key in BOOKMARK_KEYS),
+    *(_set(key) for key in BOOKMARK_KEYS),
+    Command("camera.add_keyframe", "Add keyframe", add_keyframe, "K", enabled=no_scene),
+    Command("camera.turntable", "Turntable", make_turntable, enabled=no_scene),
+    Command(
+        "camera.play",
+        "Play the path",
+        toggle_playing,
+        "Shift+K",
+        enabled=no_path,
+        is_on=lambda session: session.view.playback.is_playing,
+    ),
+    Command("camera.clear_path", "Remove all keyframes", clear_path, enabled=no_keyframe),
+    ask("camera.open_path", "Open path…", Request.OPEN_PATH, enabled=no_scene),
+    ask("camera.save_path", "Save path…", Request.SAVE_PATH, enabled=no_keyframe),
+    ask("camera.film", "Save film…", Request.SAVE_FILM, enabled=_not_filmable),
+)

@@ -25,9 +25,18 @@ from gaga_core.scene.reduce import (
     reducible,
 )
 from gaga_core.scene.scene import Scene
-from gaga_studio.features import base, folders, objects
-from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.features import folders, objects
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    busy,
+    first_of,
+    no_scene,
+    no_selection,
+    not_one_object,
+    watch,
+)
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
@@ -58,7 +67,7 @@ def start(session: Session) -> None:
         return
     document, group = session.document, groups[0]
     stage = cleanup.clean_object_stage(document.settled().scene, group)
-    is_same = _watch(session, document)
+    is_same = watch(session, document, _CLEANUP_CHANGED)
 
     def done(found: "CleanPreview") -> None:
         if not found:
@@ -126,7 +135,7 @@ def _clean_then(
     under = folders.along(session, with_locked=with_locked).groups
     title = folders.title_along(document, verb, under)
     stage = cleanup.clean_objects_stage(document.settled().scene, groups)
-    is_same = _watch(session, document)
+    is_same = watch(session, document, _CLEANUP_CHANGED)
 
     def done(labels: IntArray) -> None:
         if is_same():
@@ -140,15 +149,6 @@ def to_clean(session: Session) -> tuple[int, ...]:
     if session.scene is None or not session.settings.clean_first:
         return ()
     return cleanup.whole_objects(folders.scene_along(session, with_locked=False))
-
-
-def _watch(session: Session, document: Document) -> Callable[[], bool]:
-    before = document.history.state_id
-
-    def is_same() -> bool:
-        return document.history.state_id == before and not document.history.is_previewing
-
-    return base.watch(session, document, is_same, _CLEANUP_CHANGED)
 
 
 # --- Reduce splats: neighbours are merged, with the loss estimated before and measured after.
@@ -187,8 +187,8 @@ def reducible_splats(session: Session, what: ReduceWhat) -> LongArray:
 
 def why_not_reducible(session: Session, what: ReduceWhat) -> str:
     """Needs two splats that may be merged."""
-    if session.document is None:
-        return "No scene is open."
+    if reason := no_scene(session):
+        return reason
     if what != "scene" and len(session.selected_indices()) == 0:
         return "Nothing is selected."
     few = len(reducible_splats(session, what)) < 2
@@ -264,10 +264,9 @@ def what_is_known_of_loss(session: Session, plan: ReducePlan) -> str:
 
 def why_not_reducing(session: Session, plan: ReducePlan) -> str:
     """Needs splats that may be merged, and the job runner; an estimate makes way."""
-    job = session.jobs.running
-    if job is not None and job.title != ESTIMATE:
-        return f"{job.title} is still running."
-    return why_not_reducible(session, plan.what)
+    return ("" if is_estimating(session) else busy(session)) or why_not_reducible(
+        session, plan.what
+    )
 
 
 def start_reducing(session: Session, plan: ReducePlan) -> None:
@@ -280,7 +279,7 @@ def start_reducing(session: Session, plan: ReducePlan) -> None:
         return
     document = session.need()
     scene, views, chosen = _snapshot(session, plan)
-    share, before = plan.percent / 100, document.history.state_id
+    share = plan.percent / 100
 
     def stage() -> Stage[tuple[Reduction, Edit | None]]:
         yield Progress(REDUCE, 0, 0)
@@ -289,10 +288,7 @@ def start_reducing(session: Session, plan: ReducePlan) -> None:
         found = yield from reduce_stage(scene, chosen, share, views, choose())
         return found, reduced_edit(scene, found, reduce_title(scene, chosen, found))
 
-    def is_same() -> bool:
-        return document.history.state_id == before and not document.history.is_previewing
-
-    check = base.watch(session, document, is_same, _REDUCE_CHANGED)
+    check = watch(session, document, _REDUCE_CHANGED)
 
     def done(result: tuple[Reduction, Edit | None]) -> None:
         found, edit = result
@@ -310,3 +306,35 @@ def start_reducing(session: Session, plan: ReducePlan) -> None:
 def _snapshot(session: Session, plan: ReducePlan) -> tuple[Scene, Sequence[Camera], LongArray]:
     project = session.need().settled()
     return replace(project.scene), project.training_views, reducible_splats(session, plan.what)
+
+
+def _no_cleaning(session: Session) -> str:
+    if shown(session) is not None:
+        return ""
+    return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+
+
+def _not_ready(session: Session) -> str:
+    """Needs a selection, and the job runner when it is to be cleaned first."""
+    return no_selection(session) or (busy(session) if session.settings.clean_first else "")
+
+
+def toggle_clean_first(session: Session) -> None:
+    """Switch cleaning of objects before they are isolated, deleted or exported."""
+    settings = session.settings
+    session.change_settings(replace(settings, clean_first=not settings.clean_first))
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("edit.delete", "Delete", delete_selected, "Delete", ("Backspace",), enabled=_not_ready),
+    ask("edit.reduce", "Reduce splats…", Request.REDUCE, enabled=no_scene),
+    Command("object.isolate", "Isolate", isolate_selected, "/", enabled=_not_ready),
+    Command("object.clean", "Clean up", start, enabled=first_of(not_one_object, busy)),
+    Command("object.clean_apply", "Apply the cleaning", apply, enabled=_no_cleaning),
+    Command(
+        "object.clean_first",
+        "Always clean first",
+        toggle_clean_first,
+        is_on=lambda s: s.settings.clean_first,
+    ),
+)

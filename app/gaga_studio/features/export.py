@@ -27,8 +27,18 @@ from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.features import cleanup, folders
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    busy,
+    first_of,
+    no_groups,
+    no_selection,
+    no_views,
+    not_saveable,
+)
 from gaga_studio.session import stages
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
 from gaga_studio.system import file_manager, paths
@@ -285,3 +295,28 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
         session.notify(Level.INFO, text, shows=path)
 
     session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+
+
+_no_objects = first_of(no_groups, busy)
+_no_chosen = first_of(no_selection, busy)
+COMMANDS: tuple[Command, ...] = (
+    ask(
+        "file.export_scene",
+        "Export scene…",
+        Request.EXPORT_SCENE,
+        "Ctrl+Shift+E",
+        enabled=not_saveable,
+    ),
+    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=not_saveable),
+    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=_no_chosen),
+    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=_no_objects),
+    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=_no_objects),
+    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_views),
+    ask(
+        "file.save_picture",
+        "Save picture…",
+        Request.SAVE_PICTURE,
+        "Ctrl+Alt+S",
+        enabled=not_saveable,
+    ),
+)

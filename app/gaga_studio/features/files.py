@@ -11,8 +11,9 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import read_added_stage
+from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
 from gaga_studio.session import level_of_detail
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
 _AS_IS = ExportOptions()
@@ -53,3 +54,17 @@ def add_splats(session: Session, path: Path) -> None:
         level_of_detail.offer(session)
 
     session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)
+
+
+_no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has been edited yet.")
+COMMANDS: tuple[Command, ...] = (
+    ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O"),
+    ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O"),
+    ask("file.add_splats", "Add splats…", Request.ADD_SPLATS, enabled=not_saveable),
+    Command("file.demo", "Open the demo", Session.open_demo, enabled=busy),
+    Command("file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=no_scene),
+    ask("file.save_as", "Save project as…", Request.SAVE_AS, "Ctrl+Shift+S", enabled=no_scene),
+    ask("file.save_script", "Save the edits as a script…", Request.SAVE_SCRIPT, enabled=_no_edits),
+    Command("file.close", "Close", Session.close, "Ctrl+W", enabled=not_saveable),
+    Command("file.quit", "Quit", Session.quit, "Ctrl+Q"),
+)

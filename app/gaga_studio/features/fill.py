@@ -9,14 +9,16 @@ from gaga_core.fill import inpaint
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import State
-from gaga_studio.features import base, folders
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.features import folders
+from gaga_studio.features.base import Command, ask, busy, need_no_job, needs, no_scene, watch
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.fill.fill import Filling
 
 _CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
+_NO_PREVIEW = "There is no preview of a filling. Use Delete and fill first."
 _COVERED = "the place is covered already, or nothing around it continues well there."
 _REFUSED = "what would fill it hardly shows, or would change what the photos show next to it."
 
@@ -26,14 +28,17 @@ def shown(session: Session) -> "Filling | None":
     return session.document.filling if session.document is not None else None
 
 
+_nothing_to_fill = needs(
+    lambda session: (
+        len(session.selected_indices()) or session.need().scene.has(State.DELETED).any()
+    ),
+    "Nothing is selected, and nothing was deleted. Select an object first.",
+)
+
+
 def why_not(session: Session) -> str:
     """Needs a selection or deleted splats, and the job runner."""
-    document, job = session.document, session.jobs.running
-    if document is None:
-        return "No scene is open."
-    if len(session.selected_indices()) == 0 and not document.scene.has(State.DELETED).any():
-        return "Nothing is selected, and nothing was deleted. Select an object first."
-    return "" if job is None else f"{job.title} is still running."
+    return _nothing_to_fill(session) or busy(session)
 
 
 def title(session: Session) -> str:
@@ -74,7 +79,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
     taken = folders.along(session) if len(session.selected_indices()) else None
     named = folders.title_along(document, "Delete and fill", taken.groups) if taken else ""
     scene, views = replace(project.scene), project.training_views
-    before, model = document.history.state_id, session.settings.inpainting_model
+    model = session.settings.inpainting_model
 
     def stage() -> "Stage[tuple[Filling, Edit | None]]":
         yield Progress("Look behind the object", 0, 0)
@@ -90,10 +95,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
         done_title = fill_title(scene, splats) if is_alone else named
         return found, filled_edit(scene, found, done_title)
 
-    def is_same() -> bool:
-        return document.history.state_id == before and not document.history.is_previewing
-
-    check = base.watch(session, document, is_same, _CHANGED)
+    check = watch(session, document, _CHANGED)
 
     def done(result: "tuple[Filling, Edit | None]") -> None:
         found, edit = result
@@ -113,16 +115,15 @@ def switch_lighten(session: Session) -> None:
     """Compute the preview again, with the shadow taken off or left as it is."""
     found = shown(session)
     if found is None:
-        raise GagaError("There is no preview of a filling. Use Delete and fill first.")
-    _need_no_job(session)  # or the preview would be lost
+        raise GagaError(_NO_PREVIEW)
+    need_no_job(session)  # or the preview would be lost
     cancel(session)
     start(session, lighten=not found.lighten)
 
 
 def why_no_model(session: Session) -> str:
     """Needs PyTorch, and the job runner."""
-    job = session.jobs.running
-    return inpaint.why_no_model() or (f"{job.title} is still running." if job is not None else "")
+    return inpaint.why_no_model() or busy(session)
 
 
 @notifies
@@ -131,7 +132,7 @@ def choose_model(session: Session, path: Path) -> None:
 
     A preview that is shown is computed again. A file that fails changes nothing.
     """
-    _need_no_job(session)
+    need_no_job(session)
 
     def done(_: None) -> None:
         _use_model(session, str(path.resolve()))
@@ -142,7 +143,7 @@ def choose_model(session: Session, path: Path) -> None:
 @notifies
 def continue_colors(session: Session) -> None:
     """Let the colors of holes continue the surroundings from now on, without a model."""
-    _need_no_job(session)
+    need_no_job(session)
     if session.settings.inpainting_model:
         _use_model(session, "")
 
@@ -173,3 +174,33 @@ def cancel(session: Session) -> bool:
         return False
     session.cancel_preview()
     return True
+
+
+def _no_filling(session: Session) -> str:
+    return "" if shown(session) is not None else no_scene(session) or _NO_PREVIEW
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("object.fill", "Delete and fill", start, enabled=why_not, describe=title),
+    Command("object.fill_apply", "Apply the filling", apply, enabled=_no_filling),
+    Command(
+        "object.fill_lighten",
+        "Take off its shadow",
+        switch_lighten,
+        enabled=_no_filling,
+        is_on=lambda s: (found := shown(s)) is not None and found.lighten,
+    ),
+    Command(
+        "object.fill_continue",
+        "Color holes from their surroundings",
+        continue_colors,
+        is_on=lambda s: not s.settings.inpainting_model,
+    ),
+    Command(
+        "object.fill_model",
+        "Color holes by an inpainting model…",
+        ask("", "", Request.INPAINTING_MODEL).run,
+        enabled=why_no_model,
+        is_on=lambda s: bool(s.settings.inpainting_model),
+    ),
+)

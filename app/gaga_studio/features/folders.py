@@ -13,10 +13,10 @@ from gaga_core.scene.folders import name_of, parent_of, parents_of, path_of
 from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import groups_under_selection, splats_under_selection
+from gaga_studio.features.base import Command, needs, no_groups, no_selection
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import notifies
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.object_list import FolderSums, folder_sums
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
@@ -367,3 +367,68 @@ def _and_under(text: str, n: int, n_under: int) -> str:
     if not n_under:
         return text
     return f"{text} and {n_under} under {'it' if n == 1 else 'them'}"
+
+
+no_folders = needs(
+    lambda session: session.need().scene.folders.paths,
+    "There are no folders yet. Select objects, then use New folder.",
+)
+
+
+def _no_folder(session: Session) -> str:
+    if reason := no_folders(session):
+        return reason
+    return (
+        "" if of_selection(session) else "Choose a folder in the list, or an object that is in one."
+    )
+
+
+def _not_in_folder(session: Session) -> str:
+    if reason := no_folders(session):
+        return reason
+    return "" if can_take_out(session) else "What is selected lies in no folder."
+
+
+def _under_nothing(session: Session) -> str:
+    if can_leave_parent(session):
+        return ""
+    return no_selection(session) or "What is selected lies under no object. Drag it onto one."
+
+
+def _nothing_under(session: Session) -> str:
+    if has_children(session):
+        return ""
+    return no_selection(session) or "Nothing lies under this object. Drag another one onto it."
+
+
+def toggle_children_go_along(session: Session) -> None:
+    """Switch whether what lies under an object is moved, deleted, copied and exported with it."""
+    settings = session.settings
+    session.change_settings(replace(settings, children_go_along=not settings.children_go_along))
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("object.folder", "New folder", new_folder, "Ctrl+Shift+G", enabled=no_groups),
+    Command("object.folder_out", "Take out of the folder", take_out, enabled=_not_in_folder),
+    Command(
+        "object.folder_delete",
+        "Delete the folder, keep its objects",
+        delete_chosen,
+        enabled=_no_folder,
+    ),
+    Command(
+        "object.leave_parent",
+        "Take out from under its object",
+        leave_parent,
+        enabled=_under_nothing,
+    ),
+    Command(
+        "object.children_go_along",
+        "Children go along",
+        toggle_children_go_along,
+        is_on=lambda s: s.settings.children_go_along,
+    ),
+    Command(
+        "select.children", "Select with children", select_with_children, enabled=_nothing_under
+    ),
+)

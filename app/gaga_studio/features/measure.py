@@ -10,9 +10,10 @@ from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.frame import inverse, length_text, lengths_text
 from gaga_core.scene.orientation import ground_map
+from gaga_studio.features.base import Command, no_scene, nothing_pointed
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Point, ToolName
+from gaga_studio.session.view import Point, ToolName
 
 # --- Measure between points of the surface, and set the scale from a length that is known.
 
@@ -186,3 +187,22 @@ def align(session: Session, points: DoubleArray) -> bool:
     document = session.need()
     moved = ground_map(points, session.rig.up, session.rig.seen_from)
     return document.do(edits.move_scene(document.settled().scene, moved, "Align to ground"))
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "tool.measure",
+        "Measure lengths, angles and heights",
+        begin,
+        enabled=no_scene,
+        is_on=lambda session: session.tool is ToolName.MEASURE,
+    ),
+    Command(
+        "tool.ground",
+        "Align to ground by three points",
+        begin_ground,
+        enabled=no_scene,
+        is_on=lambda session: session.tool is ToolName.GROUND,
+    ),
+    Command("tool.origin_here", "Set the origin here", set_origin_here, enabled=nothing_pointed),
+)

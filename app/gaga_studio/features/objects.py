@@ -14,10 +14,20 @@ from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import folders
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    first_of,
+    needs,
+    no_scene,
+    no_selection,
+    not_one_object,
+)
+from gaga_studio.features.object_list import levels_of
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
 # --- Edits of objects: of the selected ones, and of one line of the list.
@@ -288,3 +298,55 @@ def _bank(session: Session) -> MemoryBank:
     if bank is None or bank.levels is None:
         raise ValueError("session: the scene has no levels of detail")
     return bank
+
+
+_no_levels = first_of(
+    not_one_object,
+    needs(
+        levels_of,
+        "These objects have no levels of detail: those of regions and of Segment Anything have.",
+    ),
+)
+_not_several = first_of(
+    no_selection,
+    needs(
+        lambda session: len(session.selected_groups()) > 1,
+        "Select two objects or more: Shift adds to the selection.",
+    ),
+)
+_nothing_hidden = needs(
+    lambda session: (
+        session.need().scene.has(State.HIDDEN) & ~session.need().scene.has(State.DELETED)
+    ).any(),
+    "Nothing is hidden.",
+)
+_nothing_locked = needs(
+    lambda session: session.need().scene.has(State.LOCKED).any(), "Nothing is locked."
+)
+COMMANDS: tuple[Command, ...] = (
+    Command("edit.delete_floaters", "Delete floaters", delete_floaters, enabled=no_scene),
+    Command("object.hide", "Hide", hide, "H", enabled=no_selection),
+    Command(
+        "object.show_all", "Show all", show_all, "Shift+H", ("Alt+H",), enabled=_nothing_hidden
+    ),
+    Command("object.lock", "Lock", lock, enabled=no_selection),
+    Command("object.unlock_all", "Unlock all", unlock_all, enabled=_nothing_locked),
+    ask(
+        "object.rename",
+        "Rename",
+        Request.RENAME,
+        "F2",
+        enabled=lambda s: "" if len(folders.chosen(s)) == 1 else not_one_object(s),
+    ),
+    Command("object.merge", "Merge into one", merge, enabled=_not_several),
+    Command(
+        "object.separate",
+        "Separate into an object of its own",
+        separate,
+        "Shift+P",
+        enabled=no_selection,
+    ),
+    Command("object.split", "Split into parts that do not touch", split, enabled=not_one_object),
+    Command("object.split_here", "Split here (one level finer)", split_here, enabled=_no_levels),
+    Command("object.join_here", "Join here (one level coarser)", join_here, enabled=_no_levels),
+)

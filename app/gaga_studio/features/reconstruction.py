@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage, mapped
-from gaga_studio.session.notices import Level, UserQuestion, notifies
+from gaga_studio.features.base import Command, ask, busy
+from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
 
@@ -38,10 +39,7 @@ def why_not(session: Session) -> str:
     """Return why no splats can be made now; "" when they can."""
     if session.photos is None:
         return "No photos without splats are open. Open a folder of photos, or a video."
-    job = session.jobs.running
-    if job is not None:
-        return f"{job.title} is still running."
-    return too_few(session.photos)
+    return busy(session) or too_few(session.photos)
 
 
 def too_few(found: "PhotoFind") -> str:
@@ -239,3 +237,9 @@ def plan_with(
         return replace(plan, config=replace(plan.config, **changes))  # type: ignore[arg-type]
     except ValueError as error:
         raise GagaError(str(error)) from error
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
+    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
+)

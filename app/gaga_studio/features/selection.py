@@ -21,10 +21,18 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram
 from gaga_core.scene.tint import mean_color
+from gaga_studio.features.base import (
+    Command,
+    first_of,
+    needs,
+    no_confidence,
+    no_scene,
+    no_selection,
+)
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.part_index import Part
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import ViewportPoint
+from gaga_studio.session.view import ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
@@ -368,3 +376,31 @@ def close_outline(session: Session) -> None:
     first = outline.points[0]
     region = Region(session, ViewportPoint(*first, outline.width, outline.height, outline.how))
     region.take(by_screen.polygon(outline.points, outline.width, outline.height))
+
+
+_no_encodings = first_of(
+    no_selection,
+    needs(
+        lambda session: "obj_dc_0" in session.need().scene.gaussians.extra,
+        "The splats have no identity encodings. Run gaga lift on the scene and export them.",
+    ),
+)
+COMMANDS: tuple[Command, ...] = (
+    Command("select.all", "Select all", select_all, "Ctrl+A", enabled=no_scene),
+    Command(
+        "select.none",
+        "Select nothing",
+        select_none,
+        "Ctrl+Shift+A",
+        ("Ctrl+D",),
+        enabled=no_selection,
+    ),
+    Command("select.invert", "Invert selection", select_inverse, "Ctrl+I", enabled=no_scene),
+    Command("select.grow", "Grow", grow, enabled=no_selection),
+    Command("select.shrink", "Shrink", shrink, enabled=no_selection),
+    Command(
+        "select.alike", "Grow to what is alike (identity)", grow_by_identity, enabled=_no_encodings
+    ),
+    Command("select.keep", "Keep the selection", keep_next_selection, enabled=no_selection),
+    Command("object.uncertain", "Select uncertain splats", select_uncertain, enabled=no_confidence),
+)

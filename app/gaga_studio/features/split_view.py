@@ -14,11 +14,11 @@ from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
-from gaga_studio.features.base import watch
+from gaga_studio.features.base import Command, busy, no_photos, watch
 from gaga_studio.session import stages
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import Mode, PhotoCompareMode, Side, ViewState
+from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ViewState
 
 if TYPE_CHECKING:
     from gaga_core.grouping.associate import Association
@@ -40,11 +40,11 @@ class PhotoPlacement:
     height: float
 
 
-def set_compare_mode(session: Session, mode: PhotoCompareMode) -> None:
-    """Compare in this way, or stop when it is on already; fly to a photo first."""
-    view = session.view
-    view.compare = PhotoCompareMode.OFF if view.compare is mode else mode
-    if view.compare is not PhotoCompareMode.OFF and compared_photo(session) is None:
+def toggle_difference(session: Session) -> None:
+    """Show the difference of photo and picture, or stop when it is shown; fly to a photo first."""
+    view, difference = session.view, PhotoCompareMode.DIFFERENCE
+    view.compare = PhotoCompareMode.OFF if view.compare is difference else difference
+    if view.compare is difference and compared_photo(session) is None:
         go_to_a_photo(session)
 
 
@@ -132,6 +132,7 @@ def go_to_a_photo(session: Session) -> None:
 
 
 AT_A_PHOTO = frozenset({Side.PHOTO, Side.TRUTH, Side.ERRORS})  # only at the camera of a photo
+_CHANGED = "The objects changed while this ran, so nothing is compared. Try it again."
 LEFT = tuple(Side)
 RIGHT = (Side.PICTURE, Side.GROUPS, Side.TRUTH, Side.ERRORS)
 
@@ -264,12 +265,7 @@ def associate_other(session: Session) -> bool:
     """Associate with the other preset, as a job; its groups are compared, not taken."""
     document = session.need()
     bank, preset = document.scene.bank, other_preset(session)
-    is_same = watch(
-        session,
-        document,
-        lambda: document.scene.bank is bank,
-        "The objects changed while this ran, so nothing is compared. Try it again.",
-    )
+    is_same = watch(session, document, _CHANGED, lambda: document.scene.bank is bank)
 
     def done(found: "Association") -> None:
         if is_same() and bank is not None:
@@ -347,3 +343,39 @@ def errors_of(
     gaussians = bake(scene, indices=shown)
     view = camera.resized(width, height)
     return error_picture(seen, splat_groups(choose(), gaussians, view, scene.labels[shown]), labels)
+
+
+def _split(name: str, title: str, left: Side, right: Side) -> Command:
+    def why_none(session: Session) -> str:
+        if is_shown(session, left, right):
+            return ""
+        is_job = left is Side.PRESET and other_labels(session) is None
+        reason = why_not(session, left) or why_not(session, right)
+        return reason or (busy(session) if is_job else "")
+
+    return Command(
+        f"camera.{name}",
+        title,
+        lambda session: show(session, left, right),
+        enabled=why_none,
+        is_on=lambda session: is_shown(session, left, right),
+    )
+
+
+COMMANDS: tuple[Command, ...] = (
+    _split("swipe", "Swipe between photo and picture", Side.PHOTO, Side.PICTURE),
+    _split("split_groups", "Split: picture and groups", Side.PICTURE, Side.GROUPS),
+    _split("split_photo_groups", "Split: photo and groups", Side.PHOTO, Side.GROUPS),
+    _split("split_truth", "Split: truth and groups", Side.TRUTH, Side.GROUPS),
+    _split("split_errors", "Split: groups and their errors", Side.GROUPS, Side.ERRORS),
+    _split("split_before", "Split: before and after the last edit", Side.BEFORE, Side.PICTURE),
+    _split("split_preset", "Split: the other preset and these groups", Side.PRESET, Side.GROUPS),
+    Command(
+        "camera.difference",
+        "Difference of photo and picture",
+        toggle_difference,
+        enabled=no_photos,
+        is_on=lambda session: session.view.compare is PhotoCompareMode.DIFFERENCE,
+    ),
+    Command("camera.hold_photo", "Photo while held", hold_photo, "Shift+G", enabled=no_photos),
+)

@@ -12,6 +12,7 @@ from gaga_core.scene.orientation import mirror_map
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.features import folders
+from gaga_studio.features.base import Command, no_selection
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
@@ -191,3 +192,46 @@ def duplicate(session: Session) -> bool:
         "Duplicate",
         lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title),
     )
+
+
+def _mirror(axis: int) -> Command:
+    return Command(
+        f"edit.mirror_{'xyz'[axis]}",
+        f"Mirror across {_AXES[axis]}",
+        lambda session: mirror(session, axis),
+        enabled=no_selection,
+    )
+
+
+def _no_undo(session: Session) -> str:
+    history = session.history
+    return "" if history is not None and history.can_undo else "There is nothing to undo."
+
+
+def _no_redo(session: Session) -> str:
+    history = session.history
+    return "" if history is not None and history.can_redo else "There is nothing to redo."
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "edit.undo",
+        "Undo",
+        Session.undo,
+        "Ctrl+Z",
+        enabled=_no_undo,
+        describe=lambda s: "Undo" if _no_undo(s) else f"Undo {s.need().history.undo_title}",
+    ),
+    Command(
+        "edit.redo",
+        "Redo",
+        Session.redo,
+        "Ctrl+Shift+Z",
+        ("Ctrl+Y",),
+        enabled=_no_redo,
+        describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().history.redo_title}",
+    ),
+    Command("edit.duplicate", "Duplicate", duplicate, "Shift+D", enabled=no_selection),
+    *(_mirror(axis) for axis in range(3)),
+    Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),
+)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 
 REST_S = 0.15  # after the last motion the picture is drawn in full
 TARGET_MS = 33.0  # of a picture while something moves

@@ -20,7 +20,7 @@ from gaga_studio.gpu.slices import Slices
 from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
 from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.gpu.targets import Target
-from gaga_studio.session.view_state import CentreColors, Mode, ViewState
+from gaga_studio.session.view import CentreColors, Mode, ViewState
 
 __all__ = ["Overlays", "Viewport"]
 

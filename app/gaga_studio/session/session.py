@@ -3,7 +3,9 @@
 Pull, not push: panels read it every frame. Main thread only; works without a window.
 """
 
+import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +19,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
 from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
@@ -27,19 +30,109 @@ from gaga_studio.session import level_of_detail, next_stage, saving, stages, upr
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.find_options import FindOptions, lift_mode
-from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.models_state import ModelsState
-from gaga_studio.session.notices import Level, Notice, UserQuestion, notifies, unsaved_question
-from gaga_studio.session.render_requests import RenderRequests
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import (
+    Level,
+    Notice,
+    Request,
+    UserQuestion,
+    notifies,
+    unsaved_question,
+)
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import TrainingPreview
-from gaga_studio.session.view_state import ImageSource, Mode, ToolName, ViewState
+from gaga_studio.session.view import ImageSource, Mode, RenderRequests, ToolName, ViewState
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
+
+
+# --- Which object is under the resting mouse, looked up in a thread.
+
+
+_LEAST_INTERVAL_S = 0.1
+_STILL_S = 0.05  # the mouse and the camera must rest this long
+_STILL_PIXELS = 2.0
+
+
+class Hovering:
+    """Look up the hovered object without blocking; only the newest position counts."""
+
+    def __init__(self) -> None:
+        self.group = 0  # under the mouse; 0 = none
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="hover")
+        self._answer: Future[int] | None = None
+        self._wanted: tuple[float, float, int, int] | None = None
+        self._asked: object = None
+        self._moved_at = 0.0
+        self._asked_at = 0.0
+
+    def at(self, u: float, v: float, width: int, height: int) -> None:
+        """Note that the mouse is at pixel (u, v) of a picture of this size."""
+        before = self._wanted
+        far = before is None or max(abs(before[0] - u), abs(before[1] - v)) > _STILL_PIXELS
+        if far or before is None or before[2:] != (width, height):
+            self._wanted = (u, v, width, height)
+            self._moved_at = time.monotonic()
+
+    def away(self) -> None:
+        """Note that the mouse left the picture, or that a drag or a jump runs."""
+        self.group, self._wanted, self._asked = 0, None, None
+
+    def update(
+        self,
+        scene: Scene,
+        camera_of: Callable[[int, int], Camera],
+        pose: object,
+        antialiased: bool | None = None,
+        boxes: PickBoxes | None = None,
+    ) -> None:
+        """Take an answer, ask the next question. ``pose`` tells whether the camera moved.
+
+        ``antialiased`` is how the splats are drawn, as in `pick`; ``boxes`` of a large scene.
+        """
+        if self._answer is not None:
+            if not self._answer.done():
+                return
+            answer, self._answer = self._answer, None
+            group = answer.result()
+            self.group = group if self._wanted is not None else 0
+        wanted, now = self._wanted, time.monotonic()
+        if wanted is None:
+            return
+        asked = (wanted, pose, scene.revision.total())
+        is_still = now - self._moved_at >= _STILL_S and now - self._asked_at >= _LEAST_INTERVAL_S
+        if asked == self._asked or not is_still:
+            return
+        self._asked, self._asked_at = asked, now
+        camera = camera_of(wanted[2], wanted[3])
+        # Edits replace columns, never change them in place: this is the scene as it is now.
+        self._answer = self._pool.submit(
+            _group_at, replace(scene), camera, (wanted[0], wanted[1]), antialiased, boxes
+        )
+
+    def shut_down(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _group_at(
+    scene: Scene,
+    camera: Camera,
+    at: tuple[float, float],
+    antialiased: bool | None,
+    boxes: PickBoxes | None,
+) -> int:
+    rows = None if boxes is None else boxes.rows_at(camera, *at, len(scene))
+    found = pick(scene, camera, *at, antialiased=antialiased, rows=rows)
+    return found.group if found is not None else 0
+
+
+# --- The state of the program: the open document, the view, the jobs, the notices.
+# Pull, not push: panels read it every frame. Main thread only; works without a window.
+
 
 _MOST_NOTICES = 50
 NO_GROUPS = "There are no groups here. Use Find objects to make them."

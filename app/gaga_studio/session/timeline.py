@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 
 
 @dataclass

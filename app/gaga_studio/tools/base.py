@@ -5,8 +5,8 @@ from typing import Protocol
 
 from gaga_core.scene.edits import How
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
-from gaga_studio.session.view_state import ViewportPoint as ViewportPoint
+from gaga_studio.session.view import ToolName
+from gaga_studio.session.view import ViewportPoint as ViewportPoint
 
 
 @dataclass(frozen=True)

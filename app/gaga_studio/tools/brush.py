@@ -8,7 +8,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.scene.selection import by_screen
 from gaga_studio.features.selection import Region
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most

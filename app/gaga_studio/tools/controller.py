@@ -2,9 +2,9 @@
 
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import camera, measure, selection
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
 from gaga_studio.tools.brush import BrushTool
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move

@@ -2,7 +2,7 @@
 
 from gaga_studio.features import measure
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Point, ToolName
+from gaga_studio.session.view import Point, ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface

@@ -4,7 +4,7 @@ from gaga_core.scene.selection import by_screen
 from gaga_studio.features import selection
 from gaga_studio.features.selection import Region
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 
 _FINEST = 2.0  # pixels between two corners of the outline

@@ -5,7 +5,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import selection, transform
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}

@@ -22,7 +22,7 @@ from gaga_studio.features.selection import Region
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most

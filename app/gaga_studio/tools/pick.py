@@ -2,7 +2,7 @@
 
 from gaga_studio.features import selection
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 

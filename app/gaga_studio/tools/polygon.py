@@ -2,7 +2,7 @@
 
 from gaga_studio.features.selection import close_outline
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Outline, ToolName
+from gaga_studio.session.view import Outline, ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 
 _NEAR = 8.0  # pixels from the first corner at which a click closes the outline

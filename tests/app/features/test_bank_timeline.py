@@ -6,7 +6,7 @@ from gaga_studio.features import objects, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 
 
 def _opened(session: Session) -> Session:

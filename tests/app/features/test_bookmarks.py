@@ -12,7 +12,7 @@ from gaga_studio.features import split_view
 from gaga_studio.features.commands import run
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import PhotoCompareMode
+from gaga_studio.session.view import PhotoCompareMode
 from gaga_studio.ui.viewport import view_cube
 
 _POINTS = np.array([[0.2, 0.1, 0.0], [-0.3, 0.2, 0.1], [0.0, -0.2, 0.3]])

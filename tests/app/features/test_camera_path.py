@@ -16,9 +16,8 @@ from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig, Split
 from gaga_studio.features import camera as camera_path
 from gaga_studio.features.commands import run
-from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, RenderRequests, ViewState
 
 _SMALL = FilmConfig(video=VideoConfig(64, 48, fps=5))
 

@@ -3,9 +3,9 @@
 import pytest
 
 from gaga_studio.features.commands import command, for_shortcut, run
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import KeyState
 from tests.app.features.clicking import BALL, balls, chosen_in_balls
 from tests.app.tools.hand import H, Hand, W, titles

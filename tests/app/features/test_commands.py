@@ -10,10 +10,11 @@ from PIL import ImageFont
 
 from gaga_core.assets import assets
 from gaga_studio.features import objects, selection
-from gaga_studio.features.commands import COMMANDS, MENUS, Command, command, for_shortcut, run
+from gaga_studio.features.base import Command
+from gaga_studio.features.commands import COMMANDS, MENUS, command, for_shortcut, run
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons
 

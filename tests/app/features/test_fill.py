@@ -16,8 +16,7 @@ from gaga_core.scene.scene import Scene, State
 from gaga_studio.features import fill, folders, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.viewport.viewport import preview_badge
 from tests.app.looks import finish, snapshot

@@ -11,8 +11,8 @@ from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
 from gaga_studio.features import commands, folders, object_list, selection
 from gaga_studio.features.find import memory_bank
+from gaga_studio.session.notices import Request
 from gaga_studio.session.object_list import Lines, ListFilter
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from tests.app.looks import objects_of, scene_of
 

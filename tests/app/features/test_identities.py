@@ -14,7 +14,7 @@ from gaga_studio.features.find import association
 from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 
 
 def _quickly(session: Session, iterations: int = 12) -> None:

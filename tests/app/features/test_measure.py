@@ -8,7 +8,7 @@ from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import measure
 from gaga_studio.features.commands import run
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from tests.app.looks import scene_of, snapshot
 
 _CORNERS = ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.3, 0.4, 0.0))

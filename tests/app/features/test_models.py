@@ -10,7 +10,7 @@ import pytest
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features import commands
 from gaga_studio.features.find import masks
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from tests.core.models.hub_server import Hub, fresh_models, serve
 

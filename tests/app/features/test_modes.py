@@ -7,7 +7,7 @@ import pytest
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, hex_color, load_settings
-from gaga_studio.session.view_state import Mode, SplatLook
+from gaga_studio.session.view import Mode, SplatLook
 
 
 def test_modes_without_anything_to_show_are_left_out(session: Session) -> None:

@@ -11,7 +11,7 @@ from gaga_studio.features import selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.transform import GradeSliders
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import KeyState
 from gaga_studio.tools.move import MoveTool
 from tests.app.tools.hand import Hand

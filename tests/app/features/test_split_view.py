@@ -13,7 +13,7 @@ from gaga_core.scene.scene import State
 from gaga_studio.features import objects, selection, split_view
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, PhotoCompareMode, Side
+from gaga_studio.session.view import Mode, PhotoCompareMode, Side
 
 
 def test_a_split_is_a_switch_and_says_why_not(associated: Session) -> None:

@@ -10,7 +10,7 @@ from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
 from gaga_studio.features import selection
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import KeyState
 from tests.app.looks import snapshot
 from tests.app.tools.hand import H, Hand, W, titles

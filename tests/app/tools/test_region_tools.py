@@ -7,7 +7,7 @@ from gaga_core.arrays import IntArray
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features.commands import for_shortcut, run
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import KeyState
 from tests.app.tools.hand import H, Hand, W, state, titles
 

@@ -12,7 +12,7 @@ from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import objects, selection
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState
 from gaga_studio.ui.chrome.status_text import status_text

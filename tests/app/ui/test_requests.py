@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 
 from gaga_studio.features import selection
 from gaga_studio.features.commands import COMMANDS
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.dispatch import request_table

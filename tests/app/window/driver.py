@@ -14,7 +14,7 @@ from imgui_bundle.immapp import testing
 from gaga_core.arrays import UInt8Array
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 

@@ -11,7 +11,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import objects_scene
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_studio.features import camera, commands
-from gaga_studio.session.view_state import PhotoCompareMode
+from gaga_studio.session.view import PhotoCompareMode
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window

@@ -10,7 +10,7 @@ from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.scene import State
 from gaga_studio.features import cleanup, selection
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot
 from tests.app.window.driver import KEY, Driver, drive

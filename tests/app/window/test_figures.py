@@ -11,7 +11,7 @@ from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_studio.features import selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
-from gaga_studio.session.view_state import CentreColors, Mode, Side
+from gaga_studio.session.view import CentreColors, Mode, Side
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
 

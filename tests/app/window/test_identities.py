@@ -9,7 +9,7 @@ import pytest
 from gaga_studio.features.commands import command
 from gaga_studio.session.find_options import FindOptions
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window

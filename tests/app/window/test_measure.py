@@ -9,7 +9,7 @@ import pytest
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene.frame import scale_of
 from gaga_studio.features import measure
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import ViewportPoint
 from gaga_studio.tools.ground import surface_point
 from tests.app.window.driver import KEY, Driver, drive

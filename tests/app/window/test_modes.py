@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.features import commands, selection
-from gaga_studio.session.view_state import Mode, SplatLook
+from gaga_studio.session.view import Mode, SplatLook
 from tests.app.window.driver import Driver, drive
 
 pytestmark = pytest.mark.window

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 
 from gaga_studio.features import camera, commands, selection
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
 

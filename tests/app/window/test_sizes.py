@@ -16,7 +16,7 @@ from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import commands, objects, selection
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window

@@ -20,7 +20,7 @@ from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 

@@ -9,7 +9,7 @@ import pytest
 
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 from tests.app.window.typist import strokes, type_into

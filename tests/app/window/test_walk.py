@@ -10,7 +10,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, UInt8Array
 from gaga_core.color import rgb_from_dc
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.scene import State
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 

@@ -10,14 +10,14 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.append import ids_of_added, spread
 from gaga_core.scene.edits.identities import NO_IDENTITIES
 from gaga_core.scene.scene import LabelSource
-from gaga_studio.features import base
+from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.find_options import lift_mode
-from gaga_studio.session.notices import Level, notifies
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import LiftedScene
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 
 # --- Identity encodings of the groups, and whether labels are votes or theirs.
 
@@ -40,10 +40,7 @@ def lift(session: Session, mode: LiftMode | None = None) -> None:
     stage = stages.lift_project_stage(document.project, session.masks, mode, options)
     used = (mode, preset) == ("paper", "paper")
 
-    def is_same() -> bool:
-        return document.settled().scene.bank is bank
-
-    check = base.watch(session, document, is_same, _CHANGED)
+    check = watch(session, document, _CHANGED, lambda: document.settled().scene.bank is bank)
 
     def done(found: LiftedScene) -> None:
         if not check():
@@ -138,3 +135,38 @@ def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[],
         session.live = None
 
     return progress, end
+
+
+_no_identities = needs(
+    lambda session: session.need().scene.identities.other is not None, NO_IDENTITIES
+)
+
+
+def _labels(source: LabelSource) -> Command:
+    return Command(
+        f"object.labels_{source}",
+        f"Labels by {source}",
+        lambda session: use_labels(session, source),
+        enabled=_no_identities,
+        is_on=lambda s: s.scene is not None and s.scene.identities.source == source,
+    )
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "object.associate",
+        "Find objects (associate masks)",
+        associate,
+        "Ctrl+G",
+        enabled=no_masks,
+    ),
+    ask(
+        "object.find_settings",
+        "Find objects with settings…",
+        Request.FIND_OBJECTS,
+        enabled=no_masks,
+    ),
+    Command("object.lift", "Lift groups to identities", lift, enabled=no_bank),
+    _labels("votes"),
+    _labels("identities"),
+)

@@ -18,12 +18,12 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.segmentation.choose import ProviderEntry, promptable_models
+from gaga_studio.features.base import Command, no_scene, no_selection
 from gaga_studio.session.click_state import ClickState, key_of
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import notifies
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.click import Answer, Click, ClickGraph
@@ -338,3 +338,30 @@ def _show(document: Document, answer: "Answer", title: str) -> bool:
 
 def _depth(scene: Scene, camera: Camera) -> FloatArray:
     return choose("cpu").render(bake(scene), camera).median_depth
+
+
+def no_clicks(session: Session) -> str:
+    """Needs splats that were selected with the tool Object."""
+    if has_clicks(session):
+        return no_selection(session)
+    return no_scene(session) or "Nothing was clicked. Click with the tool Object (O) first."
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "tool.object",
+        "Select an object by clicks",
+        begin,
+        "O",
+        enabled=no_scene,
+        is_on=lambda session: session.tool is ToolName.OBJECT,
+    ),
+    Command("object.make", "Make an object of the clicks", make_object, enabled=no_clicks),
+    Command(
+        "tool.click_model",
+        "Clicks of the tool Object ask a model",
+        switch_model,
+        enabled=why_no_model,
+        is_on=lambda session: chosen_model(session) is not None,
+    ),
+)

@@ -27,13 +27,13 @@ from gaga_core.segmentation.models.status import all_models, record
 from gaga_core.segmentation.models.weights import family_of, models_folder, weights_at
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.settings import GeneratorConfig
+from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
 from gaga_studio.features.find import association as associate
 from gaga_studio.features.find import association as identities
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.next_stage import duration_text
-from gaga_studio.session.notices import Level, UserQuestion, notifies
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
@@ -230,14 +230,13 @@ def why_not(session: Session, entry: ProviderEntry | None) -> str:
 def no_photos(session: Session) -> str:
     """Return why there is no photo with a pose, or no free job runner; "" when there is."""
     if session.project is None:
-        return "No scene is open."
+        return no_scene(session)
     folder = session.project.folder
     if folder is None or not folder.cameras:
         return "Masks are made of photos, and this scene has none with a place."
     if not folder.image_paths:
         return f"The photos are not in {folder.root / 'images'}. Put them back."
-    job = session.jobs.running
-    return "" if job is None else f"{job.title} is still running."
+    return busy(session)
 
 
 def photos_of(session: Session, views: Views) -> tuple[str, ...]:
@@ -598,9 +597,8 @@ def refresh_models(session: Session) -> None:
 
 def why_no_download(session: Session) -> str:
     """Return why no model can be got or removed now; "" when one can."""
-    job = session.jobs.running
-    if job is not None:
-        return f"{job.title} is still running."
+    if reason := busy(session):
+        return reason
     offline = hub_config(session).why_offline()
     return f"No model can be downloaded: {offline}." if offline else ""
 
@@ -729,3 +727,35 @@ def make_with_model(session: Session) -> None:
 
     session.request = Request.MODELS
     ask_model(session, FIRST_MODEL, then)
+
+
+COMMANDS: tuple[Command, ...] = (
+    ask("object.masks", "Make masks…", Request.MAKE_MASKS, "Ctrl+M", enabled=no_photos),
+    Command("object.masks_quick", "Make masks without a model (regions)", make, enabled=no_photos),
+    Command(
+        "object.masks_model",
+        "Make masks with a model",
+        make_with_model,
+        enabled=why_no_model_masks,
+        describe=model_title,
+    ),
+    ask("object.models", "Models…", Request.MODELS),
+    ask(
+        "object.import_masks",
+        "Import masks from a folder…",
+        Request.IMPORT_MASK_FOLDER,
+        enabled=no_views,
+    ),
+    ask(
+        "object.import_masks_file",
+        "Import masks from a file…",
+        Request.IMPORT_MASK_FILE,
+        enabled=no_views,
+    ),
+    ask(
+        "file.export_masks",
+        "Export masks…",
+        Request.EXPORT_MASKS,
+        enabled=first_of(no_groups, no_views),
+    ),
+)

@@ -22,15 +22,26 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.scene import Scene
-from gaga_studio.features import base, camera
+from gaga_studio.features import camera
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    first_of,
+    need_bank,
+    no_bank,
+    no_masks,
+    no_shown_bank,
+    not_one_object,
+    switch,
+    watch,
+)
 from gaga_studio.features.find import association
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, notifies
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.timeline import Timeline
-from gaga_studio.session.view_state import Mode
+from gaga_studio.session.view import Mode
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import GroupQuality, Quality
@@ -46,7 +57,6 @@ if TYPE_CHECKING:
 # Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
 NEW, NONE = -1, 0
 _CHANGED = "The objects changed while this ran, so nothing is done. Try it again."
-_NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
 
 
 # --- a mask that belongs elsewhere
@@ -55,7 +65,7 @@ _NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects
 @notifies
 def move_mask(session: Session, decision: Decision, group: int) -> bool:
     """Put a mask into another object (or `NEW`, `NONE`), and redo what follows from its view on."""
-    document, bank = _with_bank(session)
+    document, bank = need_bank(session)
     if group == decision.group:
         return False
     scene = document.settled().scene
@@ -120,7 +130,7 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
 @notifies
 def split_by_masks(session: Session) -> bool:
     """Take the selected object apart into the two things that its masks show."""
-    document, bank = _with_bank(session)
+    document, bank = need_bank(session)
     groups = document.read.selected_groups()
     if len(groups) != 1:
         raise GagaError("Select one object to split it.")
@@ -186,13 +196,6 @@ def file_columns(scene: Scene) -> tuple[IntArray, FloatArray | None]:
     return scene.labels[:n], scene.confidence.astype(np.float32) / np.float32(255)
 
 
-def _with_bank(session: Session) -> tuple[Document, MemoryBank]:
-    document = session.need()
-    if document.scene.bank is None:
-        raise GagaError(_NO_BANK)
-    return document, document.scene.bank
-
-
 def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
     """Return a check for the end of a job: are the objects what they were? If not, it says so."""
     labels, bank = document.scene.labels, document.scene.bank
@@ -201,7 +204,7 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
         now = document.settled().scene
         return now.bank is bank and np.array_equal(now.labels[: len(labels)], labels)
 
-    return base.watch(session, document, is_same, _CHANGED)
+    return watch(session, document, _CHANGED, is_same)
 
 
 # --- Let photos and masks that came later join the objects that there are, as one edit.
@@ -638,3 +641,56 @@ def worst_view(session: Session) -> None:
         index = camera.view_index(session, found.views[0].view)
         if index is not None:
             camera.go_to_view(session, index)
+
+
+def _no_mask_split(session: Session) -> str:
+    """Needs one selected object that several masks joined, and the job runner."""
+    if reason := not_one_object(session) or no_bank(session):
+        return reason
+    n_masks = len(session.decisions(session.selected_groups()[0]))
+    return "" if n_masks > 1 else "This object has no masks that could be told apart."
+
+
+def _no_quality(session: Session) -> str:
+    """Needs the measured quality of the object in the inspector."""
+    if quality_of(session, session.focus) is not None:
+        return ""
+    if session.document is None or not session.focus:
+        return not_one_object(session)
+    return "Nothing is measured of this object. Use Measure the quality of the objects first."
+
+
+COMMANDS: tuple[Command, ...] = (
+    ask(
+        "object.add_views",
+        "Add new photos and masks…",
+        Request.ADD_VIEWS,
+        enabled=first_of(no_masks, why_no_new_views),
+    ),
+    Command(
+        "object.quality", "Measure the quality of the objects", measure_quality, enabled=no_bank
+    ),
+    Command("object.worst_view", "Go to the worst view", worst_view, enabled=_no_quality),
+    Command(
+        "object.split_masks",
+        "Split into the two things that its masks show",
+        split_by_masks,
+        enabled=_no_mask_split,
+    ),
+    switch(
+        "view.lights_masks",
+        "Light up the splats of the chosen mask",
+        "lights_masks",
+        enabled=no_shown_bank,
+    ),
+    switch(
+        "view.mask_gate", "Depth gate of the chosen mask", "has_mask_gate", enabled=no_shown_bank
+    ),
+    Command(
+        "view.timeline",
+        "Replay the memory bank",
+        toggle_timeline,
+        enabled=lambda s: "" if timeline_of(s).is_open else no_bank(s),
+        is_on=lambda s: timeline_of(s).is_open,
+    ),
+)

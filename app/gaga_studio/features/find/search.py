@@ -31,10 +31,11 @@ from gaga_core.scene.edits.groups import name_groups
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.features import camera as navigation
 from gaga_studio.features import object_list, selection
+from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.search_state import look_up_stage, measure_stage
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.system import paths
@@ -164,7 +165,7 @@ def no_index(session: Session) -> str:
     """Return why there is no index of the scene; "" when there is one."""
     document = session.document
     if document is None:
-        return "No scene is open."
+        return no_scene(session)
     if _index_file(document).is_file():
         return ""
     return no_embedder() or "There is no index of this scene yet. Use Index this scene first."
@@ -174,7 +175,7 @@ def index_state(session: Session) -> str:
     """Return one sentence on what the index knows, or what works without one."""
     document = session.document
     if document is None:
-        return "No scene is open."
+        return no_scene(session)
     found = document.search.measured
     if found is not None and found.problem:
         return found.problem
@@ -195,13 +196,10 @@ def no_question(session: Session) -> str:
     """Return why the detector cannot be asked now; "" when it can."""
     document = session.document
     if document is None:
-        return "No scene is open."
+        return no_scene(session)
     if not document.read.has_groups():
         return NO_GROUPS
-    if not document.search.text.strip():
-        return "Type what to look for first."
-    job = session.jobs.running
-    return "" if job is None else f"{job.title} is still running."
+    return busy(session) if document.search.text.strip() else "Type what to look for first."
 
 
 # --- jobs
@@ -282,3 +280,23 @@ def _load_embedder() -> Embedder:
 
 def _index_file(document: Document) -> Path:
     return work_of(document.project) / INDEX_FILE
+
+
+COMMANDS: tuple[Command, ...] = (
+    ask("object.find", "Find an object…", Request.FIND, "Ctrl+F", enabled=no_groups),
+    ask(
+        "object.find_in_view",
+        "Find it in this view",
+        Request.FIND_IN_VIEW,
+        enabled=first_of(no_groups, lambda _: no_detector(), no_question),
+    ),
+    Command(
+        "object.index",
+        "Index this scene",
+        index,
+        enabled=first_of(no_groups, no_views, lambda _: no_embedder()),
+    ),
+    Command(
+        "object.name_all", "Name the objects", name_all, enabled=first_of(no_groups, busy, no_index)
+    ),
+)

@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.features import camera, commands
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
 from gaga_studio.ui.kit.requests import RequestTable

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from gaga_studio.features.commands import MENUS, RECALL, SET
+from gaga_studio.features.camera import RECALL, SET
+from gaga_studio.features.commands import MENUS
 from gaga_studio.features.find import masks
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

@@ -4,7 +4,7 @@ from imgui_bundle import imgui
 
 from gaga_studio.features.find import click_object
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import REGION_TOOLS, ToolName
+from gaga_studio.session.view import REGION_TOOLS, ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea

@@ -3,9 +3,9 @@
 from imgui_bundle import imgui
 
 from gaga_studio.features import commands
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, SplatLook
+from gaga_studio.session.view import Mode, SplatLook
 from gaga_studio.ui.chrome import command_buttons, tool_options
 from gaga_studio.ui.chrome.tool_options import rule
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.features.find import memory_bank
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs import make_masks
 from gaga_studio.ui.kit import icons, widgets

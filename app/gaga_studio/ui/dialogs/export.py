@@ -13,7 +13,7 @@ from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
 from gaga_studio.features import commands, export
 from gaga_studio.features.export import ExportPlan, ExportSummary, What
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs import export_cameras, export_options

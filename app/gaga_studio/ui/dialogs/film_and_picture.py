@@ -12,11 +12,10 @@ from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
 from gaga_studio.features import camera, split_view
-from gaga_studio.features.commands import no_path, no_photo_files
-from gaga_studio.session.notices import notifies
-from gaga_studio.session.requests import Request
+from gaga_studio.features.camera import no_path, no_photo_files
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Side
+from gaga_studio.session.view import Side
 from gaga_studio.ui.dialogs.file_dialog import FilePicker
 from gaga_studio.ui.dialogs.open_and_save import stem, writing
 from gaga_studio.ui.kit import icons, widgets

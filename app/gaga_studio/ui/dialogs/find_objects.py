@@ -11,7 +11,7 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_studio.features.find import association
 from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.next_stage import training_text
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.dialogs import make_masks

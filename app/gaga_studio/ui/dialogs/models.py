@@ -7,7 +7,7 @@ from gaga_core.segmentation.models.status import ModelStatus
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.features.find import masks
 from gaga_studio.session.jobs import Job
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets

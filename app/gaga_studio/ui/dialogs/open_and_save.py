@@ -8,7 +8,7 @@ from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
 from gaga_studio.features import camera, files, fill
 from gaga_studio.features.find import masks
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit.requests import RequestTable

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.segmentation.models.hub import HUB
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets

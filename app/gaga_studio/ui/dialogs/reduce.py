@@ -4,7 +4,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.features import cleanup
 from gaga_studio.features.cleanup import ReducePlan, ReduceWhat
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal

@@ -8,7 +8,7 @@ from gaga_core import __version__
 from gaga_studio.features import commands
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import COMMANDS, MENUS
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from imgui_bundle import imgui
 
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 
 Opener = Callable[[Session], object]

@@ -10,8 +10,8 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import commands, folders, object_list
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Request
 from gaga_studio.session.object_list import Line, Lines
-from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets

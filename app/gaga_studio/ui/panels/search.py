@@ -9,7 +9,7 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import commands, selection
 from gaga_studio.features.find import search as search_actions
 from gaga_studio.session.document import Document
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imguizmo
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.move import MoveTool
 
 _guizmo = imguizmo.im_guizmo

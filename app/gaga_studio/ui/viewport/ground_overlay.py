@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
 

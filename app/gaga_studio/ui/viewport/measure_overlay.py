@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from gaga_core.camera import Camera
 from gaga_studio.features import measure
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport import ground_overlay

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.features import commands
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea

@@ -13,7 +13,7 @@ from gaga_core.scene.scene import Scene
 from gaga_studio.features import split_view
 from gaga_studio.features.split_view import PhotoPlacement
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import PhotoCompareMode, Side
+from gaga_studio.session.view import PhotoCompareMode, Side
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 

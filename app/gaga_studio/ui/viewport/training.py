@@ -11,8 +11,7 @@ from gaga_core.errors import GagaError
 from gaga_studio.features import commands, reconstruction
 from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session import next_stage
-from gaga_studio.session.notices import Level
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons

@@ -9,7 +9,7 @@ from gaga_core.camera import Camera
 from gaga_studio.features import cleanup, fill, objects
 from gaga_studio.features import measure as align_ground
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import CentreColors, Mode, ToolName
+from gaga_studio.session.view import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
