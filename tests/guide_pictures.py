@@ -8,6 +8,8 @@ from PIL import Image
 
 from gaga_studio.features import camera, commands, folders, objects, transform
 from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ObjectListView
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
@@ -134,7 +136,7 @@ def _search(d: Driver, shot: Shot) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)
     d.engine.key_chars("largest red thing")
     document = d.session.need()
-    d.until(lambda: bool(document.search.meant), "something is found")
+    d.until(lambda: bool(document.feature(SearchState).meant), "something is found")
     d.keys(KEY.down_arrow)
     shot.window(d)
 
@@ -181,7 +183,9 @@ def _quality(d: Driver, shot: Shot) -> None:
 def _folders(d: Driver, shot: Shot) -> None:
     """Objects in folders and fruit under its bowl, a folder chosen, the groups in its colors."""
     session = d.session
-    d.until(lambda: session.need().search.described is not None, "objects are described")
+    d.until(
+        lambda: session.need().feature(SearchState).described is not None, "objects are described"
+    )
     named = list(zip(session.objects().ids.tolist(), session.objects().names, strict=True))
 
     def named_like(*words: str) -> list[int]:
@@ -195,7 +199,7 @@ def _folders(d: Driver, shot: Shot) -> None:
     objects.rename(session, bowl, "bowl")
     folders.put_in(session, "Toys/Round", [bowl])
     folders.put_under(session, bowl, fruit)
-    session.need().listing.toggle("Dishes")
+    session.need().feature(ObjectListView).toggle("Dishes")
     folders.choose(session, "Toys/Round")
     session.view.mode = Mode.GROUPS
     commands.run("view.folder_colors", session)

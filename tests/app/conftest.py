@@ -8,7 +8,7 @@ import pytest
 
 from gaga_core.identity.lift import LiftConfig
 from gaga_studio.features.find import association
-from gaga_studio.session.find_options import FindOptions
+from gaga_studio.features.find.association import FindOptions
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene

@@ -32,6 +32,7 @@ from gaga_core.scene.edits.history_file import history_arrays, history_of
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.project_file import PROJECT_FILE, saved_scene, scene_arrays
 from gaga_core.scene.scene import Revision, Scene
+from gaga_studio.features.find.memory_bank import ObjectQuality
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, UserQuestion
@@ -159,6 +160,13 @@ class Recovery:
         return "less than a minute ago"
 
 
+@dataclass
+class Recovered:
+    """Autosaves that hold what is open."""
+
+    folders: tuple[Path, ...] = ()
+
+
 class Autosave:
     """Writes the open project while it has unsaved edits; one writer thread."""
 
@@ -179,9 +187,9 @@ class Autosave:
         if self._pending is not None:
             return
         document = session.document
-        if document is not None and document.recovered_from is not None:
-            self._copies = (*self._copies, document.recovered_from)
-            document.recovered_from = None
+        if document is not None:
+            recovered = document.feature(Recovered)
+            self._copies, recovered.folders = (*self._copies, *recovered.folders), ()
         if document is None or not session.unsaved:
             if self._written is not None or self._copies:
                 self._written = None
@@ -196,7 +204,7 @@ class Autosave:
         self._written = now
         project = replace(document.project, scene=replace(document.scene))
         place = str(project.path) if project.path is not None else None
-        quality, history = dict(document.quality), copy_history(document)
+        quality, history = dict(document.feature(ObjectQuality).by_labels), copy_history(document)
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
@@ -309,11 +317,11 @@ def _recover(session: Session, found: Recovery) -> None:
         if history is not None:
             resume_history(document, history)
         document.save_state.saved(None)  # nothing of it is on disk
-        document.recovered_from = found.folder
+        document.feature(Recovered).folders = (found.folder,)
         added = [item for item in project.scene.added if not item.is_made]
         names = [project.model_path, *(Path(item.path) for item in added)]
         document.copies_model = any(name.is_relative_to(found.folder) for name in names)
-        document.quality = _read_quality(found.folder / _QUALITY)
+        document.feature(ObjectQuality).by_labels = _read_quality(found.folder / _QUALITY)
         place = str(found.project) if found.project is not None else None
         _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 

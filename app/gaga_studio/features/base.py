@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.scene.edits import Edit
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, NothingSelectedError, Request
 from gaga_studio.session.session import Session
 
+T = TypeVar("T")
 Reason = Callable[[Session], str]  # why not; "" when nothing is against it
 ViewSwitch = Literal[
     "show_frusta",
@@ -147,6 +149,22 @@ nothing_pointed = needs(
 
 
 # --- what features take of a document
+
+
+class Preview(Generic[T]):
+    """A result that is shown until something else is done."""
+
+    def __init__(self) -> None:
+        self._held: tuple[T, Edit] | None = None
+
+    def take(self, found: T, edit: Edit) -> None:
+        """Note what was found, and the edit whose preview shows it."""
+        self._held = found, edit
+
+    def shown(self, session: Session) -> T | None:
+        """Return what is shown now."""
+        held, history = self._held, session.history
+        return held[0] if held and history and held[1] is history.preview_edit else None
 
 
 def one_object(session: Session, text: str = "Select one object.") -> int:

@@ -1,4 +1,4 @@
-"""Move the camera to: training views one after the other, an object, the whole scene."""
+"""The camera: from photo to photo, bookmarks, its path with keyframes and their preview."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,12 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import IntArray, UInt8Array
-from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
-from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
-from gaga_core.pipeline import film as video
-from gaga_core.pipeline.film import FilmConfig, What
+from gaga_core.arrays import IntArray
 from gaga_core.scene.camera_path import (
     Bookmark,
     CameraPath,
@@ -24,13 +19,10 @@ from gaga_core.scene.camera_path import (
 )
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.bounds import splat_box
-from gaga_studio.features import split_view
-from gaga_studio.features.base import Command, ask, busy, first_of, needs, no_photos, no_scene
-from gaga_studio.session import stages
+from gaga_studio.features.base import Command, ask, first_of, needs, no_photos, no_scene
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES
-from gaga_studio.session.view import Mode, SplatLook
 
 # --- Move the camera to: training views one after the other, an object, the whole scene.
 
@@ -201,8 +193,6 @@ def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
 
 KEYFRAME_SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0
-WHATS: dict[Mode, What] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
-_MODES = {what: mode for mode, what in WHATS.items()}
 
 
 def path_of(session: Session) -> CameraPath:
@@ -354,128 +344,6 @@ def choose_keyframe(session: Session, index: int, *, goes: bool = True) -> None:
             session.rig.go_to_shot(path.keyframes[index].shot)
 
 
-# --- writing
-
-
-@notifies
-def export_film(
-    session: Session, target: Path, config: FilmConfig, *, before: bool = False
-) -> bool:
-    """Write the path as a video, as a job; drawn by the graphics card where there is one.
-
-    ``before``: left of the line of ``config.split`` is the scene before its last edit.
-    """
-    document = session.need()
-    settled = document.settled()
-    requests, camera_path = session.render_requests, path_of(session)
-    painter: video.Painter | None = None
-    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
-        painter = _painter(session, config)
-    earlier = split_view.scene_before(session) if before and config.split is not None else None
-    left: video.Painter | None = None
-    if painter is not None and config.split is not None and earlier is None:
-        left = _painter(session, replace(config, what=config.split.left))
-    looked = replace(config, antialiased=_look(session))
-    stage = video.film_stage(
-        settled.scene,
-        camera_path,
-        target,
-        looked,
-        painter=painter,
-        left=video.LeftSide(earlier, left),
-    )
-    has_kernels = painter is None or (config.split is not None and left is None)
-    return session.jobs.start(
-        f"Film {target.name}",
-        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
-    )
-
-
-def photos_of(session: Session, views: str) -> tuple[str, ...]:
-    """Return the photos of "all", "train" or "test" that are here, by name."""
-    folder = session.need().project.folder
-    if folder is None:
-        return ()
-    parts = {"train": folder.train, "test": folder.test}
-    names = parts.get(views, tuple(camera.name for camera in folder.cameras))
-    return tuple(name for name in names if name in folder.image_paths)
-
-
-@notifies
-def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
-    """Write a film through photos as a job: what is chosen of them left of a line."""
-    names = photos_of(session, views)
-    stage = photo_film_stage(session.need().settled(), target, config, names)
-    return session.jobs.start(
-        f"Film {target.name}",
-        stages.prepared("Draw", lambda: stage),
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
-    )
-
-
-@notifies
-def save_picture(
-    session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
-) -> bool:
-    """Write what the camera sees at any size as .png or .jpg, as a job."""
-    video.check_picture(target, size, transparent)
-    scene = session.need().settled().scene
-    view, requests = session.view, session.render_requests
-    camera = session.rig.shot().camera(*size)
-    what = WHATS.get(view.mode)
-    config = FilmConfig(what or "rgb", view.background, antialiased=_look(session))
-    painter: video.Painter | None = None
-    if (
-        requests is not None
-        and max(size) <= requests.max_side
-        and (requests.is_fast or what is None)
-    ):
-        painter = _painter(session, config, transparent=transparent, mode=view.mode)
-    elif what is None:
-        raise GagaError(
-            f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
-            "Color, Groups or Depth."
-        )
-    stage = video.picture_stage(
-        scene, camera, target, config, transparent=transparent, painter=painter
-    )
-    return session.jobs.start(
-        f"Save {target.name}",
-        stages.prepared("Draw", lambda: stage) if painter is None else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
-    )
-
-
-def _painter(
-    session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
-) -> video.Painter | None:
-    """Return the window's own drawing at full quality; None for depth, whose range would jump."""
-    requests = session.render_requests
-    if requests is None or (config.what == "depth" and mode is None):
-        return None
-    view = replace(
-        session.view,
-        mode=mode or _MODES[config.what],
-        background=config.background,
-        splat_budget=0,
-        coarse_budget=0,
-        resolution_scale=1.0,
-        show_outline=False,
-        show_frusta=False,
-    )
-
-    def paint(camera: Camera) -> UInt8Array:
-        return requests.paint(camera, view, transparent=transparent)
-
-    return paint
-
-
-def _look(session: Session) -> bool | None:
-    look = session.view.look
-    return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
-
-
 def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
     _camera_path_keep(session, replace(path_of(session), keyframes=keys))
 
@@ -569,11 +437,6 @@ def no_photo_files(session: Session) -> str:
     return no_photos(session) or "The photos of this scene are not here."
 
 
-def _not_filmable(session: Session) -> str:
-    """Needs two keyframes or more, or photos to go through, and the job runner."""
-    return (no_path(session) if no_photo_files(session) else "") or busy(session)
-
-
 COMMANDS: tuple[Command, ...] = (
     Command("view.frame_selected", "Focus the selection", frame_selected, "F", enabled=no_scene),
     Command(
@@ -622,5 +485,4 @@ COMMANDS: tuple[Command, ...] = (
     Command("camera.clear_path", "Remove all keyframes", clear_path, enabled=no_keyframe),
     ask("camera.open_path", "Open path…", Request.OPEN_PATH, enabled=no_scene),
     ask("camera.save_path", "Save path…", Request.SAVE_PATH, enabled=no_keyframe),
-    ask("camera.film", "Save film…", Request.SAVE_FILM, enabled=_not_filmable),
 )

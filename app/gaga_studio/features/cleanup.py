@@ -28,6 +28,7 @@ from gaga_core.scene.scene import Scene
 from gaga_studio.features import folders, objects
 from gaga_studio.features.base import (
     Command,
+    Preview,
     ask,
     busy,
     first_of,
@@ -55,9 +56,13 @@ Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 # --- the preview
 
 
+class Cleaning(Preview["CleanPreview"]):
+    """Splats that would join and leave an object, and the edit that shows them."""
+
+
 def shown(session: Session) -> "CleanPreview | None":
     """Return the preview that is shown now."""
-    return session.document.cleaning if session.document is not None else None
+    return session.document.feature(Cleaning).shown(session) if session.document else None
 
 
 def start(session: Session) -> None:
@@ -73,7 +78,10 @@ def start(session: Session) -> None:
         if not found:
             session.notify(Level.HINT, found.sentence())
         elif is_same():
-            document.show_cleaning(found)
+            tint = cleanup.cleaning_tint(document.settled().scene, found)
+            if tint is not None:
+                document.show(tint, is_tint=True)
+                document.feature(Cleaning).take(found, tint)
 
     session.jobs.start(f"Clean {document.name_of(group)}", stage, on_done=done)
 
@@ -82,7 +90,7 @@ def start(session: Session) -> None:
 def apply(session: Session) -> bool:
     """Clean as the preview shows: one entry of the history."""
     document = session.need()
-    found = document.cleaning
+    found = shown(session)
     if found is None:
         return False
     title = f"Clean {document.name_of(found.group)}"

@@ -7,13 +7,19 @@ from typing import Literal
 
 import numpy as np
 
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
 from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_cameras
 from gaga_core.export.export import (
     MeshExport,
     MeshForm,
     export_losses,
+    export_objects_stage,
+    export_scene_stage,
     exported_indices,
+    least_psnr,
     objects_indices,
     objects_losses,
 )
@@ -22,11 +28,15 @@ from gaga_core.export.page import content_of
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
+from gaga_core.pipeline import film as video
+from gaga_core.pipeline.film import FilmConfig
+from gaga_core.pipeline.film import What as FilmWhat
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene import cleanup as cleanup_edits
+from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.features import cleanup, folders
+from gaga_studio.features import camera, cleanup, folders, split_view
 from gaga_studio.features.base import (
     Command,
     ask,
@@ -37,13 +47,15 @@ from gaga_studio.features.base import (
     no_views,
     not_saveable,
 )
+from gaga_studio.features.find.search import SearchState
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.stages import Export
+from gaga_studio.session.view import Mode, SplatLook
 from gaga_studio.system import file_manager, paths
 
-What = Export | Literal["cameras"]
+What = Literal["scene", "selected", "objects"] | Literal["cameras"]
+Export = Literal["scene", "selected", "objects"]
 _AS_IS = ExportOptions()
 _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
@@ -103,7 +115,7 @@ def page_content(session: Session) -> PageContent:
     """What a web page shows besides the splats: it begins with the present view."""
     document = session.need()
     project = replace(document.project, scene=document.scene)
-    found = document.search.described
+    found = document.feature(SearchState).described
     behind = found.description.background if found is not None else frozenset()
     return replace(content_of(project), start=session.rig.shot(), background=behind)
 
@@ -233,7 +245,7 @@ def up_of(session: Session) -> Point:
 
 def export(
     session: Session,
-    what: stages.Export,
+    what: Export,
     path: Path,
     *,
     form: SplatFormat | MeshExport = SplatFormat.PLY,
@@ -254,9 +266,7 @@ def export(
         state[also] |= np.uint8(State.SELECTED)  # written as they are
         copy.state = state
         return (
-            yield from stages.export_stage(
-                copy, what, path, chosen=chosen, form=form, options=options
-            )
+            yield from export_stage(copy, what, path, chosen=chosen, form=form, options=options)
         )
 
     start_export(session, path, stage())
@@ -264,7 +274,7 @@ def export(
 
 def _export_as_is(
     session: Session,
-    what: stages.Export,
+    what: Export,
     path: Path,
     *,
     groups: bool = False,
@@ -281,7 +291,7 @@ def _export_as_is(
     session.need().settled()
     scene = folders.scene_along(session)
     chosen = selected_groups(scene).tolist()
-    stage = stages.export_stage(
+    stage = export_stage(
         scene, what, path, chosen=chosen, groups=groups, form=form, options=options
     )
     start_export(session, path, stage)
@@ -295,6 +305,183 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
         session.notify(Level.INFO, text, shows=path)
 
     session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+
+
+def export_stage(
+    scene: Scene,
+    what: Export,
+    path: Path,
+    *,
+    chosen: Sequence[int] = (),
+    groups: bool = False,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
+) -> Stage[str]:
+    """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
+    if what == "objects":
+        stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
+
+        def objects() -> Stage[str]:
+            manifest = yield from stage
+            n_files = len(listed_files(manifest))
+            where = paths.shown(manifest.parent)
+            said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+            missing = read_manifest(manifest).left_out
+            if missing:
+                said += f" Left out, without a surface: {', '.join(missing)}."
+            return said + _lost(least_psnr(manifest), "the object that lost most")
+
+        return objects()
+    kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
+    whole = export_scene_stage(scene, path, what=kind, groups=groups, options=options)
+
+    def splats() -> Stage[str]:
+        made = yield from whole
+        said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
+        return said + _lost(made.psnr, "what was written")
+
+    return splats()
+
+
+def _lost(psnr: float | None, what: str) -> str:
+    """What a decimation lost, as a sentence; "" when there was none."""
+    if psnr is None:
+        return ""
+    return f" Merged: pictures of {what} have {psnr:.1f} dB (PSNR) against those of before."
+
+
+# --- films and pictures
+
+
+WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
+_MODES = {what: mode for mode, what in WHATS.items()}
+
+
+@notifies
+def export_film(
+    session: Session, target: Path, config: FilmConfig, *, before: bool = False
+) -> bool:
+    """Write the path as a video, as a job; drawn by the graphics card where there is one.
+
+    ``before``: left of the line of ``config.split`` is the scene before its last edit.
+    """
+    document = session.need()
+    settled = document.settled()
+    requests, camera_path = session.render_requests, camera.path_of(session)
+    painter: video.Painter | None = None
+    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
+        painter = _painter(session, config)
+    earlier = split_view.scene_before(session) if before and config.split is not None else None
+    left: video.Painter | None = None
+    if painter is not None and config.split is not None and earlier is None:
+        left = _painter(session, replace(config, what=config.split.left))
+    looked = replace(config, antialiased=_look(session))
+    stage = video.film_stage(
+        settled.scene,
+        camera_path,
+        target,
+        looked,
+        painter=painter,
+        left=video.LeftSide(earlier, left),
+    )
+    has_kernels = painter is None or (config.split is not None and left is None)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+def photos_of(session: Session, views: str) -> tuple[str, ...]:
+    """Return the photos of "all", "train" or "test" that are here, by name."""
+    folder = session.need().project.folder
+    if folder is None:
+        return ()
+    parts = {"train": folder.train, "test": folder.test}
+    names = parts.get(views, tuple(camera.name for camera in folder.cameras))
+    return tuple(name for name in names if name in folder.image_paths)
+
+
+@notifies
+def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
+    """Write a film through photos as a job: what is chosen of them left of a line."""
+    names = photos_of(session, views)
+    stage = photo_film_stage(session.need().settled(), target, config, names)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+@notifies
+def save_picture(
+    session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
+) -> bool:
+    """Write what the camera sees at any size as .png or .jpg, as a job."""
+    video.check_picture(target, size, transparent)
+    scene = session.need().settled().scene
+    view, requests = session.view, session.render_requests
+    camera = session.rig.shot().camera(*size)
+    what = WHATS.get(view.mode)
+    config = FilmConfig(what or "rgb", view.background, antialiased=_look(session))
+    painter: video.Painter | None = None
+    if (
+        requests is not None
+        and max(size) <= requests.max_side
+        and (requests.is_fast or what is None)
+    ):
+        painter = _painter(session, config, transparent=transparent, mode=view.mode)
+    elif what is None:
+        raise GagaError(
+            f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
+            "Color, Groups or Depth."
+        )
+    stage = video.picture_stage(
+        scene, camera, target, config, transparent=transparent, painter=painter
+    )
+    return session.jobs.start(
+        f"Save {target.name}",
+        stages.prepared("Draw", lambda: stage) if painter is None else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+    )
+
+
+def _painter(
+    session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
+) -> video.Painter | None:
+    """Return the window's own drawing at full quality; None for depth, whose range would jump."""
+    requests = session.render_requests
+    if requests is None or (config.what == "depth" and mode is None):
+        return None
+    view = replace(
+        session.view,
+        mode=mode or _MODES[config.what],
+        background=config.background,
+        splat_budget=0,
+        coarse_budget=0,
+        resolution_scale=1.0,
+        show_outline=False,
+        show_frusta=False,
+    )
+
+    def paint(camera: Camera) -> UInt8Array:
+        return requests.paint(camera, view, transparent=transparent)
+
+    return paint
+
+
+def _look(session: Session) -> bool | None:
+    look = session.view.look
+    return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
+
+
+# --- commands
+
+
+def _not_filmable(session: Session) -> str:
+    """Needs two keyframes or more, or photos to go through, and the job runner."""
+    return (camera.no_path(session) if camera.no_photo_files(session) else "") or busy(session)
 
 
 _no_objects = first_of(no_groups, busy)
@@ -319,4 +506,5 @@ COMMANDS: tuple[Command, ...] = (
         "Ctrl+Alt+S",
         enabled=not_saveable,
     ),
+    ask("camera.film", "Save film…", Request.SAVE_FILM, enabled=_not_filmable),
 )

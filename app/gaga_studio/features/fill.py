@@ -10,7 +10,16 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.scene import State
 from gaga_studio.features import folders
-from gaga_studio.features.base import Command, ask, busy, need_no_job, needs, no_scene, watch
+from gaga_studio.features.base import (
+    Command,
+    Preview,
+    ask,
+    busy,
+    need_no_job,
+    needs,
+    no_scene,
+    watch,
+)
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
@@ -23,9 +32,13 @@ _COVERED = "the place is covered already, or nothing around it continues well th
 _REFUSED = "what would fill it hardly shows, or would change what the photos show next to it."
 
 
+class Fill(Preview["Filling"]):
+    """A filled hole, and the edit that makes it."""
+
+
 def shown(session: Session) -> "Filling | None":
     """Return the filling whose preview is shown now."""
-    return session.document.filling if session.document is not None else None
+    return session.document.feature(Fill).shown(session) if session.document else None
 
 
 _nothing_to_fill = needs(
@@ -105,7 +118,8 @@ def start(session: Session, *, lighten: bool = True) -> None:
             text = f"There is nothing to fill: {_why(found)}"
             session.notify(Level.HINT, text, "edit.delete" if taken is not None else "")
             return
-        document.show_filling(found, edit)
+        document.show(edit)
+        document.feature(Fill).take(found, edit)
 
     session.jobs.start(title(session), stage(), on_done=done)
 

@@ -14,9 +14,9 @@ from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import groups_under_selection, splats_under_selection
 from gaga_studio.features.base import Command, needs, no_groups, no_selection
+from gaga_studio.features.object_list import FolderSums, ObjectListView, folder_sums
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request, notifies
-from gaga_studio.session.object_list import FolderSums, folder_sums
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def choose(session: Session, folder: str, how: "How" = "set") -> bool:
     done = document.select(
         group_indices(document.scene, groups), how, f"{verb} folder {name_of(folder)}"
     )
-    listing = document.listing
+    listing = document.feature(ObjectListView)
     listing.chosen = tuple(rest if how == "remove" else [*rest, folder])
     listing.chosen_with = _selection(document)
     return done
@@ -51,12 +51,12 @@ def choose(session: Session, folder: str, how: "How" = "set") -> bool:
 def chosen(session: Session) -> tuple[str, ...]:
     """Return the folders that were chosen, while the selection is still what that made."""
     document = session.document
-    if document is None or not document.listing.chosen:
+    if document is None or not document.feature(ObjectListView).chosen:
         return ()
-    if document.listing.chosen_with != _selection(document):
+    if document.feature(ObjectListView).chosen_with != _selection(document):
         return ()
     known = set(document.scene.folders.paths)
-    return tuple(path for path in document.listing.chosen if path in known)
+    return tuple(path for path in document.feature(ObjectListView).chosen if path in known)
 
 
 def of_selection(session: Session) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ def new_folder(session: Session) -> bool:
     if not document.do(edit):
         return False
     choose(session, path)
-    document.listing.reveal(path)
+    document.feature(ObjectListView).reveal(path)
     session.request = Request.RENAME
     return True
 
@@ -139,8 +139,8 @@ def put_in(
     if not document.do(edit):
         return False
     for before, after in moved:
-        document.listing.follow(before, after)
-    document.listing.reveal(folder)
+        document.feature(ObjectListView).follow(before, after)
+    document.feature(ObjectListView).reveal(folder)
     return True
 
 
@@ -164,7 +164,9 @@ def rename(session: Session, folder: str, name: str) -> bool:
     edit = edits.rename_folder(document.settled().scene, folder, name, f"Rename {name_of(folder)}")
     if not document.do(edit):
         return False
-    document.listing.follow(folder, path_of(parent_of(folder), " ".join(name.split())))
+    document.feature(ObjectListView).follow(
+        folder, path_of(parent_of(folder), " ".join(name.split()))
+    )
     return True
 
 
@@ -244,7 +246,7 @@ def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
     title = f"Put {what} under {document.name_of(parent)}"
     if not document.do(edits.set_parent(scene, groups, parent, title)):
         return False
-    document.listing.reveal_group(scene.folders, groups[0])
+    document.feature(ObjectListView).reveal_group(scene.folders, groups[0])
     return True
 
 

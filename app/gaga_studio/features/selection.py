@@ -5,6 +5,7 @@ Numbers are ranges of columns, colors and boxes: what the "Select by" panel call
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +31,6 @@ from gaga_studio.features.base import (
     no_selection,
 )
 from gaga_studio.session.notices import Level, notifies
-from gaga_studio.session.part_index import Part
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view import ViewportPoint
 
@@ -71,16 +71,14 @@ def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> 
     return done
 
 
-@notifies
-def select_part(session: Session, part: Part, name: str, how: How = "set") -> bool:
-    """Select the splats of a part of the object ``name``; the object comes into the inspector."""
-    document = session.need()
-    done = document.select(part.rows, how, f"Select {part.name} of {name}")
-    document.focus = part.key[0]
-    return done
-
-
 # --- everything
+
+
+@dataclass
+class Uncertain:
+    """Which splats of a document count as uncertain."""
+
+    threshold: float = 0.6  # of confidence
 
 
 @notifies
@@ -109,7 +107,7 @@ def select_uncertain(session: Session) -> bool:
     document = session.need()
     scene, groups = document.settled().scene, document.read.selected_groups()
     among = group_indices(scene, groups) if groups else algebra.everything(scene)
-    threshold = document.confidence_threshold
+    threshold = document.feature(Uncertain).threshold
     found = uncertain(scene, among, threshold)
     if len(found) == 0:
         session.notify(Level.HINT, f"No splat is below {100 * threshold:.0f} %.")

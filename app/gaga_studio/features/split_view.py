@@ -9,13 +9,15 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.evaluate.photo_film import TRUTH
+from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.masks import resize_labels
 from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
 from gaga_studio.features.base import Command, busy, no_photos, watch
-from gaga_studio.session import stages
+from gaga_studio.features.find import association
+from gaga_studio.features.find.association import FindState
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ViewState
@@ -241,6 +243,13 @@ def _contents(history: History) -> list[int]:
 # --- another preset
 
 
+@dataclass
+class OtherGroups:
+    """Groups of the other preset, and the bank of the groups that they are compared with."""
+
+    found: tuple[MemoryBank, IntArray] | None = None
+
+
 def other_preset(session: Session) -> str:
     """Return the preset that the groups of the scene are not from."""
     bank = session.scene.bank if session.scene is not None else None
@@ -250,9 +259,10 @@ def other_preset(session: Session) -> str:
 def other_labels(session: Session) -> IntArray | None:
     """Return the groups (N,) of the other preset, under the ids of those here; None if unknown."""
     document = session.document
-    if document is None or document.other_groups is None:
+    found = document.feature(OtherGroups).found if document is not None else None
+    if document is None or found is None:
         return None
-    bank, labels = document.other_groups
+    bank, labels = found
     if bank is not document.scene.bank:
         return None
     scene = document.scene
@@ -269,10 +279,10 @@ def associate_other(session: Session) -> bool:
 
     def done(found: "Association") -> None:
         if is_same() and bank is not None:
-            document.other_groups = bank, found.labels
+            document.feature(OtherGroups).found = bank, found.labels
 
-    config = session.find_options.association(preset)
-    stage = stages.associate_project_stage(document.settled(), session.masks, config)
+    config = session.feature(FindState).options.association(preset)
+    stage = association.associate_project_stage(document.settled(), session.masks, config)
     return session.jobs.start(_job_title(preset), stage, on_done=done)
 
 

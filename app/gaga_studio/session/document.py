@@ -2,16 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.folder.lock import FolderLock
-from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Shot, carried_shot
 from gaga_core.scene.edits import Edit, How
@@ -22,25 +19,20 @@ from gaga_core.scene.orientation import Pose, up_of_moved
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import OrientedBox
-from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
-from gaga_studio.session.object_list import ObjectListView
 from gaga_studio.session.scene_cache import SceneCache
-from gaga_studio.session.search_state import SearchState
-from gaga_studio.session.timeline import Timeline
 
 if TYPE_CHECKING:
-    from gaga_core.evaluate.quality import Quality
-    from gaga_core.fill.fill import Filling
-    from gaga_core.grouping.figures import MaskSplats
-    from gaga_core.grouping.repair.view_evidence import Evidence
-    from gaga_core.scene.cleanup import CleanPreview
     from gaga_core.scene.lod.tree import LodTree
+    from gaga_studio.session.session import Session
 
 # --- Whether there is something to save: which states of the history hold the same content.
 
 
 Content = tuple[int, int]
+
+
+T = TypeVar("T")
 
 
 class SaveState:
@@ -84,6 +76,15 @@ class SaveState:
 # --- The open scene: its history, previews, its selection, and what panels read of it.
 
 
+@runtime_checkable
+class Closes(Protocol):
+    """State of a feature that ends something when its document is closed."""
+
+    def closed(self, session: "Session") -> None:
+        """End it."""
+        ...
+
+
 class Document:
     """One open project. The edits themselves are in ``gaga_studio.features``."""
 
@@ -94,24 +95,25 @@ class Document:
         self.read = SceneCache(self.scene)
         self.save_state = SaveState()
         self.focus = 0  # group shown in the inspector; 0 = none
-        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
-        self.looked_at: set[tuple[str, Evidence]] = set()  # views, see `mask_splats`
-        self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask, see there
-        self.timeline = Timeline()
-        self.other_groups: tuple[MemoryBank, IntArray] | None = None  # see `split_view`
         self.lods: tuple[LodTree, ...] = ()  # see `level_of_detail`
-        self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
-        self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
-        self.search = SearchState()
-        self.clicks = ClickState()  # of the tool Object
-        self.listing = ObjectListView()
-        self.recovered_from: Path | None = None  # an autosave that holds what is open
         self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
         self.in_use_by = ""  # the other program that has the project open
         self.copies_model = False  # saves copy files of splats that changed
         self.stamps: tuple[tuple[int, int, int] | None, ...] = ()  # see `saving.look_at_files`
-        self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
-        self._filling: tuple[Filling, Edit] | None = None  # and the edit that makes it
+        self._tint: Edit | None = None  # a preview that is no edit to keep
+        self._features: dict[type, object] = {}
+
+    def feature(self, kind: type[T]) -> T:
+        """Return the state of a feature in this document, made when first asked for."""
+        if kind not in self._features:
+            self._features[kind] = kind()
+        return cast(T, self._features[kind])
+
+    def closed(self, session: "Session") -> None:
+        """Tell the features that end something when the document is closed."""
+        for state in self._features.values():
+            if isinstance(state, Closes):
+                state.closed(session)
 
     @property
     def name(self) -> str:
@@ -185,12 +187,6 @@ class Document:
         folder = self.project.folder
         return up_of_moved(folder.cameras if folder is not None else (), self.cameras)
 
-    def forget_views(self) -> None:
-        """Forget what was found in the masks of the views: they are read again."""
-        self.evidence.clear()
-        self.looked_at.clear()
-        self.lit = None
-
     def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
         """``shot`` before the scene was moved as a whole: what a project keeps.
 
@@ -208,12 +204,18 @@ class Document:
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
-        if self.cleaning is not None:
-            return False  # its colors are no edit to keep: see `actions.cleanup.apply`
+        if self._tint is not None and self._tint is self.history.preview_edit:
+            return False
         before = self.history.state_id
         done = self.history.commit_preview()
         self.save_state.note(before, self.history.state_id, True)
         return done
+
+    def show(self, edit: Edit, *, is_tint: bool = False) -> None:
+        """Show an edit without an entry; a tint only shows something and is never kept."""
+        self.settled()
+        self.history.preview(edit)
+        self._tint = edit if is_tint else None
 
     def cancel_preview(self) -> None:
         """Cancel the preview: everything is as before the drag."""
@@ -223,33 +225,6 @@ class Document:
         """Cancel the preview and return the project: what edits and files are made from."""
         self.history.preview(None)
         return self.project
-
-    # --- cleaning: its preview ends with whatever is done next
-
-    @property
-    def cleaning(self) -> "CleanPreview | None":
-        """The cleaning whose preview is shown: splats that would join and leave the object."""
-        held = self._cleaning
-        return held[0] if held is not None and held[1] is self.history.preview_edit else None
-
-    def show_cleaning(self, found: "CleanPreview") -> None:
-        """Show what cleaning an object would change."""
-        tint = cleanup_edits.cleaning_tint(self.settled().scene, found)
-        if tint is not None:
-            self.history.preview(tint)
-            self._cleaning = found, tint
-
-    @property
-    def filling(self) -> "Filling | None":
-        """The filled hole whose preview is shown; `commit_preview` keeps it."""
-        held = self._filling
-        return held[0] if held is not None and held[1] is self.history.preview_edit else None
-
-    def show_filling(self, found: "Filling", edit: Edit) -> None:
-        """Show an object removed and its hole filled."""
-        self.settled()
-        self.history.preview(edit)
-        self._filling = found, edit
 
     # --- the selection
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
@@ -26,12 +26,10 @@ from gaga_core.scene.project import Project
 from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.picking import Pick, pick
-from gaga_studio.session import level_of_detail, next_stage, saving, stages, upright
+from gaga_studio.session import level_of_detail, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
-from gaga_studio.session.find_options import FindOptions, lift_mode
 from gaga_studio.session.jobs import JobRunner
-from gaga_studio.session.models_state import ModelsState
 from gaga_studio.session.notices import (
     Level,
     Notice,
@@ -42,7 +40,7 @@ from gaga_studio.session.notices import (
 )
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import TrainingPreview
-from gaga_studio.session.view import ImageSource, Mode, RenderRequests, ToolName, ViewState
+from gaga_studio.session.view import ImageSource, RenderRequests, ToolName, ViewState
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
@@ -135,6 +133,7 @@ def _group_at(
 
 
 _MOST_NOTICES = 50
+T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
 
 
@@ -161,8 +160,7 @@ class Session:
         self.images: ImageSource | None = None
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
-        self.models = ModelsState()
-        self.find_options = FindOptions()
+        self._features: dict[type, object] = {}
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
         self.has_exported = False  # anything, since the program was started
@@ -170,6 +168,12 @@ class Session:
         self._apply_settings()
         if problem:
             self.notify(Level.WARNING, problem)
+
+    def feature(self, kind: type[T]) -> T:
+        """Return the state of a feature in this run of the program, made when first asked for."""
+        if kind not in self._features:
+            self._features[kind] = kind()
+        return cast(T, self._features[kind])
 
     # --- messages
 
@@ -349,13 +353,11 @@ class Session:
     def _forget(self) -> None:
         if self.document is not None:
             saving.release(self.document.lock)
-            if self.document.timeline.is_open and self.view.mode is Mode.GROUPS:
-                self.view.mode = self.document.timeline.former_mode
+            self.document.closed(self)
         # What a notice offers is about the scene that it was made for.
         self.notices = tuple(notice for notice in self.notices if not notice.command)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
-        self.view.ground = self.view.measured = ()
         self.hovering.away()
 
     # --- undo and redo, and the end of a drag whose edit is only shown
@@ -471,15 +473,6 @@ class Session:
     def decisions(self, group: int) -> tuple[Decision, ...]:
         """Return which masks joined a group and why, in the order of the association."""
         return self.need().read.decisions(group, self.live)
-
-    def stage_offer(self) -> next_stage.StageOffer | None:
-        """Return the stage that the open scene needs next; None if none, or while a job runs."""
-        if self.document is None or self.jobs.running or self.document.read.has_groups():
-            return None
-        trains = lift_mode(self.settings) == "paper"
-        training = next_stage.training_seconds(self.find_options.lift) if trains else 0.0
-        preset, n_masks = self.settings.preset, len(self.masks)
-        return next_stage.stage_offer(self.document.project, n_masks, preset, training)
 
     def need(self) -> Document:
         """Return the open document; ``GagaError`` when there is none."""

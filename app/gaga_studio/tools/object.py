@@ -7,7 +7,7 @@ from gaga_studio.tools.base import RectShape, ViewportPoint
 
 
 class ObjectTool:
-    """Every click changes the answer; what is known of the clicks is in ``document.clicks``."""
+    """Every click changes the answer; what is known of the clicks is in ``ClickState``."""
 
     name = ToolName.OBJECT
     takes_drag = True

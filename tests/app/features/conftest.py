@@ -9,7 +9,7 @@ from gaga_core.raster import choose
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection.click import ClickGraph, click_graph_stage, click_views
 from gaga_studio.features.commands import run
-from gaga_studio.session.click_state import key_of
+from gaga_studio.features.find.click_object import ClickState, key_of
 from gaga_studio.session.session import Session
 
 
@@ -26,7 +26,7 @@ def graph(made_scene: Path) -> ClickGraph:
 def looked(session: Session, graph: ClickGraph) -> Session:
     """A session with the tool Object, and the scene looked at."""
     document = session.need()
-    document.clicks.take(graph, key_of(document.scene))
+    document.feature(ClickState).take(graph, key_of(document.scene))
     assert run("tool.object", session)
     assert session.jobs.running is None
     return session

@@ -8,6 +8,7 @@ from gaga_core.grouping.memory_bank import Decision
 from gaga_studio.features import objects, selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.selection import Uncertain
 from gaga_studio.session.session import Session
 
 
@@ -147,7 +148,7 @@ def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
     session = associated
     document = session.need()
     selection.select_groups(session, (2,))
-    document.confidence_threshold = 0.9
+    document.feature(Uncertain).threshold = 0.9
     assert run("object.uncertain", session)
     column = session.scene.confidence_of()  # type: ignore[union-attr]
     assert column is not None

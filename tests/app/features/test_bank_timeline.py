@@ -5,6 +5,7 @@ import numpy as np
 from gaga_studio.features import objects, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.memory_bank import Timeline
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode
 
@@ -13,7 +14,7 @@ def _opened(session: Session) -> Session:
     assert run("view.timeline", session)
     assert session.jobs.wait()
     assert session.document is not None
-    assert session.document.timeline.is_open, session.notices
+    assert session.document.feature(Timeline).is_open, session.notices
     return session
 
 

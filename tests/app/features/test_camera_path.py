@@ -15,6 +15,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig, Split
 from gaga_studio.features import camera as camera_path
+from gaga_studio.features import export
 from gaga_studio.features.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, RenderRequests, ViewState
@@ -106,42 +107,42 @@ def test_the_path_is_saved_with_the_project_and_as_a_file(
 
 def test_a_film_is_a_job_that_can_be_cancelled(walked: Session, tmp_path: Path) -> None:
     target = tmp_path / "out" / "film.mp4"
-    assert camera_path.export_film(walked, target, _SMALL)
+    assert export.export_film(walked, target, _SMALL)
     assert walked.jobs.wait()
     assert target.stat().st_size > 500
     assert str(target) in walked.notices[-1].text
     before = replace(_SMALL, split=Split("rgb", 0.5))
     walked.need().select(np.arange(100, dtype=np.int32))
     assert run("object.hide", walked)
-    assert camera_path.export_film(walked, tmp_path / "before" / "b.mp4", before, before=True)
+    assert export.export_film(walked, tmp_path / "before" / "b.mp4", before, before=True)
     assert walked.jobs.wait()
     assert (tmp_path / "before" / "b.mp4").is_file(), walked.notices
     long = FilmConfig(video=VideoConfig(320, 240, fps=120))
-    assert camera_path.export_film(walked, tmp_path / "long.mp4", long)
+    assert export.export_film(walked, tmp_path / "long.mp4", long)
     walked.jobs.cancel()
     assert walked.jobs.wait()
     assert [p.name for p in tmp_path.glob("*.mp4")] == []
     assert not list(tmp_path.glob(".*"))
-    assert not camera_path.export_film(walked, tmp_path / "film.avi", _SMALL)
+    assert not export.export_film(walked, tmp_path / "film.avi", _SMALL)
     assert walked.notices[-1].level == "error"
 
 
 @pytest.mark.parametrize("mode", [Mode.COLOR, Mode.GROUPS, Mode.DEPTH])
 def test_pictures_at_any_size(session: Session, tmp_path: Path, mode: Mode) -> None:
     session.view.mode = mode
-    assert camera_path.save_picture(session, tmp_path / "a.png", (301, 200), transparent=True)
+    assert export.save_picture(session, tmp_path / "a.png", (301, 200), transparent=True)
     assert session.jobs.wait()
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size == (301, 200)
         alpha = np.asarray(picture)[..., 3]
     assert alpha.max() > 200
-    assert not camera_path.save_picture(session, tmp_path / "a.jpg", (30, 20), transparent=True)
-    assert not camera_path.save_picture(session, tmp_path / "a.png", (90_000, 20))
+    assert not export.save_picture(session, tmp_path / "a.jpg", (30, 20), transparent=True)
+    assert not export.save_picture(session, tmp_path / "a.png", (90_000, 20))
 
 
 def test_what_only_the_window_draws_says_so_without_one(session: Session, tmp_path: Path) -> None:
     session.view.mode = Mode.RINGS
-    assert not camera_path.save_picture(session, tmp_path / "a.png", (64, 48))
+    assert not export.save_picture(session, tmp_path / "a.png", (64, 48))
     assert "rings" in session.notices[-1].text
 
 
@@ -159,7 +160,7 @@ def test_the_window_draws_for_a_job_and_alpha_comes_of_two_grounds(
 ) -> None:
     requests = walked.render_requests = RenderRequests(max_side=4096, is_fast=True)
     served = 0
-    camera_path.save_picture(walked, tmp_path / "a.png", (40, 20), transparent=True)
+    export.save_picture(walked, tmp_path / "a.png", (40, 20), transparent=True)
     while walked.jobs.running is not None:
         served += requests.serve(_disc)
         walked.jobs.poll()
@@ -168,7 +169,7 @@ def test_the_window_draws_for_a_job_and_alpha_comes_of_two_grounds(
         pixels = np.asarray(picture).astype(int)
     assert np.abs(pixels[0, 0] - [255, 153, 51, 127.5]).max() <= 2
     assert pixels[0, -1, 3] == 0
-    camera_path.export_film(walked, tmp_path / "a.mp4", _SMALL)
+    export.export_film(walked, tmp_path / "a.mp4", _SMALL)
     while walked.jobs.running is not None:
         served += requests.serve(_disc)
         walked.jobs.poll()

@@ -18,9 +18,8 @@ from gaga_studio.features import (
     transform,
 )
 from gaga_studio.features.export import ExportPlan, summary
-from gaga_studio.features.find import memory_bank
+from gaga_studio.features.object_list import Listing, ObjectListView, lines_of
 from gaga_studio.features.transform import shift
-from gaga_studio.session.object_list import Listing, lines_of
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, scene_of, snapshot
 
@@ -36,9 +35,7 @@ def laid(associated: Session) -> Session:
 
 def _shown(session: Session) -> list[str]:
     table = session.objects()
-    lines = object_list.lines(
-        session, table, memory_bank.quality_column(session, table), "name", False
-    )
+    lines = object_list.lines(session, table, "name", False)
     return [
         "  " * line.depth + (line.folder or str(table.ids[line.row]))
         if line.kind == "folder"
@@ -64,7 +61,7 @@ def _groups(session: Session, bit: State) -> set[int]:
 
 
 def test_what_lies_under_an_object_is_listed_under_it(laid: Session) -> None:
-    view = laid.need().listing
+    view = laid.need().feature(ObjectListView)
     assert _shown(laid)[:4] == ["Kitchen", "  1", "    2", "      3"]
     view.toggle_group(2, True)
     assert _shown(laid)[:4] == ["Kitchen", "  1", "    2", "4"]
@@ -91,7 +88,7 @@ def test_an_object_whose_parent_is_deleted_is_listed_under_the_next(laid: Sessio
 
 def test_an_object_that_others_lie_under_is_no_background(laid: Session) -> None:
     assert folders.put_in(laid, "", (1,))
-    table, view = laid.objects(), laid.need().listing
+    table, view = laid.objects(), laid.need().feature(ObjectListView)
     for behind in (frozenset({1, 4}), frozenset({1, 2, 4})):
         lines = lines_of(_listing(laid, behind=behind), view)
         assert lines.n_background == 1

@@ -8,6 +8,8 @@ import pytest
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import click_object
+from gaga_studio.features.find.click_object import ClickState
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.session import Session
 from gaga_studio.tools.gestures import KeyState
 from tests.app.features.clicking import balls, chosen_in_balls
@@ -45,7 +47,9 @@ def with_model(
 
 def _knowing(session: Session, answer: Answer = clicked_things) -> Session:
     """The session, its model replaced by one that knows the truth."""
-    session.models.prompters[_TINY] = ColorOracle(objects_scene(5, 220, n_cameras=8), answer)
+    session.feature(ModelsState).prompters[_TINY] = ColorOracle(
+        objects_scene(5, 220, n_cameras=8), answer
+    )
     return session
 
 
@@ -95,7 +99,7 @@ def test_cancel_keeps_the_answer_that_needs_no_model(with_model: Session) -> Non
     assert run("job.cancel", session)
     assert session.jobs.wait()
     assert titles(session) == ["Click an object"]
-    assert not session.need().clicks.is_asking
+    assert not session.need().feature(ClickState).is_asking
 
 
 def test_an_answer_that_comes_too_late_changes_nothing(with_model: Session) -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from gaga_studio.features.commands import command, for_shortcut, run
+from gaga_studio.features.find.click_object import ClickState
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
@@ -102,8 +103,8 @@ def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:
     assert session.jobs.wait()
     assert titles(session) == []
     assert session.document is not None
-    assert session.document.clicks.waiting == []
-    assert not session.document.clicks.is_preparing
+    assert session.document.feature(ClickState).waiting == []
+    assert not session.document.feature(ClickState).is_preparing
 
 
 def test_what_cannot_be_clicked_is_told(looked: Session) -> None:

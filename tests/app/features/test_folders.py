@@ -10,18 +10,15 @@ from gaga_core.scene import edits
 from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
 from gaga_studio.features import commands, folders, object_list, selection
-from gaga_studio.features.find import memory_bank
+from gaga_studio.features.object_list import Lines, ListFilter, ObjectListView
 from gaga_studio.session.notices import Request
-from gaga_studio.session.object_list import Lines, ListFilter
 from gaga_studio.session.session import Session
 from tests.app.looks import objects_of, scene_of
 
 
 def _lines(session: Session, *, falls: bool = False) -> Lines:
     table = session.objects()
-    return object_list.lines(
-        session, table, memory_bank.quality_column(session, table), "name", falls
-    )
+    return object_list.lines(session, table, "name", falls)
 
 
 def _shown(session: Session, *, falls: bool = False) -> list[str]:
@@ -81,13 +78,13 @@ def test_a_folder_that_goes_elsewhere_stays_chosen_and_closed(associated: Sessio
     scene = scene_of(associated)
     folders.put_in(associated, "A/B/C", (2, 3))
     folders.put_in(associated, "C", (4,))
-    associated.need().listing.toggle("A/B/C")
+    associated.need().feature(ObjectListView).toggle("A/B/C")
     folders.choose(associated, "A/B/C")
     for place in ("A/C", "C 2"):  # the same command twice takes the folder out, not its objects
         assert commands.run("object.folder_out", associated)
         assert scene.folders.home == {2: place, 3: place, 4: "C"}
         assert folders.chosen(associated) == (place,)
-        assert place in associated.need().listing.closed
+        assert place in associated.need().feature(ObjectListView).closed
 
 
 def test_eye_lock_and_solo_of_a_folder_act_on_all_in_it(associated: Session) -> None:
@@ -121,7 +118,7 @@ def test_the_list_has_folders_by_name_before_objects(associated: Session) -> Non
         "[Shelf 9]", "  [Shelf 9/Left]", "    2", "    3", "[Shelf 10]", "  4", *tail,
     ]  # fmt: skip
     assert _shown(associated, falls=True)[:2] == ["[Shelf 10]", "  4"]
-    listing = associated.need().listing
+    listing = associated.need().feature(ObjectListView)
     listing.toggle("Shelf 9")
     assert _shown(associated) == ["[Shelf 9]", "[Shelf 10]", "  4", *tail]
     folders.rename(associated, "Shelf 9", "Top")
@@ -144,14 +141,14 @@ def test_lines_are_made_again_only_when_the_list_changes(associated: Session) ->
 def test_a_filter_lists_what_is_in_all_its_ranges(associated: Session) -> None:
     folders.put_in(associated, "Full", (2, 3))
     folders.put_in(associated, "Empty", (4,))
-    listing, table = associated.need().listing, associated.objects()
+    listing, table = associated.need().feature(ObjectListView), associated.objects()
     listing.toggle("Full")
-    found = object_list.measures(associated, table, memory_bank.quality_column(associated, table))
+    found = object_list.measures(associated, table)
     counts = found["splats"][[table.ids.tolist().index(g) for g in (2, 3)]]
     whole = object_list.whole_range(table, "splats", found["splats"])
     assert whole is not None
     listing.filter = ListFilter().within("splats", (float(min(counts)), float(max(counts))), whole)
-    kept = object_list.kept_rows(associated, table, memory_bank.quality_column(associated, table))
+    kept = object_list.kept_rows(associated, table)
     assert kept is not None
     wanted = {int(g) for g in table.ids[kept]}
     assert {2, 3} <= wanted
@@ -176,7 +173,7 @@ def test_confidence_of_groups_is_the_mean_of_their_splats(associated: Session) -
     scene, table = scene_of(associated), associated.objects()
     rng = np.random.default_rng(0)
     scene.confidence = rng.integers(0, 255, scene.n_opened, np.uint8)
-    values = object_list.measures(associated, table, memory_bank.quality_column(associated, table))
+    values = object_list.measures(associated, table)
     for row in range(len(table)):
         rows = group_indices(scene, int(table.ids[row]))
         assert values["confidence"][row] == pytest.approx(scene.confidence[rows].mean() / 255)
@@ -222,11 +219,11 @@ def test_parts_are_listed_under_their_object_and_split_here_makes_them_real(
     whole = max((one, two), key=lambda p: len(parts.parts(p)))
     assert len(parts.parts(whole)) == 2, "a part has parts, too"
 
-    document.listing.toggle_parts((2,))
+    document.feature(ObjectListView).toggle_parts((2,))
     lines = _lines(associated)
     at = lines.groups.index(2)
     assert [line.kind for line in lines.lines[at : at + 4]] == ["object", "part", "part", "object"]
-    selection.select_part(associated, two, "thing")
+    object_list.select_part(associated, two, "thing")
     assert np.array_equal(associated.selected_indices(), two.rows)
     assert document.focus == 2
     before = {tuple(one.rows), tuple(two.rows)}

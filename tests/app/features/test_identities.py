@@ -11,7 +11,7 @@ from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.scene.scene import Scene
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.session.find_options import FindOptions, lift_mode
+from gaga_studio.features.find.association import FindOptions, FindState, lift_mode
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
@@ -20,8 +20,8 @@ from gaga_studio.session.view import Mode
 def _quickly(session: Session, iterations: int = 12) -> None:
     """As the preset paper has it, but for fewer steps."""
     session.settings = replace(session.settings, identities="preset")
-    lift = session.find_options.lift.switched(iterations)
-    session.find_options = FindOptions(lift=lift)
+    lift = session.feature(FindState).options.lift.switched(iterations)
+    session.feature(FindState).options = FindOptions(lift=lift)
 
 
 def _scene(session: Session) -> Scene:
@@ -40,9 +40,9 @@ def test_what_the_presets_ask_for() -> None:
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:
-    groups_only = session.stage_offer()
+    groups_only = association.stage_offer(session)
     _quickly(session, 10_000)
-    whole = session.stage_offer()
+    whole = association.stage_offer(session)
     assert groups_only is not None
     assert whole is not None
     assert whole.seconds == groups_only.seconds + 200  # the training is in the estimate

@@ -38,7 +38,7 @@ def _root(session: Session) -> Path:
 
 
 def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Session) -> None:
-    offer = bare.stage_offer()
+    offer = association.stage_offer(bare)
     assert offer is not None
     assert offer.command == "object.masks_quick"
     assert offer.label.startswith("Make masks (now, without a model, about ")
@@ -47,7 +47,7 @@ def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Sess
     assert bare.jobs.wait()
     assert bare.provider == "regions"
     assert len(bare.masks) == len(masks.photos_of(bare, "train")) > 0
-    offer = bare.stage_offer()
+    offer = association.stage_offer(bare)
     assert offer is not None
     assert offer.command == "object.associate"
     association.associate(bare)
@@ -103,7 +103,7 @@ def test_where_masks_cannot_be_made_it_says_why(
     shutil.rmtree(scene_folder / "masks")
     session = _opened(new_session, scene_folder)
     assert "Put them back" in masks.no_photos(session)
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert not offer.command
     masks.make(session)

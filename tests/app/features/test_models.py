@@ -10,6 +10,7 @@ import pytest
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features import commands
 from gaga_studio.features.find import masks
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from tests.core.models.hub_server import Hub, fresh_models, serve
@@ -43,7 +44,7 @@ def with_hub(new_session: Callable[[], Session], hub: Hub) -> Session:
 
 
 def is_here(session: Session) -> bool:
-    entry = session.models.entry(TINY.name)
+    entry = session.feature(ModelsState).entry(TINY.name)
     return entry is not None and entry.path is not None
 
 

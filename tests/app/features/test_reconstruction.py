@@ -16,6 +16,7 @@ from gaga_core.placing.photos import FEWEST
 from gaga_core.progress import run_stage
 from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -85,7 +86,7 @@ def test_photos_alone_become_an_open_scene(
     assert session.training is None
     assert len(session.cameras) == 6
     assert any("held out" in notice.text for notice in session.notices)
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert "no masks" in offer.reason
     opened(session, tmp_path / "shots")  # again: what was made of them

@@ -11,9 +11,10 @@ from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.pipeline.search import train_views
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene.edits.groups import name_groups
-from gaga_studio.features import objects, selection, transform
+from gaga_studio.features import object_list, objects, selection, transform
 from gaga_studio.features.find import search as search_actions
-from gaga_studio.session.object_list import ListFilter
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ListFilter, ObjectListView
 from gaga_studio.session.session import Session
 
 _SIZE = (640, 480)
@@ -53,7 +54,7 @@ def _hues(colors: "Sequence[FloatArray | tuple[float, ...]]") -> FloatArray:
 def _ask(session: Session, text: str) -> tuple[int, ...]:
     """Type, and wait until everything that runs in parallel is done."""
     search_actions.type_text(session, text, _SIZE)
-    search = session.need().search
+    search = session.need().feature(SearchState)
     end = time.monotonic() + 60
     search_actions.tick(session)
     while time.monotonic() < end:
@@ -81,7 +82,7 @@ def test_words_find_objects_without_any_model(associated: Session) -> None:
     table = associated.objects()
     groups = _ask(associated, "the largest")
     assert groups
-    search = associated.need().search
+    search = associated.need().feature(SearchState)
     assert search.sentence
     assert len(search.meant) == 1
     by_name = _ask(associated, f"group {table.ids[2]}")
@@ -100,18 +101,18 @@ def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated:
     counts = {int(g): float(n) for g, n in zip(table.ids, table.counts, strict=True)}
     chosen = counts[ids[1]]
     fit = {group for group in ids[:3] if counts[group] == chosen}
-    document.listing.filter = ListFilter({"splats": (chosen, chosen)})
+    document.feature(ObjectListView).filter = ListFilter({"splats": (chosen, chosen)})
     assert set(_ask(associated, "mug")) == fit
-    assert document.search.n_left_out == 3 - len(fit) > 0
+    assert document.feature(SearchState).n_left_out == 3 - len(fit) > 0
     assert search_actions.take_all(associated)
     assert set(associated.selected_groups()) == fit, "Enter takes what is shown"
-    document.listing.filter = ListFilter({"splats": (0.0, 0.0)})
+    document.feature(ObjectListView).filter = ListFilter({"splats": (0.0, 0.0)})
     assert _ask(associated, "mug") == ()
-    assert document.search.n_left_out == 3
-    document.listing.filter = ListFilter()
-    search_actions.tick(associated)
-    assert set(document.search.meant) == set(ids[:3]), "all again, without typing"
-    assert document.search.n_left_out == 0
+    assert document.feature(SearchState).n_left_out == 3
+    document.feature(ObjectListView).filter = ListFilter()
+    search_actions.tick(associated, object_list.kept_groups)
+    assert set(document.feature(SearchState).meant) == set(ids[:3]), "all again, without typing"
+    assert document.feature(SearchState).n_left_out == 0
 
 
 def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:
@@ -122,7 +123,7 @@ def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:
     assert search_actions.take_hit(associated)
     assert associated.selected_groups() == (groups[0],)
     assert associated.rig.is_moving or associated.rig.pose != before
-    search = associated.need().search
+    search = associated.need().feature(SearchState)
     search.move(-1)
     assert search.at == 0
     search.move(1)
@@ -137,7 +138,7 @@ def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None
     associated.need().do(name_groups(associated.need().scene, dict.fromkeys(ids[:3], "mug")))
     selection.select_groups(associated, (ids[4],))
     _ask(associated, "mug")
-    assert set(associated.need().search.meant) == set(ids[:3])
+    assert set(associated.need().feature(SearchState).meant) == set(ids[:3])
     assert search_actions.take_all(associated)
     assert set(associated.selected_groups()) == {*ids[:3], ids[4]}
     _ask(associated, "zebra")
@@ -146,7 +147,7 @@ def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None
 
 def test_selecting_measures_nothing_again_but_editing_does(associated: Session) -> None:
     groups = _ask(associated, "the largest")
-    search, scene = associated.need().search, associated.need().scene
+    search, scene = associated.need().feature(SearchState), associated.need().scene
     cameras = train_views(associated.need().project)
     key, found = search.key(scene, cameras), search.measured
     selection.select_groups(associated, (groups[0],))
@@ -164,7 +165,7 @@ def test_a_search_ends_with_its_scene(associated: Session, scene_folder: Path) -
     _ask(associated, "the largest")
     associated.open(scene_folder)
     assert associated.jobs.wait()
-    assert associated.need().search.text == ""
+    assert associated.need().feature(SearchState).text == ""
 
 
 def test_without_a_model_every_step_says_where_to_put_one(
@@ -190,7 +191,7 @@ def test_an_index_finds_any_noun_and_says_what_it_no_longer_knows(
     assert associated.jobs.wait()
     assert associated.notices[-1].level == "info", associated.notices
     best = _ask(associated, "leaf")[0]
-    found = associated.need().search.measured
+    found = associated.need().feature(SearchState).measured
     assert found is not None
     rgb = found.facts.rgb
     greens = rgb[:, 1] - np.maximum(rgb[:, 0], rgb[:, 2])
@@ -241,13 +242,13 @@ def test_a_detector_answers_for_this_view_until_something_else_is_typed(
     associated: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     _ask(associated, "thing")
-    search = associated.need().search
+    search = associated.need().feature(SearchState)
     search.detector = _Whole()
     monkeypatch.setattr(search_actions, "detector_folder", lambda: tmp_path)
     assert search_actions.no_question(associated) == ""
     search_actions.find_here(associated, _SIZE)
     assert associated.jobs.wait()
-    search_actions.tick(associated)
+    search_actions.tick(associated, object_list.kept_groups)
     assert search.in_view == "thing"
     assert "thing" in search.sentence
     _ask(associated, "the largest")
@@ -259,7 +260,7 @@ def test_a_failing_model_is_said_once(associated: Session, embedder: _Mean) -> N
     search_actions.index(associated)
     assert associated.jobs.wait()
     _ask(associated, "ruby")
-    search = associated.need().search
+    search = associated.need().feature(SearchState)
     search.know(("leaf",), "The model cannot be read.")
     assert search.problem
     assert not search.is_looking_up

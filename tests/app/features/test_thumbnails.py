@@ -8,8 +8,9 @@ import pytest
 from gaga_core.arrays import UInt8Array
 from gaga_core.scene.object_picture import GROUND
 from gaga_core.scene.objects import group_indices
-from gaga_studio.features import selection, thumbnails, transform
+from gaga_studio.features import object_list, selection, transform
 from gaga_studio.features.find import search
+from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.session import Session
 
 
@@ -19,18 +20,18 @@ def measure(session: Session) -> None:
     while True:
         search.tick(session)
         session.jobs.poll()
-        if document.search.is_measured and session.jobs.quiet is None:
+        if document.feature(SearchState).is_measured and session.jobs.quiet is None:
             search.tick(session)
             return
         assert time.monotonic() < end
         time.sleep(0.02)
 
 
-def request(session: Session, group: int) -> tuple[str, thumbnails.Load | None] | None:
+def request(session: Session, group: int) -> tuple[str, object_list.Load | None] | None:
     table = session.objects()
     row = table.row(group)
     assert row is not None
-    return thumbnails.request(session, table, row)
+    return object_list.picture_request(session, table, row)
 
 
 def picture(session: Session, group: int) -> tuple[str, UInt8Array]:
@@ -48,12 +49,12 @@ def measured(associated: Session) -> Session:
 
 def test_a_picture_shows_the_object_alone_as_large_as_fits(measured: Session) -> None:
     _, shown = picture(measured, 2)
-    assert shown.shape == (thumbnails.SIDE, thumbnails.SIDE, 3)
+    assert shown.shape == (object_list.SMALL, object_list.SMALL, 3)
     drawn = np.abs(shown.astype(int) - GROUND).max(axis=2) > 12
     assert not drawn[[0, -1]].any()  # neutral ground at the edges
     assert not drawn[:, [0, -1]].any()
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
-    assert max(np.ptp(rows), np.ptp(columns)) > 0.75 * thumbnails.SIDE
+    assert max(np.ptp(rows), np.ptp(columns)) > 0.75 * object_list.SMALL
 
 
 def test_a_few_strays_do_not_make_the_object_small(measured: Session) -> None:
@@ -64,7 +65,7 @@ def test_a_few_strays_do_not_make_the_object_small(measured: Session) -> None:
     measure(measured)
     _, shown = picture(measured, 2)
     drawn = np.abs(shown.astype(int) - GROUND).max(axis=2) > 12
-    assert np.ptp(np.flatnonzero(drawn.mean(axis=1) > 0.1)) > 0.5 * thumbnails.SIDE
+    assert np.ptp(np.flatnonzero(drawn.mean(axis=1) > 0.1)) > 0.5 * object_list.SMALL
 
 
 def test_a_picture_is_that_of_the_state_through_recolor_and_undo(measured: Session) -> None:

@@ -29,7 +29,7 @@ def test_open_a_folder(session: Session) -> None:
     assert len(session.cameras) == 8
     assert session.provider == "made"
     assert len(session.masks) == 8
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert offer.reason == "8 photos have masks but no objects yet."
     assert offer.command == "object.associate"
@@ -76,7 +76,7 @@ def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Pat
     finish(session)
     assert session.title == "point_cloud.ply"
     assert session.cameras == ()
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert not offer.action
     assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
@@ -89,7 +89,7 @@ def test_a_folder_without_masks_offers_to_make_them(
     session = new_session()
     session.open(scene_folder)
     finish(session)
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert "no masks" in offer.reason
     assert offer.command == "object.masks_quick"
@@ -260,7 +260,7 @@ def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
 def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     before = snapshot(scene_of(session))
     association.associate(session)
-    assert session.stage_offer() is None
+    assert association.stage_offer(session) is None
     seen: list[int] = []
     end = time.monotonic() + 60
     while session.jobs.running is not None and time.monotonic() < end:
@@ -303,7 +303,7 @@ def test_cancelled_association_leaves_everything(session: Session) -> None:
     assert snapshot(scene_of(session)) == before
     assert session.history is not None
     assert not session.history.can_undo
-    assert session.stage_offer() is not None
+    assert association.stage_offer(session) is not None
 
 
 def test_duplicates_follow_their_originals(associated: Session) -> None:
@@ -352,7 +352,7 @@ def test_the_offer_counts_one_photo_as_one(
         session = new_session()
         session.open(scene_folder)
         finish(session)
-        offer = session.stage_offer()
+        offer = association.stage_offer(session)
         assert offer is not None
         assert offer.reason.startswith(start)
         first.unlink(missing_ok=True)

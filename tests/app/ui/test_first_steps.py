@@ -85,7 +85,7 @@ def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[in
     def walk(d: Driver) -> None:
         d.settle()
         card = d.engine.get_window_by_ref("//First steps")
-        below = d.session.stage_offer()
+        below = association.stage_offer(d.session)
         assert below is not None
         assert card.pos.y + card.size.y <= d.studio.ui.area.offer_top
         d.click("**/###Find objects")

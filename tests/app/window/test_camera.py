@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2
 from PIL import Image
 
 from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_studio.features import camera, commands
+from gaga_studio.features import camera, commands, export
 from gaga_studio.session.view import PhotoCompareMode
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -64,7 +64,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.answer_path(picture)
         d.settle()
         commands.run("view.rings", s)  # only OpenGL draws these
-        camera.save_picture(s, tmp_path / "rings.png", (80, 60), transparent=True)
+        export.save_picture(s, tmp_path / "rings.png", (80, 60), transparent=True)
         d.settle()
 
     drive(walk, path=scene_folder, size=(1000, 640))

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_studio.features.find.click_object import ClickState
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.settings import Settings
 from tests.app.window.driver import Driver, drive
 from tests.color_oracle import ColorOracle
@@ -26,12 +28,14 @@ def test_a_click_asks_the_model_that_is_chosen(
     ball = 0.9 * np.array([np.cos(angle), np.sin(angle), 0.0])
 
     def walk(d: Driver) -> None:
-        d.session.models.prompters[_TINY] = ColorOracle(objects_scene(5, 220, n_cameras=8))
+        d.session.feature(ModelsState).prompters[_TINY] = ColorOracle(
+            objects_scene(5, 220, n_cameras=8)
+        )
         d.click("**/###Select an object by clicks")
         d.settle()
         scene = d.session.need().scene
         d.click_picture(*d.project(ball))
-        assert not d.session.need().clicks.is_asking  # as the settings say
+        assert not d.session.need().feature(ClickState).is_asking  # as the settings say
         d.click("**/###Model of the clicks")
         d.click("**/###SAM 2.1 Hiera tiny")
         d.settle()

@@ -11,6 +11,7 @@ from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_studio.features import selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.memory_bank import Timeline
 from gaga_studio.session.view import CentreColors, Mode, Side
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -64,7 +65,7 @@ def _replay(d: Driver) -> None:
     d.on_main(lambda: run("view.groups", d.session))
     saved = d.pixels().astype(int)
     d.on_main(lambda: run("view.color", d.session))
-    timeline = d.session.document.timeline  # type: ignore[union-attr]
+    timeline = d.session.document.feature(Timeline)  # type: ignore[union-attr]
     timeline.follows = False
     d.menu("View/###Replay the memory bank")
     d.until(lambda: timeline.is_open, "the growth is known")

@@ -12,7 +12,8 @@ from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_studio.features import folders, selection
-from gaga_studio.session.object_list import ListFilter
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ListFilter, ObjectListView
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
@@ -25,7 +26,10 @@ def test_objects_go_into_folders_by_hand(display: str, grouped_scene: Path, tmp_
     shutil.copytree(grouped_scene, folder)
 
     def walk(d: Driver) -> None:
-        d.until(lambda: d.session.need().search.described is not None, "objects are described")
+        d.until(
+            lambda: d.session.need().feature(SearchState).described is not None,
+            "objects are described",
+        )
         d.settle()
         _make(d)
         _drag(d)
@@ -154,7 +158,7 @@ def _under(d: Driver) -> None:
 
 def _filter(d: Driver) -> None:
     """It says how many it lists, and goes with one click."""
-    listing, table = d.session.need().listing, d.session.objects()
+    listing, table = d.session.need().feature(ObjectListView), d.session.objects()
     d.click("Objects/###Filter")
     d.frames(3)
     assert d.exists("$FOCUSED/##splats/##min") or d.exists("**/##splats/##min")
@@ -167,7 +171,7 @@ def _filter(d: Driver) -> None:
     assert not any(d.exists(_ROW.format(g, "##row")) for g in others)
     d.type_into("Objects/##Find", "round")
     d.frames(6)
-    search = d.session.need().search
+    search = d.session.need().feature(SearchState)
     assert set(search.meant) <= {kept}, "answers are filtered, too"
     assert search.n_left_out > 0
     d.click("Objects/###Clear search")

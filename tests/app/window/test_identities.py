@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.features.commands import command
-from gaga_studio.session.find_options import FindOptions
+from gaga_studio.features.find.association import FindOptions, FindState
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
 from tests.app.window.driver import Driver, drive
@@ -22,14 +22,14 @@ def test_objects_are_found_as_published(
 
     def walk(d: Driver) -> None:
         session = d.session
-        few = FindOptions(threshold=0.2, lift=session.find_options.lift.switched(12))
-        session.find_options = replace(few)
+        few = FindOptions(threshold=0.2, lift=session.feature(FindState).options.lift.switched(12))
+        session.feature(FindState).options = replace(few)
         d.menu("Find/###Find objects with settings…")
         d.click("Find objects/Preset/###Paper")
         assert session.settings.preset == "paper"
         d.click("Find objects/**/Memory bank (section 3.2)")
         d.click("Find objects/**/Identity encodings (section 3.3)")
-        assert session.find_options == few  # what is shown is not changed
+        assert session.feature(FindState).options == few  # what is shown is not changed
         d.click("Find objects/###Find")
         d.settle()
         assert command("object.labels_identities").is_on(session)  # type: ignore[misc]

@@ -11,6 +11,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import objects, selection
+from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.settings import load_settings
 from tests.app.folders import write_scene
 from tests.app.window.driver import Driver, drive
@@ -24,7 +25,9 @@ def test_the_list_can_be_read(display: str, grouped_scene: Path, tmp_path: Path)
 
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
-        d.until(lambda: document.search.described is not None, "objects are described")
+        d.until(
+            lambda: document.feature(SearchState).described is not None, "objects are described"
+        )
         d.settle()
         _words_stay(d)
         _background_folds(d)
@@ -86,19 +89,21 @@ def _words_stay(d: Driver) -> None:
     before = dict(document.scene.described)
     assert set(before) == {int(g) for g in session.objects().ids if g > 0}
     assert not any(name.startswith("group") for name in session.objects().names[1:])
-    found = document.search.described
+    found = document.feature(SearchState).described
     assert d.on_main(lambda: objects.rename(session, 3, "lamp"))
     d.until(lambda: document.name_of(3) == "lamp", "the name is shown")
     d.on_main(lambda: selection.select_groups(session, (4,)))
     assert d.on_main(lambda: objects.delete(session))
-    d.until(lambda: document.search.described is not found, "objects are described again")
+    d.until(
+        lambda: document.feature(SearchState).described is not found, "objects are described again"
+    )
     after = document.scene.described
     assert {g: after[g] for g in after} == {g: before[g] for g in before if g not in (3, 4)}
 
 
 def _background_folds(d: Driver) -> None:
     document = d.session.need()
-    found = document.search.described
+    found = document.feature(SearchState).described
     assert found is not None
     behind = found.description.background
     assert behind

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from gaga_studio.features.find.search import SearchState
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -42,7 +43,7 @@ def _find_green(d: Driver) -> None:
     """Ctrl+F, a color, the arrow, Enter, Shift+Enter, Escape."""
     document = d.session.document
     assert document is not None
-    search = document.search
+    search = document.feature(SearchState)
     d.keys(KEY.mod_ctrl, KEY.f)
     d.engine.key_chars("green")
     d.until(lambda: len(search.meant) >= 2, "the green balls are found")

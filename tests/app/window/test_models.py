@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.segmentation.models.catalogue import known_model
+from gaga_studio.features.find.masks import ModelsState
 from tests.app.window.driver import Driver, drive
 from tests.core.models.hub_server import Hub, fresh_models, serve
 
@@ -26,7 +27,7 @@ def test_get_asks_downloads_and_remove_asks(
         d.session.change_settings(replace(d.session.settings, hub_mirror=hub.url))
         d.menu("Find/###Models…")
         d.click(f"**/{TINY.name}/###Get")
-        d.until(lambda: d.session.models.offered is not None, "the terms are there")
+        d.until(lambda: d.session.feature(ModelsState).offered is not None, "the terms are there")
         d.frames(3)
         assert hub.downloads() == []
         d.click("**/###Accept")

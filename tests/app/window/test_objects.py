@@ -9,6 +9,7 @@ import pytest
 from gaga_studio.features import objects, selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.search import SearchState
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
@@ -25,7 +26,9 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         assert d.studio.images is not None
 
         # Rows move once when it is known what is background, which lies folded at the end.
-        d.until(lambda: document.search.described is not None, "the objects are described")
+        d.until(
+            lambda: document.feature(SearchState).described is not None, "the objects are described"
+        )
         d.frames(3)
         row = "Objects/**/object {}/{}"
         d.click(row.format(3, "Color"))

@@ -10,6 +10,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, UInt8Array
 from gaga_core.color import rgb_from_dc
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.scene.scene import State
+from gaga_studio.features.find import association
 from gaga_studio.session.view import ToolName
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
@@ -50,12 +51,12 @@ class _Walk:
         self.final: DoubleArray = np.zeros((0, 3))  # visible centres at the end
 
     def associate(self, d: Driver) -> None:
-        assert d.session.stage_offer() is not None
+        assert association.stage_offer(d.session) is not None
         d.click("**/###Find objects")
         d.until(lambda: d.session.live is not None, "the bank is shown while it grows")
         d.settle()
         assert int(d.session.scene.labels.max()) == 6  # type: ignore[union-attr]
-        assert d.session.stage_offer() is None
+        assert association.stage_offer(d.session) is None
 
     def select_by_click(self, d: Driver) -> None:
         before = d.pixels()

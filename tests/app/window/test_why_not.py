@@ -14,6 +14,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_studio.features import commands
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import MENUS
+from gaga_studio.features.find import association
 from gaga_studio.ui.chrome import menu
 from gaga_studio.ui.kit import widgets
 from tests.app.window.driver import KEY, Driver, drive
@@ -34,7 +35,7 @@ def test_disabled_commands_say_why_and_an_empty_list_offers_objects(
         d.on_main(lambda: d.session.open(scene_folder))
         d.settle()
         assert d.exists("Objects/###Find objects")
-        offer = d.session.stage_offer()
+        offer = association.stage_offer(d.session)
         assert offer is not None
         assert offer.command == "object.associate", "what the button runs"
         _no_offer_while_a_job_runs(d)

@@ -10,6 +10,7 @@ import pytest
 
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.scene import Scene
+from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -79,7 +80,7 @@ def test_advice_on_the_picture_goes_once_it_is_followed(
     lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
 
     def test(d: Driver) -> None:
-        offer = d.session.stage_offer()
+        offer = association.stage_offer(d.session)
         assert offer is not None
         assert not offer.command, "nothing to run: it advises the tool Object"
         assert d.exists("Viewport/**/###Not now")

@@ -19,15 +19,53 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.segmentation.choose import ProviderEntry, promptable_models
 from gaga_studio.features.base import Command, no_scene, no_selection
-from gaga_studio.session.click_state import ClickState, key_of
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 
 if TYPE_CHECKING:
+    from gaga_core.camera import Camera
     from gaga_core.scene.selection.click import Answer, Click, ClickGraph
     from gaga_core.segmentation.sam import Prompter
+
+# --- What the tool Object knows of the open scene: its graph, and the answers to clicks so far.
+
+
+class ClickState:
+    """The answers are kept by `History.state_id`: undo of a click brings the one before back."""
+
+    def __init__(self) -> None:
+        self.graph: ClickGraph | None = None
+        self.made_for: object = None  # `key_of` the scene that the graph was made of
+        self.is_preparing = False
+        self.answers: dict[int, Answer] = {}  # by state of the history
+        self.views: dict[int, Camera] = {}  # of the last click on the thing, by state
+        self.waiting: list[tuple[Click, Camera]] = []  # clicked before the graph was ready
+        self.is_asking = False  # a model, in the background
+        self.asks_again = False  # as soon as the model has stopped: there are more clicks
+
+    def is_ready(self, scene: Scene) -> bool:
+        """Whether the graph is that of the scene as it is now."""
+        return self.graph is not None and self.made_for == key_of(scene)
+
+    def take(self, graph: "ClickGraph", key: object) -> None:
+        """Use a new graph; answers of the former one mean nothing any more."""
+        self.graph, self.made_for = graph, key
+        self.answers, self.views = {}, {}
+
+
+def key_of(scene: Scene) -> object:
+    """What changes when splats are added or moved, so that a graph is no longer theirs."""
+    revision = scene.revision
+    return revision.splats, revision.placement, revision.placements
+
+
+# --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
+# The answer that needs no model is shown at once; the model's takes its place when it is ready, as
+# an entry of its own in the history, so that undo brings the former one back.
+
 
 # --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
 # The answer that needs no model is shown at once; the model's takes its place when it is ready, as
@@ -40,7 +78,7 @@ _MISSED = "You went on meanwhile, so the model's answer was left out. The next c
 
 def models_here(session: Session) -> tuple[ProviderEntry, ...]:
     """The models on this machine that can be asked for one thing."""
-    state = session.models
+    state = session.feature(ModelsState)
     if state.promptable is None:
         state.promptable = promptable_models()
     return state.promptable
@@ -83,7 +121,7 @@ def ask_model(session: Session) -> None:
     document, model = session.document, chosen_model(session)
     if document is None or model is None:
         return
-    clicks = document.clicks
+    clicks = document.feature(ClickState)
     if clicks.is_asking:
         clicks.asks_again = True
         session.jobs.cancel()
@@ -112,8 +150,8 @@ def ask_model(session: Session) -> None:
 
 def stop_asking(session: Session) -> None:
     """Give up the question that is under way."""
-    if session.document is not None and session.document.clicks.is_asking:
-        session.document.clicks.asks_again = False
+    if session.document is not None and session.document.feature(ClickState).is_asking:
+        session.document.feature(ClickState).asks_again = False
         session.jobs.cancel()
 
 
@@ -121,7 +159,7 @@ def _answer_stage(
     session: Session, document: Document, model: ProviderEntry, answer: "Answer", camera: Camera
 ) -> Stage[IntArray]:
     scene, cameras = replace(document.settled().scene), session.cameras
-    loaded = session.models.prompters
+    loaded = session.feature(ModelsState).prompters
 
     def stage() -> Stage[IntArray]:
         from gaga_core.pipeline.click import model_answer_stage
@@ -149,7 +187,7 @@ def _take(
     """Show the model's answer to the clicks that led to state ``at`` of the history."""
     from gaga_core.scene.selection.click import adopted
 
-    clicks, history = document.clicks, document.history
+    clicks, history = document.feature(ClickState), document.history
     is_now = history.state_id == at and clicks.made_for == key_of(document.scene)
     if not is_now or history.can_redo or history.is_previewing or clicks.graph is None:
         session.hint = _MISSED
@@ -182,9 +220,9 @@ def begin(session: Session) -> None:
 def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
     document = session.need()
-    if document.clicks.is_preparing:
+    if document.feature(ClickState).is_preparing:
         return "Looking at the scene; clicks are answered when that is done. Middle drag orbits."
-    if document.clicks.is_asking:
+    if document.feature(ClickState).is_asking:
         return "The model looks at it from all sides. Click on meanwhile, or Esc clears."
     if not has_clicks(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
@@ -194,7 +232,9 @@ def prompt(session: Session) -> str:
 def has_clicks(session: Session) -> bool:
     """Whether the selection is the answer to clicks."""
     document = session.document
-    return document is not None and document.history.state_id in document.clicks.answers
+    return (
+        document is not None and document.history.state_id in document.feature(ClickState).answers
+    )
 
 
 def is_clicking(session: Session) -> bool:
@@ -206,7 +246,7 @@ def is_clicking(session: Session) -> bool:
 def prepare(session: Session) -> bool:
     """Start to look at the scene; False when that is done already, or when another job runs."""
     document = session.need()
-    state, scene = document.clicks, replace(document.settled().scene)
+    state, scene = document.feature(ClickState), replace(document.settled().scene)
     if state.is_preparing or state.is_ready(scene):
         return False
     key, cameras, up_to_date = key_of(scene), session.cameras, document
@@ -245,18 +285,18 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
     if found is None or found.weights.sum() < _LEAST:
         session.hint = _NOTHING_HERE
         return False
-    if not is_on and not has_clicks(session) and not document.clicks.waiting:
+    if not is_on and not has_clicks(session) and not document.feature(ClickState).waiting:
         session.hint = "Click the object first, then what does not belong to it."
         return False
     session.hint = ""
     x, y, z = (float(value) for value in found.point)
     clicked, camera = Click((x, y, z), is_on), session.rig.camera(width, height)
-    if document.clicks.is_ready(document.settled().scene):
+    if document.feature(ClickState).is_ready(document.settled().scene):
         done = _answer(document, clicked, camera)
         ask_model(session)
         return done
-    if prepare(session) or document.clicks.is_preparing:
-        document.clicks.waiting.append((clicked, camera))
+    if prepare(session) or document.feature(ClickState).is_preparing:
+        document.feature(ClickState).waiting.append((clicked, camera))
     return False
 
 
@@ -268,19 +308,18 @@ def box(
     from gaga_core.scene.selection.click import boxed
 
     document = session.need()
-    scene = document.settled().scene
-    if not document.clicks.is_ready(scene):
+    scene, state = document.settled().scene, document.feature(ClickState)
+    if state.graph is None or not state.is_ready(scene):
         prepare(session)
         session.hint = "The scene is still being looked at. Draw the box again when that is done."
         return False
-    assert document.clicks.graph is not None
     camera = session.rig.camera(width, height)
     shrink = min(1.0, _LONGEST / max(width, height))
     size = max(round(width * shrink), 1), max(round(height * shrink), 1)
     small = camera.resized(*size)
     factors = np.array([size[0] / width, size[1] / height] * 2)
     u0, v0, u1, v1 = (float(value) for value in np.array(corners) * factors)
-    answer = boxed(document.clicks.graph, small, (u0, v0, u1, v1), _depth(scene, small))
+    answer = boxed(state.graph, small, (u0, v0, u1, v1), _depth(scene, small))
     if not answer.nodes.any():
         session.hint = "No whole object lies in this box. Draw a larger one, or click."
         return False
@@ -312,7 +351,7 @@ def _answer(document: Document, click: "Click", camera: Camera) -> bool:
     """Answer one more click, made in the picture of ``camera``, as an entry of the history."""
     from gaga_core.scene.selection.click import clicked, nothing_yet
 
-    state = document.clicks
+    state = document.feature(ClickState)
     assert state.graph is not None
     at = document.history.state_id
     before = state.answers.get(at, nothing_yet(state.graph))
@@ -327,7 +366,7 @@ def _answer(document: Document, click: "Click", camera: Camera) -> bool:
 
 
 def _show(document: Document, answer: "Answer", title: str) -> bool:
-    state: ClickState = document.clicks
+    state: ClickState = document.feature(ClickState)
     assert state.graph is not None
     scene = document.settled().scene
     rows: IntArray = state.graph.splats(answer.samples)

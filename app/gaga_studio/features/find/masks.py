@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
@@ -23,19 +23,45 @@ from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, avail
 from gaga_core.segmentation.models.catalogue import KnownModel, known_model
 from gaga_core.segmentation.models.download import Consent, Installed, download, remove
 from gaga_core.segmentation.models.hub import HubConfig, Listing, list_files
-from gaga_core.segmentation.models.status import all_models, record
+from gaga_core.segmentation.models.status import ModelStatus, all_models, record
 from gaga_core.segmentation.models.weights import family_of, models_folder, weights_at
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.settings import GeneratorConfig
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
 from gaga_studio.features.find import association as associate
 from gaga_studio.features.find import association as identities
+from gaga_studio.features.find.association import FindState, duration_text
+from gaga_studio.features.find.memory_bank import KnownViews
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
-from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
+
+if TYPE_CHECKING:
+    from gaga_core.segmentation.sam import Prompter
+
+# --- What the sheet of models shows: the known models here, terms that wait for an answer.
+
+
+@dataclass
+class ModelsState:
+    """State of the sheet; `actions.models` changes it."""
+
+    entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
+    offered: Listing | None = None  # its licence and size are shown, the user has not answered
+    removing: KnownModel | None = None  # the user is asked whether
+    then: Callable[[], object] | None = None  # what the offered model was wanted for
+    promptable: tuple[ProviderEntry, ...] | None = None  # can be asked for one thing; None = look
+    prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
+
+    def entry(self, name: str) -> ModelStatus | None:
+        """The entry of a model, None before they were looked at."""
+        return next((entry for entry in self.entries if entry.model.name == name), None)
+
+
+# --- The settings of a mask provider that have a slider, and their bounds.
+
 
 # --- The settings of a mask provider that have a slider, and their bounds.
 
@@ -276,7 +302,7 @@ def take_report(session: Session, document: Document, report: SegmentReport) -> 
     """Use the masks that were made, tell the user, and remember how long the model took."""
     if report.made and report.provider != REGIONS:
         record(report.provider, report.seconds / len(report.made))
-        session.models.entries = ()  # looked at again
+        session.feature(ModelsState).entries = ()  # looked at again
     if session.document is document:
         choose(session, report.folder.name)
     n = len(report.made) + len(report.kept)
@@ -361,7 +387,7 @@ def choose(session: Session, name: str) -> bool:
     if name not in mask_folders(session):
         raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
     session.provider, session.masks = stages.masks_of(document.project, name)
-    document.forget_views()  # files of the same names may hold other masks now
+    document.feature(KnownViews).forget()  # files of the same names may hold other masks now
     return True
 
 
@@ -523,7 +549,7 @@ def make_live(session: Session, request: MaskRequest) -> None:
 
 
 def _config(session: Session) -> AssociateConfig:
-    return session.find_options.association(session.settings.preset)
+    return session.feature(FindState).options.association(session.settings.preset)
 
 
 def _stage(
@@ -571,10 +597,12 @@ def _objects(
     assert folder is not None  # `_stage` looked
     known = [camera.name for camera in folder.cameras]
     text = f"objects in {len(views)} photos"
-    stage = stages.associate_project_stage(project, mask_folder(done.folder, views, known), config)
-    association = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))
-    found.append(association)
-    snapshot = BankSnapshot(done.view, association.bank, association.bank.n_groups)
+    stage = associate.associate_project_stage(
+        project, mask_folder(done.folder, views, known), config
+    )
+    newest = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))
+    found.append(newest)
+    snapshot = BankSnapshot(done.view, newest.bank, newest.bank.n_groups)
     yield replace(step, payload=snapshot, message=text)
 
 
@@ -591,8 +619,8 @@ def hub_config(session: Session) -> HubConfig:
 
 def refresh_models(session: Session) -> None:
     """Look again which models are here."""
-    session.models.entries = all_models()
-    session.models.promptable = None
+    session.feature(ModelsState).entries = all_models()
+    session.feature(ModelsState).promptable = None
 
 
 def why_no_download(session: Session) -> str:
@@ -610,7 +638,7 @@ def ask_model(
 
     ``then`` is called when the model has been downloaded.
     """
-    state, config = session.models, hub_config(session)
+    state, config = session.feature(ModelsState), hub_config(session)
 
     def look() -> Stage[Listing]:
         yield Progress("Look at the model", 0, 0, config.host)
@@ -625,7 +653,7 @@ def ask_model(
 
 def accept_model(session: Session) -> None:
     """Accept the licence that is shown, and download the model."""
-    state = session.models
+    state = session.feature(ModelsState)
     listing, then = state.offered, state.then
     if listing is None:
         return
@@ -649,24 +677,24 @@ def accept_model(session: Session) -> None:
 
 def decline_model(session: Session) -> None:
     """Download nothing, remove nothing."""
-    state = session.models
+    state = session.feature(ModelsState)
     state.offered = state.removing = state.then = None
 
 
 def ask_remove_model(session: Session, model: KnownModel) -> None:
     """Ask whether to delete a model."""
     decline_model(session)
-    session.models.removing = model
+    session.feature(ModelsState).removing = model
 
 
 @notifies
 def remove_asked_model(session: Session) -> bool:
     """Delete the model that was asked about."""
-    model, session.models.removing = session.models.removing, None
+    model, session.feature(ModelsState).removing = session.feature(ModelsState).removing, None
     if model is None:
         return False
     folder = remove(model)
-    session.models.prompters.pop(model.name, None)
+    session.feature(ModelsState).prompters.pop(model.name, None)
     refresh_models(session)
     session.notify(Level.INFO, f"Removed {folder}." if folder else f"{model.title} is gone.")
     return True
@@ -682,25 +710,27 @@ def open_model_page(model: KnownModel) -> None:
 
 def model_here(session: Session) -> KnownModel | None:
     """Return the model for masks that is here and quickest; None when there is none."""
-    if not session.models.entries:
+    if not session.feature(ModelsState).entries:
         refresh_models(session)
-    found = [e for e in session.models.entries if e.path and e.model.purpose == "masks"]
+    found = [
+        e for e in session.feature(ModelsState).entries if e.path and e.model.purpose == "masks"
+    ]
     quickest = min(found, key=lambda e: e.seconds or float("inf"), default=None)
     return quickest.model if quickest is not None else None
 
 
 def model_duration(session: Session, name: str, n: int) -> str:
     """Return "about 3 min", as long as a model takes for ``n`` photos here; "" if not known."""
-    if not session.models.entries:
+    if not session.feature(ModelsState).entries:
         refresh_models(session)
-    entry = session.models.entry(name)
+    entry = session.feature(ModelsState).entry(name)
     return duration_text(n * entry.seconds) if entry is not None and entry.seconds else ""
 
 
 def model_title(session: Session) -> str:
     """Return "Make masks with SAM 2.1 Hiera tiny, 156 MB, about 3 min…", as it is now."""
     model = model_here(session) or FIRST_MODEL
-    entry = session.models.entry(model.name)
+    entry = session.feature(ModelsState).entry(model.name)
     is_here = entry is not None and entry.path is not None
     size = "" if is_here else f"{model.megabytes:,} MB"
     n = len(photos_of(session, "train"))

@@ -4,7 +4,7 @@ Long work runs as a job on values taken at the call; its result is one entry of 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association
+from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.masks import MaskSet
@@ -40,7 +41,6 @@ from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.timeline import Timeline
 from gaga_studio.session.view import Mode
 
 if TYPE_CHECKING:
@@ -49,6 +49,52 @@ if TYPE_CHECKING:
     from gaga_core.grouping.repair.reassociate import Repair
     from gaga_core.grouping.repair.split_group import GroupSplit
     from gaga_core.grouping.repair.view_evidence import Evidence
+
+# --- The replay of the memory bank: what is shown, and the bank's growth once it is known.
+
+
+@dataclass
+class Timeline:
+    """Step by step through the views of a bank; see `actions.bank_timeline`."""
+
+    growth: BankGrowth | None = None
+    bank: MemoryBank | None = None  # that ``growth`` is of
+    is_open: bool = False  # the picture shows the groups known at ``step``
+    is_playing: bool = False
+    follows: bool = True  # the camera flies to the view of the step
+    step: int = 0
+    waited_s: float = 0.0  # at this step
+    former_mode: Mode = Mode.COLOR  # that comes back when the replay is closed
+
+    def closed(self, session: Session) -> None:
+        """Show what was shown before the replay."""
+        if self.is_open and session.view.mode is Mode.GROUPS:
+            session.view.mode = self.former_mode
+
+
+class KnownViews:
+    """What was found in the masks of the views of a document."""
+
+    def __init__(self) -> None:
+        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
+        self.looked_at: set[tuple[str, Evidence]] = set()  # views
+        self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask
+
+    def forget(self) -> None:
+        """Forget it: the masks are read again."""
+        self.__init__()  # type: ignore[misc]
+
+
+class ObjectQuality:
+    """What was measured of the objects of a document."""
+
+    def __init__(self) -> None:
+        self.by_labels: dict[str, Quality] = {}  # by digest of the labels
+
+
+# --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
+# Long work runs as a job on values taken at the call; its result is one entry of the history.
+
 
 # --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
 # Long work runs as a job on values taken at the call; its result is one entry of the history.
@@ -178,13 +224,13 @@ def evidence_of(session: Session, document: Document) -> "Evidence":
     if folder is None or bank is None or len(session.masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
     key = (session.masks.source or session.provider, bank.preset)
-    kept = document.evidence.get(key)
+    kept = document.feature(KnownViews).evidence.get(key)
     if kept is None:
         train = set(folder.train)
         cameras = [camera for camera in folder.cameras if camera.name in train]
         gaussians = stages.file_gaussians(document.scene)
         kept = Evidence.of(gaussians, cameras, session.masks, AssociateConfig.of(bank.preset))
-        document.evidence[key] = kept
+        document.feature(KnownViews).evidence[key] = kept
     return kept
 
 
@@ -344,14 +390,14 @@ _ALL_S, _LEAST_S, _MOST_S = 16.0, 0.15, 0.8  # of a replay, and of one view
 
 def timeline_of(session: Session) -> Timeline:
     """Return the replay of the open scene; a closed one when nothing is open."""
-    return session.document.timeline if session.document is not None else Timeline()
+    return session.document.feature(Timeline) if session.document is not None else Timeline()
 
 
 @notifies
 def toggle_timeline(session: Session) -> bool:
     """Open the replay, as a job where the growth is not known yet; or close it."""
     document = session.need()
-    timeline, bank = document.timeline, document.scene.bank
+    timeline, bank = document.feature(Timeline), document.scene.bank
     if timeline.is_open:
         close_timeline(session)
         return True
@@ -378,7 +424,7 @@ def toggle_timeline(session: Session) -> bool:
 
 
 def _show(session: Session, document: Document) -> None:
-    timeline = document.timeline
+    timeline = document.feature(Timeline)
     timeline.former_mode, session.view.mode = session.view.mode, Mode.GROUPS
     timeline.is_open = timeline.is_playing = True
     go_to_step(session, 0)
@@ -454,23 +500,22 @@ def timeline_labels(session: Session) -> IntArray | None:
 
     At the last step that is so: the saved groups, with the edits since then.
     """
-    document = session.document
-    if document is None or not document.timeline.is_open or document.timeline.growth is None:
+    document, timeline = session.document, timeline_of(session)
+    growth, step = timeline.growth, timeline.step
+    if document is None or growth is None or not timeline.is_open or step == growth.last_step:
         return None
-    growth, step, scene = document.timeline.growth, document.timeline.step, document.scene
-    if step == growth.last_step:
-        return None
+    scene = document.scene
     key = (growth, step, scene.revision.splats)
     return document.read.once("timeline", key, lambda: spread(scene, growth.labels_at(step)))
 
 
 def bank_at(session: Session) -> MemoryBank | None:
     """Return the bank with the decisions made up to this step; None without a replay."""
-    document = session.document
-    if document is None or document.timeline.bank is None or document.timeline.growth is None:
+    document, timeline = session.document, timeline_of(session)
+    bank, growth = timeline.bank, timeline.growth
+    if document is None or bank is None or growth is None:
         return None
-    bank, growth = document.timeline.bank, document.timeline.growth
-    step = min(document.timeline.step, len(growth.views))
+    step = min(timeline.step, len(growth.views))
     key = (bank, step)
     return document.read.once(
         "bank at", key, lambda: replace(bank, log=bank.log[: growth.n_decisions[step]])
@@ -495,16 +540,17 @@ def mask_splats_of(session: Session, decision: Decision) -> "MaskSplats | None":
     if view is None:
         return None
     document, evidence, camera = view
+    known = document.feature(KnownViews)
     if decision.view not in evidence.bounds:
         asked = (decision.view, evidence)
-        if session.jobs.quiet is None and asked not in document.looked_at:
-            document.looked_at.add(asked)  # once: a view that cannot be read fails every time
+        if session.jobs.quiet is None and asked not in known.looked_at:
+            known.looked_at.add(asked)  # once: a view that cannot be read fails every time
             session.jobs.start_quiet("Look at the view", _look_stage(evidence, camera))
         return None
     key = (decision.view, decision.mask, evidence)
-    if document.lit is None or document.lit[0] != key:
-        document.lit = (key, _splats(evidence, camera, decision.mask))
-    return document.lit[1]
+    if known.lit is None or known.lit[0] != key:
+        known.lit = (key, _splats(evidence, camera, decision.mask))
+    return known.lit[1]
 
 
 def _splats(evidence: "Evidence", camera: Camera, mask: int) -> "MaskSplats | None":
@@ -607,7 +653,7 @@ def measure_quality(session: Session) -> bool:
         return quality_stage(evidence, bank, labels, confidence, choose())
 
     def done(found: "Quality") -> None:
-        document.quality[digest] = found
+        document.feature(ObjectQuality).by_labels[digest] = found
 
     title = "Measure the objects"
     return session.jobs.start(title, stages.prepared(title, stage), None, done)
@@ -616,10 +662,14 @@ def measure_quality(session: Session) -> bool:
 def shown_quality(session: Session) -> "tuple[Quality | None, bool]":
     """Return the newest measurement, and whether it is of the present groups."""
     document = session.document
-    if document is None or not document.quality:
+    if document is None or not document.feature(ObjectQuality).by_labels:
         return None, False
-    now = document.quality.get(document.read.labels_digest())
-    return (now, True) if now is not None else (list(document.quality.values())[-1], False)
+    now = document.feature(ObjectQuality).by_labels.get(document.read.labels_digest())
+    return (
+        (now, True)
+        if now is not None
+        else (list(document.feature(ObjectQuality).by_labels.values())[-1], False)
+    )
 
 
 def quality_of(session: Session, group: int) -> "GroupQuality | None":

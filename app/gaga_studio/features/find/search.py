@@ -1,15 +1,23 @@
 """Search the open scene: by words, by an index of pictures, by a detector; name objects."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.pipeline.search import (
     INDEX_FILE,
+    Description,
     Pictures,
+    describe,
     find_in_view,
+    noun_scorer,
     pictures_of,
     refresh_index,
     suggested_names,
@@ -17,6 +25,7 @@ from gaga_core.pipeline.search import (
     work_of,
 )
 from gaga_core.progress import Progress, Stage
+from gaga_core.query.detector import Detector
 from gaga_core.query.embed import (
     KNOWN_DETECTORS,
     KNOWN_EMBEDDERS,
@@ -25,20 +34,297 @@ from gaga_core.query.embed import (
     load_embedder,
     where_to_put_all,
 )
-from gaga_core.query.index import GroupIndex
-from gaga_core.query.search import Answer
+from gaga_core.query.group_facts import GroupFacts, group_digests, group_facts
+from gaga_core.query.index import GroupIndex, n_stale
+from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.scene.edits.groups import name_groups
+from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.scene import Scene, State
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.features import camera as navigation
-from gaga_studio.features import object_list, selection
+from gaga_studio.features import selection
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
-from gaga_studio.features.find import memory_bank
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request
-from gaga_studio.session.search_state import look_up_stage, measure_stage
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.system import paths
+
+# --- What the search box holds: a text, what it means, and what was measured of the scene for it.
+# Measuring runs in parallel (`JobRunner.start_quiet`) on a snapshot, once for each state of the
+# scene; typing then needs milliseconds. Nouns that only an index knows are looked up that way,
+# too.
+
+
+Kept = Callable[[Session, ObjectTable], frozenset[int] | None]
+_WORD = (1 << 64) - 1
+_PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be complete
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMeasurements:
+    """What a search needs to know of one state of a scene."""
+
+    key: object  # of the state
+    facts: GroupFacts
+    groups: IntArray  # (G,)
+    digests: LongArray  # (G,) of what they look like now
+    pictures: Pictures | None  # the index next to the project file
+    description: Description  # what groups without a name are called, and which are background
+    problem: str = ""  # why the index cannot be used
+
+    @property
+    def n_unknown(self) -> int:
+        """Groups that the index does not know as they are now."""
+        return n_stale(self.pictures.index, self.digests) if self.pictures is not None else 0
+
+
+@dataclass(frozen=True)
+class SearchHit:
+    """One line of the answer."""
+
+    group: int
+    score: float  # 0..1
+    fits: bool  # answers the text; else it is only similar
+
+
+class SearchState:
+    """The search of one document. Main thread only; jobs hand over whole values."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self.at = 0  # line of the answer that Enter takes
+        self._found: tuple[SearchHit, ...] = ()  # what answers the text
+        self._kept: frozenset[int] | None = None  # groups that the list's filter keeps
+        self.hits: tuple[SearchHit, ...] = ()  # of the former the latter
+        self.sentence = ""  # what was understood
+        self.unknown: tuple[str, ...] = ()  # words that were not
+        self.problem = ""  # why a noun could not be looked up
+        self.measured: SceneMeasurements | None = None
+        self.described: SceneMeasurements | None = None  # by which objects are called now
+        self.detector: Detector | None = None  # the one that was used last, loaded
+        self.in_view = ""  # text whose answer came from a detector; "" = from words
+        self._camera: Camera | None = None  # from where the text was typed
+        self._answered: object = None
+        self._asked: set[str] = set()  # nouns that only the index may know
+        self._known: set[str] = set()
+        self._typed_at = 0.0
+        self._state: tuple[object, object] = (None, None)
+        self._new_index = 0
+        self._newest: tuple[object, float] = (None, 0.0)  # state of the scene, and since when
+
+    def type(self, text: str, camera: Camera | None) -> None:
+        """Take a new text; left, right and the like are those of ``camera``."""
+        self.text, self._camera = text, camera
+        self.at, self.in_view, self.problem = 0, "", ""
+        self._asked = set()
+        self._typed_at = time.monotonic()
+        if not text.strip():
+            self.sentence, self._answered = "", None
+            self._take_hits(())
+
+    def clear(self) -> None:
+        """Empty the search."""
+        self.type("", None)
+
+    def move(self, step: int) -> None:
+        """Go to another line."""
+        self.at = min(max(self.at + step, 0), max(len(self.hits) - 1, 0))
+
+    def keep(self, groups: frozenset[int] | None) -> None:
+        """Leave out what is not among ``groups``: the filter of the list; None: it is off."""
+        if groups != self._kept:
+            self._kept = groups
+            self._take_hits(self._found)
+
+    def _take_hits(self, found: tuple[SearchHit, ...]) -> None:
+        kept = self._kept
+        self._found = found
+        self.hits = tuple(hit for hit in found if kept is None or hit.group in kept)
+        self.at = min(self.at, max(len(self.hits) - 1, 0))
+
+    @property
+    def n_left_out(self) -> int:
+        """How many that fit the filter of the list leaves out."""
+        return sum(hit.fits for hit in self._found) - len(self.meant)
+
+    @property
+    def meant(self) -> tuple[int, ...]:
+        """Groups that fit, the best first."""
+        return tuple(hit.group for hit in self.hits if hit.fits)
+
+    # --- measuring
+
+    def key(self, scene: Scene, cameras: Sequence[Camera]) -> object:
+        """Return a key that changes with what facts and digests depend on, not the selection."""
+        r = scene.revision
+        state = (r.splats, r.state)
+        if self._state[0] != state:
+            gone = np.packbits(scene.has(State.DELETED))
+            self._state = (state, zlib.crc32(gone.tobytes()))
+        looks = (r.splats, r.labels, r.placement, r.placements)
+        return (looks, self._state[1], len(cameras), self._new_index)
+
+    def digest_of(self, group: int) -> int | None:
+        """Digest of what a group looked like when it was measured; None if it was not."""
+        if self.measured is None:
+            return None
+        at = int(np.searchsorted(self.measured.groups, group))
+        known = at < len(self.measured.groups) and self.measured.groups[at] == group
+        return int(self.measured.digests[at]) & _WORD if known else None
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether what was measured is the scene as `rests` saw it last."""
+        return self.measured is not None and self.measured.key == self._newest[0]
+
+    def rests(self, key: object) -> bool:
+        """Whether the scene has been in the state ``key`` for a moment: a drag may be over."""
+        now = time.monotonic()
+        if self._newest[0] != key:
+            self._newest = key, now
+        return now - self._newest[1] > _PAUSE_S
+
+    def forget_index(self) -> None:
+        """Read the file of the index again at the next measurement."""
+        self._new_index += 1
+        self._known = set()
+
+    def take(self, measured: SceneMeasurements) -> None:
+        """Take what was measured; from any thread."""
+        self.measured = measured
+
+    # --- looking up nouns
+
+    def nouns_to_look_up(self) -> tuple[str, ...]:
+        """Nouns of the text that the index may know, after a pause in typing."""
+        waits = time.monotonic() - self._typed_at < _PAUSE_S
+        if waits or self.problem:
+            return ()
+        return tuple(sorted(self._asked - self._known))
+
+    @property
+    def is_looking_up(self) -> bool:
+        """Whether the answer may still change by itself."""
+        return bool(self._asked - self._known) and not self.problem
+
+    def know(self, nouns: Sequence[str], problem: str = "") -> None:
+        """Note that these nouns have vectors now, or why not; from any thread."""
+        self.problem = problem
+        if not problem:
+            self._known = self._known | set(nouns)
+
+    def _look_up(self, facts: GroupFacts, pictures: Pictures | None) -> NounScorer | None:
+        if pictures is None:
+            return None
+        score = noun_scorer(facts.ids, pictures)
+        known = self._known
+
+        def known_only(noun: str) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None":
+            self._asked.add(noun)
+            return score(noun) if noun in known else None
+
+        return known_only
+
+    # --- answering
+
+    def answer(self, scene: Scene, table: ObjectTable, cameras: Sequence[Camera]) -> None:
+        """Bring the answer up to date; a no-op while nothing changed."""
+        found = self.measured
+        if not self.text.strip() or self.in_view:
+            return
+        if found is None:  # names need no measuring
+            self._take_hits(
+                tuple(SearchHit(group, 1.0, True) for group in _called(table, self.text))
+            )
+            return
+        asked = (self.text, id(self._camera), id(found), scene.revision.names, self._known)
+        if asked == self._answered:
+            return
+        self._answered = asked
+        answer = search_words(
+            self.text,
+            found.facts,
+            scene.names,
+            described=scene.described,
+            camera=self._camera,
+            cameras=cameras,
+            look_up=self._look_up(found.facts, found.pictures),
+        )
+        self._show(answer, table)
+
+    def show_in_view(self, text: str, answer: Answer, table: ObjectTable) -> None:
+        """Show the answer of a detector to ``text``, until something else is typed."""
+        self.in_view = text
+        self._show(answer, table)
+
+    def _show(self, answer: Answer, table: ObjectTable) -> None:
+        """Show the answer, then objects whose names only contain the text."""
+        there = {int(group) for group in table.ids}
+        pairs = zip(answer.groups.tolist(), answer.scores.tolist(), strict=True)
+        hits = [
+            SearchHit(group, score, k < answer.n_meant)
+            for k, (group, score) in enumerate(pairs)
+            if group in there
+        ]
+        self.sentence, self.unknown = answer.sentence, answer.unknown
+        if not self.in_view:
+            shown = {hit.group for hit in hits}
+            called = [g for g in _called(table, self.text) if g not in shown]
+            if called and not any(hit.fits for hit in hits):
+                word = "is" if len(called) == 1 else "are"
+                self.sentence = f"{len(called)} {word} called “{self.text.strip()}”."
+                hits = []
+            hits = [SearchHit(group, 1.0, True) for group in called] + hits
+        self._take_hits(tuple(hits))
+
+
+def measure_stage(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    key: object,
+    load: Callable[[], Pictures | None],
+    take: Callable[[SceneMeasurements], None],
+) -> Stage[None]:
+    """Measure a snapshot of a scene and read its index; ``take`` gets the result."""
+    yield Progress("Measure the objects", 0, 1)
+    facts = group_facts(scene, cameras)
+    yield Progress("Measure the objects", 0, 1)
+    groups, digests = group_digests(scene)
+    try:
+        pictures, problem = load(), ""
+    except GagaError as error:
+        pictures, problem = None, str(error)
+    words = describe(scene, facts, cameras, kept=scene.described)
+    take(SceneMeasurements(key, facts, groups, digests, pictures, words, problem))
+
+
+def look_up_stage(
+    pictures: Pictures, nouns: Sequence[str], know: Callable[[Sequence[str], str], None]
+) -> Stage[None]:
+    """Compute the vectors of ``nouns`` that are new, with the index's model, and call ``know``."""
+    yield Progress("Look up words", 0, 1, ", ".join(nouns))
+    try:
+        pictures.texts.anything()
+        pictures.texts.nouns(nouns)
+    except GagaError as error:
+        know(nouns, str(error))
+        return
+    know(nouns, "")
+
+
+def _called(table: ObjectTable, text: str) -> list[int]:
+    """Groups whose name holds the text, or whose id it is."""
+    wanted = text.strip().casefold()
+    return [
+        int(group)
+        for group, name in zip(table.ids, table.names, strict=True)
+        if wanted in name.casefold() or wanted == str(group)
+    ]
+
+
+# --- Search the open scene: by words, by an index of pictures, by a detector; name objects.
+
 
 _LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
@@ -47,14 +333,17 @@ EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 # --- every frame that the box is drawn in
 
 
-def tick(session: Session) -> None:
-    """Measure what has changed, describe objects, look up nouns, and update the answer."""
+def tick(session: Session, kept: Kept | None = None) -> None:
+    """Measure what has changed, describe objects, look up nouns, and update the answer.
+
+    ``kept`` returns the groups that the filter of the list keeps, None while it is off.
+    """
     document = session.document
     if document is None or session.live is not None or session.is_previewing:
         return
     if not document.read.has_groups():
         return
-    search = document.search
+    search = document.feature(SearchState)
     is_asked = bool(search.text.strip())
     cameras = train_views(document.project)
     key = search.key(document.scene, cameras)
@@ -72,18 +361,16 @@ def tick(session: Session) -> None:
             session.jobs.start_quiet("Look up words", stage)
     if is_asked:
         table = session.objects()
-        search.keep(
-            object_list.kept_groups(session, table, memory_bank.quality_column(session, table))
-        )
+        search.keep(kept(session, table) if kept is not None else None)
         search.answer(document.scene, table, cameras)
 
 
 def _describe(document: Document) -> None:
     """Call groups without a name by what was measured of them."""
-    measured = document.search.measured
-    if measured is None or document.search.described is measured:
+    measured = document.feature(SearchState).measured
+    if measured is None or document.feature(SearchState).described is measured:
         return
-    document.search.described = measured
+    document.feature(SearchState).described = measured
     scene = document.scene
     if scene.described != measured.description.words:
         scene.described = dict(measured.description.words)
@@ -97,7 +384,7 @@ def _measure(session: Session, document: Document, cameras: Sequence[Camera], ke
     def load() -> Pictures | None:
         return pictures_of(project, _load_embedder)
 
-    stage = measure_stage(snapshot, cameras, key, load, document.search.take)
+    stage = measure_stage(snapshot, cameras, key, load, document.feature(SearchState).take)
     session.jobs.start_quiet("Measure the objects", stage)
 
 
@@ -105,7 +392,7 @@ def type_text(session: Session, text: str, size: tuple[int, int]) -> None:
     """Take the text of the box; left and right are those of the present picture of ``size``."""
     if session.document is not None:
         camera = session.rig.camera(max(size[0], 1), max(size[1], 1))
-        session.document.search.type(text, camera)
+        session.document.feature(SearchState).type(text, camera)
 
 
 # --- taking an answer
@@ -115,7 +402,7 @@ def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> 
     """Select the object of a line (default: the current one) and fly to it."""
     if session.document is None:
         return False
-    search = session.document.search
+    search = session.document.feature(SearchState)
     search.at = search.at if at is None else at
     if not 0 <= search.at < len(search.hits):
         return False
@@ -128,7 +415,7 @@ def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> 
 
 def take_all(session: Session) -> bool:
     """Add all objects that answer the text to the selection."""
-    meant = session.document.search.meant if session.document is not None else ()
+    meant = session.document.feature(SearchState).meant if session.document is not None else ()
     if not meant:
         return False
     return selection.select_groups(session, meant, "add")
@@ -176,7 +463,7 @@ def index_state(session: Session) -> str:
     document = session.document
     if document is None:
         return no_scene(session)
-    found = document.search.measured
+    found = document.feature(SearchState).measured
     if found is not None and found.problem:
         return found.problem
     if no_index(session):
@@ -199,7 +486,11 @@ def no_question(session: Session) -> str:
         return no_scene(session)
     if not document.read.has_groups():
         return NO_GROUPS
-    return busy(session) if document.search.text.strip() else "Type what to look for first."
+    return (
+        busy(session)
+        if document.feature(SearchState).text.strip()
+        else "Type what to look for first."
+    )
 
 
 # --- jobs
@@ -216,7 +507,7 @@ def index(session: Session) -> None:
     )
 
     def done(made: GroupIndex) -> None:
-        document.search.forget_index()
+        document.feature(SearchState).forget_index()
         session.notify(Level.INFO, f"Indexed {len(made):,} objects: ask for anything by its name.")
 
     session.jobs.start("Index this scene", stage, on_done=done)
@@ -225,7 +516,7 @@ def index(session: Session) -> None:
 def find_here(session: Session, size: tuple[int, int]) -> None:
     """Find what the text names in the present picture, with a detector."""
     document = session.need()
-    search, text = document.search, document.search.text.strip()
+    search, text = document.feature(SearchState), document.feature(SearchState).text.strip()
     scene = replace(document.settled().scene)
     scale = _LONGEST / max(*size, 1)
     camera = session.rig.camera(max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))

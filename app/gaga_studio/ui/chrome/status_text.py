@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from gaga_core.raster import backend_report
+from gaga_studio.features import cleanup, fill
 from gaga_studio.session.session import Session
 from gaga_studio.tools.base import Tool
 
@@ -48,9 +49,9 @@ def status_text(session: Session, tool: Tool) -> str:
         return "Open a scene folder or a file of splats, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
-    if document.cleaning is not None:
+    if cleanup.shown(session) is not None:
         return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
-    if document.filling is not None:
+    if fill.shown(session) is not None:
         return "Enter applies the filling, Esc leaves everything as it is. Drag orbits."
     if session.hint:
         return session.hint

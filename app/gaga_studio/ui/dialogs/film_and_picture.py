@@ -11,7 +11,7 @@ from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
-from gaga_studio.features import camera, split_view
+from gaga_studio.features import camera, export, split_view
 from gaga_studio.features.camera import no_path, no_photo_files
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
@@ -139,7 +139,7 @@ def _along(session: Session, choices: FilmChoices) -> None:
 def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
     """Seconds and pictures of the film."""
     if choices.through_photos:
-        n_photos = len(camera.photos_of(session, choices.views))
+        n_photos = len(export.photos_of(session, choices.views))
         n_each = max(round(choices.seconds * choices.fps), 1)
         return n_photos * n_each / choices.fps, n_photos * n_each
     path = camera.path_of(session)
@@ -164,7 +164,7 @@ def _photos(session: Session, choices: FilmChoices) -> None:
 
 
 def _no_photo_of(session: Session, part: Views) -> str:
-    return "" if camera.photos_of(session, part) else "The scene has no such photos."
+    return "" if export.photos_of(session, part) else "The scene has no such photos."
 
 
 def _choice(name: str, named: Mapping[T, str], current: T, why_not: Mapping[T, str]) -> T:
@@ -247,12 +247,12 @@ def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
     if choices.through_photos:
         shown = choices.photo_config(session)
-        return camera.export_photo_film(session, path, shown, choices.views)
+        return export.export_photo_film(session, path, shown, choices.views)
     config, before = choices.config(session), choices.left == "before"
-    return camera.export_film(session, path, config, before=before)
+    return export.export_film(session, path, config, before=before)
 
 
 def _ask_picture(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     dialog = writing("Save the picture", session, f"{stem(session)}.png", (".png", ".jpg"))
     size, clear = (choices.width, choices.height), choices.transparent
-    files.ask(dialog, lambda path: camera.save_picture(session, path, size, transparent=clear))
+    files.ask(dialog, lambda path: export.save_picture(session, path, size, transparent=clear))

@@ -9,8 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_studio.features.find import association
-from gaga_studio.session.find_options import FindOptions, lift_mode
-from gaga_studio.session.next_stage import training_text
+from gaga_studio.features.find.association import FindOptions, FindState, lift_mode, training_text
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
@@ -84,7 +83,10 @@ def _association(session: Session) -> None:
     """Switches of section 3.2 of the paper; what they show at first is what the preset has."""
     if not widgets.section("Memory bank (section 3.2)"):
         return
-    options, preset = session.find_options, AssociateConfig.of(session.settings.preset)
+    options, preset = (
+        session.feature(FindState).options,
+        AssociateConfig.of(session.settings.preset),
+    )
     threshold = options.threshold or preset.threshold
     changed, threshold = _number("Overlap threshold", threshold, 0.01, 1.0)
     widgets.tooltip("Least share of a mask's splats in a group that it joins; published: 0.1")
@@ -101,14 +103,14 @@ def _association(session: Session) -> None:
     order = _choice("Order of the views", _ORDERS, options.order or preset.order)
     if order != (options.order or preset.order):
         options = replace(options, order=order)  # type: ignore[arg-type]
-    session.find_options = options
+    session.feature(FindState).options = options
 
 
 def _identities(session: Session) -> None:
     """Switches of section 3.3."""
     if not widgets.section("Identity encodings (section 3.3)"):
         return
-    settings, options = session.settings, session.find_options
+    settings, options = session.settings, session.feature(FindState).options
     chosen = _choice("Identities", _IDENTITIES, settings.identities)
     if chosen != settings.identities:
         session.change_settings(replace(settings, identities=chosen))
@@ -121,7 +123,7 @@ def _identities(session: Session) -> None:
     widgets.tooltip("What identities are trained on: figure 2 and the published code, or the text")
     void = _choice("Pixels without a mask", _VOID, paper.rows.train_void)
     switched = lift.switched(n if changed else None, train_void=void)
-    session.find_options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
+    session.feature(FindState).options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
 
 
 def _actions(session: Session) -> None:
@@ -131,7 +133,7 @@ def _actions(session: Session) -> None:
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
-    hint = training_text(session.find_options.lift) if then else ""
+    hint = training_text(session.feature(FindState).options.lift) if then else ""
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
@@ -144,10 +146,10 @@ def _actions(session: Session) -> None:
         imgui.close_current_popup()
         association.lift(session)
     imgui.same_line()
-    as_preset = session.find_options == FindOptions()
+    as_preset = session.feature(FindState).options == FindOptions()
     same = "All is as the preset has it." if as_preset and _is_default(session.settings) else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
-        session.find_options = FindOptions()
+        session.feature(FindState).options = FindOptions()
         session.change_settings(replace(session.settings, identities="preset"))
     imgui.same_line()
     if widgets.button("Close"):

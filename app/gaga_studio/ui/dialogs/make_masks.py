@@ -13,8 +13,8 @@ from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.features.find import masks
+from gaga_studio.features.find.association import duration_text
 from gaga_studio.features.find.masks import MaskForm, MaskPreview, MaskRequest, Views
-from gaga_studio.session.next_stage import duration_text
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind

@@ -6,6 +6,7 @@ from gaga_core.segmentation.models.hub import Listing, terms
 from gaga_core.segmentation.models.status import ModelStatus
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.features.find import masks
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -44,7 +45,7 @@ def draw(session: Session) -> None:
     """The whole sheet."""
     if not begin_modal(SHEET, em(70)):
         return
-    if not session.models.entries:
+    if not session.feature(ModelsState).entries:
         masks.refresh_models(session)
     imgui.push_text_wrap_pos(0.0)
     widgets.dim(
@@ -53,7 +54,7 @@ def draw(session: Session) -> None:
     )
     imgui.pop_text_wrap_pos()
     widgets.line(f"Models lie in {paths.shown(models_folder())}.", theme.DIM)
-    state = session.models
+    state = session.feature(ModelsState)
     is_asking = state.offered is not None or state.removing is not None
     footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
     below = footer + imgui.get_style().item_spacing.y
@@ -76,7 +77,7 @@ def _table(session: Session) -> None:
         flag = kind.width_fixed if width > 0 else kind.width_stretch
         imgui.table_setup_column(title, flag, em(width) if width > 0 else -width)
     imgui.table_headers_row()
-    for entry in session.models.entries:
+    for entry in session.feature(ModelsState).entries:
         imgui.table_next_row()
         imgui.push_id(entry.model.name)
         _row(session, entry)
@@ -122,7 +123,7 @@ def _seconds(entry: ModelStatus) -> str:
 
 def _foot(session: Session) -> None:
     """What is asked, or the progress of what runs."""
-    state, job = session.models, session.jobs.running
+    state, job = session.feature(ModelsState), session.jobs.running
     if job is not None:
         _progress(session, job)
     elif state.offered is not None:

@@ -3,7 +3,7 @@
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.features import thumbnails
+from gaga_studio.features import object_list
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
@@ -18,7 +18,7 @@ def draw(
     """Draw the object of a row into the square at ``corner``; grey until it is there."""
     drawing = imgui.get_window_draw_list()
     high = ImVec2(corner.x + side, corner.y + side)
-    texture = _texture(session, table, row, thumbnails.SIDE)
+    texture = _texture(session, table, row, object_list.SMALL)
     if texture is None:
         drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED, alpha), em(0.2))
         return
@@ -30,10 +30,10 @@ def tooltip(session: Session, table: ObjectTable, row: int) -> None:
     """Show the picture larger while the mouse rests on the item that was drawn last."""
     if not imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         return
-    small = _texture(session, table, row, thumbnails.SIDE)
+    small = _texture(session, table, row, object_list.SMALL)
     if small is None or not imgui.begin_tooltip():
         return
-    large = _texture(session, table, row, thumbnails.LARGE)
+    large = _texture(session, table, row, object_list.LARGE)
     side = theme.scaled(_HOVERED)
     imgui.image(large or small, ImVec2(side, side))
     imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + side)
@@ -45,7 +45,7 @@ def tooltip(session: Session, table: ObjectTable, row: int) -> None:
 def _texture(
     session: Session, table: ObjectTable, row: int, side: int
 ) -> imgui.ImTextureRef | None:
-    wanted = thumbnails.request(session, table, row, side)
+    wanted = object_list.picture_request(session, table, row, side)
     if wanted is None or session.images is None:
         return None
     texture = session.images.texture(*wanted)

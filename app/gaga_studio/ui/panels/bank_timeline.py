@@ -4,9 +4,9 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.figures import BankGrowth
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.memory_bank import Timeline
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.timeline import Timeline
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
 from gaga_studio.ui.kit.requests import RequestTable

@@ -4,7 +4,7 @@ from imgui_bundle import imgui
 
 from gaga_core.scene.folders import name_of
 from gaga_studio.features import folders
-from gaga_studio.session.object_list import FolderSums, Line
+from gaga_studio.features.object_list import FolderSums, Line, ObjectListView
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -41,7 +41,7 @@ class FolderRow:
         self._select_area()
         row = last_row()
         if arrow(row.low, self.depth, self.columns, self.is_open):
-            self.document.listing.toggle(self.path)
+            self.document.feature(ObjectListView).toggle(self.path)
         widgets.tooltip("Close this folder" if self.is_open else "Open this folder")
         imgui.table_set_column_index(1)
         if self.state.renaming_folder == self.path:

@@ -6,8 +6,8 @@ from imgui_bundle import imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import object_list
-from gaga_studio.features.find import memory_bank
-from gaga_studio.session.object_list import ListFilter, Measure, Range
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ListFilter, Measure, ObjectListView, Range
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
@@ -27,7 +27,7 @@ _UNKNOWN = {
 
 def button(session: Session) -> None:
     """The button next to the search box, and what it opens."""
-    is_on = session.need().listing.filter.is_on
+    is_on = session.need().feature(ObjectListView).filter.is_on
     hint = "List only objects of some size, confidence or quality"
     if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
         imgui.open_popup(_POPUP)
@@ -39,12 +39,12 @@ def button(session: Session) -> None:
 
 def foot(session: Session, table: ObjectTable) -> bool:
     """How many objects the filter lists, of what is looked for, and its end; False while off."""
-    listing = session.need().listing
-    kept = object_list.kept_rows(session, table, memory_bank.quality_column(session, table))
+    listing = session.need().feature(ObjectListView)
+    kept = object_list.kept_rows(session, table)
     if kept is None:
         return False
     n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
-    text, search = f"{n_kept:,} of {n:,} objects", session.need().search
+    text, search = f"{n_kept:,} of {n:,} objects", session.need().feature(SearchState)
     if search.text.strip():
         n_kept = len(search.meant)
         text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
@@ -59,12 +59,12 @@ def foot(session: Session, table: ObjectTable) -> bool:
 def _ranges(session: Session) -> None:
     """A range for each measure; what nothing is known of says why."""
     table = session.objects()
-    measures = object_list.measures(session, table, memory_bank.quality_column(session, table))
+    measures = object_list.measures(session, table)
     widgets.heading("List only objects with")
     for measure, name, hint in _ROWS:
         _range(session, table, (measure, name, hint), measures[measure])
     imgui.dummy(imgui.ImVec2(0, em(0.2)))
-    listing = session.need().listing
+    listing = session.need().feature(ObjectListView)
     why_not = "" if listing.filter.is_on else "Nothing is left out."
     if widgets.button("Clear", why_not=why_not):
         listing.filter = ListFilter()
@@ -77,7 +77,7 @@ def _range(
     session: Session, table: ObjectTable, row: tuple[Measure, str, str], values: DoubleArray
 ) -> None:
     measure, name, hint = row
-    listing = session.need().listing
+    listing = session.need().feature(ObjectListView)
     whole = object_list.whole_range(table, measure, values)
     why_not = _UNKNOWN.get(measure, "") if whole is None else ""
     imgui.align_text_to_frame_padding()

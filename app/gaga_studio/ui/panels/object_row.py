@@ -10,9 +10,8 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
 from gaga_studio.features import commands, folders, objects, selection
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.object_list import Line, ObjectListView, PartIndex
 from gaga_studio.session.document import Document
-from gaga_studio.session.object_list import Line
-from gaga_studio.session.part_index import PartIndex
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, object_picture, theme, widgets
@@ -139,7 +138,7 @@ class _Row:
         if self.line.has_children:
             self._fold(row)
         elif columns.arrow and parts is not None and self.group and parts.parts(self.group):
-            listing, key = self.document.listing, (self.group,)
+            listing, key = self.document.feature(ObjectListView), (self.group,)
             if arrow(row.low, self.line.depth, columns, key in listing.open_parts):
                 listing.toggle_parts(key)
             widgets.tooltip("Its parts, by the levels of detail of its masks")
@@ -148,7 +147,7 @@ class _Row:
 
     def _fold(self, row: Across) -> None:
         """What opens and closes what lies under the object."""
-        listing, is_open = self.document.listing, self.line.is_open
+        listing, is_open = self.document.feature(ObjectListView), self.line.is_open
         if arrow(row.low, self.line.depth, self.rows.columns, is_open):
             listing.toggle_group(self.group, is_open)
         widgets.tooltip("Objects under it. Double-click the row to select them with it")

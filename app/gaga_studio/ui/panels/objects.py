@@ -8,10 +8,10 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import commands, folders, object_list
-from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.object_list import Line, Lines, ObjectListView
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request
-from gaga_studio.session.object_list import Line, Lines
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -87,7 +87,7 @@ def _nothing_yet(session: Session) -> None:
     if session.live is not None:
         widgets.empty_state(icons.BOXES, "No objects yet", "They appear here as views are done.")
         return
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
     if offer is not None and offer.command:
@@ -110,7 +110,7 @@ def _list(
     table: ObjectTable,
 ) -> None:
     measured = memory_bank.quality_column(session, table)
-    lines = object_list.lines(session, table, measured, *state.sort)
+    lines = object_list.lines(session, table, *state.sort)
     height = object_row.height(imgui.get_content_region_avail().y)
     parts = object_list.part_index(session)
     order = document.scene.folders
@@ -185,7 +185,7 @@ def _follow_selection(
             imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
         ):
             state.scroll_to = selected[0]
-            document.listing.reveal_group(document.scene.folders, selected[0])
+            document.feature(ObjectListView).reveal_group(document.scene.folders, selected[0])
     if state.scroll_to is None:
         return
     at = _line_at(lines, state.scroll_to)
@@ -229,7 +229,7 @@ def _foot_height(session: Session) -> float:
     line = imgui.get_text_line_height()
     if _is_dragging(session):
         line = imgui.get_frame_height()
-    elif session.need().listing.filter.is_on:
+    elif session.need().feature(ObjectListView).filter.is_on:
         line = em(1.25)
     return line + imgui.get_style().item_spacing.y + theme.scaled(2)
 

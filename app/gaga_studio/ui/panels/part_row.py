@@ -7,9 +7,8 @@ import numpy as np
 from imgui_bundle import imgui
 
 from gaga_core.scene.scene import State
-from gaga_studio.features import commands, selection
-from gaga_studio.session.object_list import Line
-from gaga_studio.session.part_index import Part
+from gaga_studio.features import commands, object_list
+from gaga_studio.features.object_list import Line, ObjectListView, Part
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.panels.row_parts import arrow, compact, indent, last_row, lower, select_area
@@ -62,7 +61,7 @@ class PartRow:
     def _begin(self) -> None:
         """What opens the parts of the part, and its sign in the color of the object."""
         row, columns, depth = last_row(), self.rows.columns, self.line.depth
-        parts, listing = self.rows.parts, self.rows.document.listing
+        parts, listing = self.rows.parts, self.rows.document.feature(ObjectListView)
         if parts is not None and parts.parts(self.part):
             if arrow(row.low, depth, columns, self.part.key in listing.open_parts):
                 listing.toggle_parts(self.part.key)
@@ -82,7 +81,7 @@ class PartRow:
 
     def _select(self, how: "How") -> None:
         name = self.rows.table.names[self.line.row]
-        selection.select_part(self.rows.session, self.part, name, how)
+        object_list.select_part(self.rows.session, self.part, name, how)
 
     def _menu(self) -> None:
         session = self.rows.session

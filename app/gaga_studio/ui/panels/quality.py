@@ -6,6 +6,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import commands
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.selection import Uncertain
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -71,12 +72,12 @@ def draw_confidence(session: Session, document: Document) -> None:
     share = float(counts @ (np.arange(_BINS) + 0.5) / max(int(counts.sum()), 1) / _BINS)
     if not widgets.section(f"Confidence: {100 * share:.0f} %###Confidence"):
         return
-    _histogram(counts / max(int(counts.max()), 1), document.confidence_threshold)
+    _histogram(counts / max(int(counts.max()), 1), document.feature(Uncertain).threshold)
     imgui.set_next_item_width(-1)
-    below = round(100 * document.confidence_threshold)
+    below = round(100 * document.feature(Uncertain).threshold)
     changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
-        document.confidence_threshold = below / 100
+        document.feature(Uncertain).threshold = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
     command_buttons.command_button(session, "object.uncertain", "Select uncertain", Face())
     widgets.next_to("Clean up the edge")

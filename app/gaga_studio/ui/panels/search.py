@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.features import commands, selection
+from gaga_studio.features import commands, object_list, selection
 from gaga_studio.features.find import search as search_actions
+from gaga_studio.features.find.search import SearchHit, SearchState
+from gaga_studio.features.object_list import ObjectListView
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request
-from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_picture, theme, widgets
@@ -54,11 +55,11 @@ def draw(
     table: ObjectTable,
 ) -> bool:
     """The box, and under it the answer; False while nothing is looked for."""
-    search = document.search
+    search = document.feature(SearchState)
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
     list_filter.button(session)
-    search_actions.tick(session)
+    search_actions.tick(session, object_list.kept_groups)
     if not search.text.strip():
         return False
     _understood(session, search)
@@ -178,7 +179,11 @@ def _ways_out(session: Session) -> None:
 
 
 def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState) -> None:
-    foot = em(1.25) if session.need().listing.filter.is_on else imgui.get_text_line_height()
+    foot = (
+        em(1.25)
+        if session.need().feature(ObjectListView).filter.is_on
+        else imgui.get_text_line_height()
+    )
     size = ImVec2(0, -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
     if imgui.begin_child("Answer", size):
         _lines(session, state, table, search)
@@ -207,7 +212,7 @@ def _lines(
 def _line(
     session: Session, state: SearchBoxState, table: ObjectTable, at: int, high: float
 ) -> None:
-    search = session.need().search
+    search = session.need().feature(SearchState)
     hit = search.hits[at]
     row = table.row(hit.group)
     if row is None:
@@ -231,7 +236,7 @@ def _line(
 
 
 def _clicked(session: Session, at: int) -> None:
-    io, search = imgui.get_io(), session.need().search
+    io, search = imgui.get_io(), session.need().feature(SearchState)
     if io.key_ctrl or io.key_shift:
         selection.select_groups(session, (search.hits[at].group,), "add")
         search.at = at

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.features import commands
+from gaga_studio.features import cleanup, commands, fill
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.ui.chrome import command_buttons
@@ -26,12 +27,12 @@ def draw(session: Session, state: OfferState, area: PictureArea) -> None:
 
     What lacks a button to run is said until objects are made by hand.
     """
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     area.offer_top = float("inf")
     document = session.document
     if offer is None or document is None or state.is_closed:
         return
-    if document.cleaning is not None or document.filling is not None:
+    if cleanup.shown(session) is not None or fill.shown(session) is not None:
         return  # it would cover a preview that is to be looked at
     if not offer.command and session.tool is ToolName.OBJECT:
         return  # it only advises what is being done
@@ -52,7 +53,7 @@ def draw(session: Session, state: OfferState, area: PictureArea) -> None:
 
 
 def _content(session: Session, state: OfferState, width: float) -> None:
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     if offer is None:
         return
     first = Face(offer.label, icons.RUN, primary=True)

@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.errors import GagaError
 from gaga_studio.features import commands, reconstruction
+from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
-from gaga_studio.session import next_stage
 from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, smoothed
@@ -85,7 +85,9 @@ def _label(session: Session, found: "PhotoFind") -> str:
     if reconstruction.too_few(found):
         return reconstruction.title(session)
     seconds = found.seconds(reconstruction.plan_of(found).config)
-    return next_stage.StageOffer("", reconstruction.title(session), seconds=max(seconds, 1.0)).label
+    return association.StageOffer(
+        "", reconstruction.title(session), seconds=max(seconds, 1.0)
+    ).label
 
 
 # --- while it runs
@@ -254,7 +256,7 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     if is_other:
         widgets.dim("With other settings the training starts again.", wrap=True)
         found = replace(found, iteration=0)
-    about = next_stage.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
+    about = association.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
     widgets.dim(f"It takes {about} on the processor here.")
     width = em(8)
     room, gap = imgui.get_content_region_avail().x, imgui.get_style().item_spacing.x
