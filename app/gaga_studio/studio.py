@@ -2,7 +2,9 @@
 
 import logging
 import time
-from dataclasses import replace
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,41 +18,262 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats, split_view
 from gaga_studio.actions import camera_path as camera_path_actions
+from gaga_studio.actions.bank_timeline import timeline_of
+from gaga_studio.actions.reduce import ReducePlan
 from gaga_studio.gpu.context import attach
-from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
-from gaga_studio.gpu.viewport import Overlays, Viewport
+from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
 from gaga_studio.session import level_of_detail, saving
 from gaga_studio.session.notices import Level
 from gaga_studio.session.render_requests import RenderRequests
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
-from gaga_studio.system.log import start_log
-from gaga_studio.system.window import Hooks, Window, WindowOptions
-from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
-from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.system.paths import start_log
+from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
+from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
+from gaga_studio.ui.chrome.status import status_text
+from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
-    add_views,
     export,
+    files,
     film_and_picture,
-    find_objects,
     first_steps,
-    make_masks,
+    masks,
     models,
     preferences,
     reduce,
     sheets,
-    shortcuts,
 )
-from gaga_studio.ui.dialogs.file_dialog import FilePicker, has_native
-from gaga_studio.ui.dispatch import request_table
-from gaga_studio.ui.docked import panels
+from gaga_studio.ui.dialogs.export import ExportSheet
+from gaga_studio.ui.dialogs.files import FilePicker, has_native
+from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
+from gaga_studio.ui.dialogs.masks import MaskDialog
+from gaga_studio.ui.dialogs.preferences import DraggedPreferences
+from gaga_studio.ui.dialogs.sheets import PaletteState
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.guard import Guard
-from gaga_studio.ui.state import UiState
+from gaga_studio.ui.kit.modal import RequestTable
+from gaga_studio.ui.kit.picture_area import PictureArea
+from gaga_studio.ui.panels import (
+    camera_path,
+    film_strip,
+    history,
+    inspector,
+    memory_bank,
+    objects,
+    search,
+    selecting,
+)
+from gaga_studio.ui.panels import memory_bank as timeline
+from gaga_studio.ui.panels.camera_path import BookmarkState
+from gaga_studio.ui.panels.film_strip import FilmStripState
+from gaga_studio.ui.panels.history import HistoryState
+from gaga_studio.ui.panels.inspector import InspectorState
+from gaga_studio.ui.panels.objects import ObjectListState
+from gaga_studio.ui.panels.selecting import SelectBy
 from gaga_studio.ui.viewport import training
-from gaga_studio.ui.viewport.viewport import ViewportPanel
+from gaga_studio.ui.viewport.training import PlanSheet
+from gaga_studio.ui.viewport.viewport import PictureState, ViewportPanel
+
+# --- What the panels and dialogs remember between frames; each part is defined next to its owner.
+
+
+@dataclass
+class SceneUi:
+    """What belongs to the open scene, and is forgotten with it."""
+
+    picture: PictureState = field(default_factory=PictureState)
+    objects: ObjectListState = field(default_factory=ObjectListState)
+    inspector: InspectorState = field(default_factory=InspectorState)
+    select_by: SelectBy = field(default_factory=SelectBy)
+    film_strip: FilmStripState = field(default_factory=FilmStripState)
+    bookmarks: BookmarkState = field(default_factory=BookmarkState)
+    history: HistoryState = field(default_factory=HistoryState)
+    masks: MaskDialog = field(default_factory=MaskDialog)
+
+
+@dataclass
+class UiState:
+    """The parts, in the hands of the panels and dialogs that own them."""
+
+    files: FilePicker = field(default_factory=FilePicker)
+    scene: SceneUi = field(default_factory=SceneUi)
+    area: PictureArea = field(default_factory=PictureArea)
+    palette: PaletteState = field(default_factory=PaletteState)
+    preferences: DraggedPreferences = field(default_factory=DraggedPreferences)
+    export: ExportSheet = field(default_factory=ExportSheet)
+    reduce: ReducePlan = field(default_factory=ReducePlan)
+    film: FilmChoices = field(default_factory=FilmChoices)
+    plan: PlanSheet = field(default_factory=PlanSheet)
+    toasts: ToastState = field(default_factory=ToastState)
+
+    def forget_scene(self) -> None:
+        """Another scene was opened; own models and the switch of the film strip stay."""
+        before = self.scene
+        self.scene = SceneUi(
+            film_strip=FilmStripState(shows_masks=before.film_strip.shows_masks),
+            masks=MaskDialog(own=before.masks.own),
+        )
+
+
+# --- The dockable panels: their titles, who draws them, and where each is docked.
+
+
+_MAIN = "MainDockSpace"
+
+
+def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel, ...]:
+    """Every panel of the window. State of a scene is looked up when a panel is drawn."""
+
+    def draw_objects() -> None:
+        objects.draw(session, ui.scene.objects, ui.scene.picture.evidence.menu, ui.area)
+
+    def draw_timeline() -> None:
+        timeline.draw_timeline(session)
+
+    return (
+        Panel(
+            "Viewport",
+            lambda: picture.draw(session, ui.scene.picture, ui.area),
+            _MAIN,
+            _MAIN,
+            is_bare=True,
+        ),
+        Panel("Objects", draw_objects, "Left", "Right"),
+        Panel(
+            "Inspector",
+            lambda: inspector.draw(session, ui.scene.inspector),
+            "Right",
+            "RightBottom",
+        ),
+        Panel(
+            "Select by",
+            lambda: selecting.draw(session, ui.scene.select_by),
+            "Right",
+            "RightBottom",
+        ),
+        Panel(
+            "Memory bank",
+            lambda: memory_bank.draw(session, ui.scene.picture.evidence),
+            "RightDown",
+            "RightBottom",
+        ),
+        Panel("Views", lambda: film_strip.draw(session, ui.scene.film_strip), "Bottom", "Right"),
+        Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
+        Panel(
+            "Bookmarks",
+            lambda: camera_path.draw_bookmarks(session, ui.scene.bookmarks),
+            "Bottom",
+            "Right",
+        ),
+        Panel(
+            timeline.TITLE,
+            draw_timeline,
+            "Bottom",
+            "Right",
+            is_wanted=lambda: timeline_of(session).is_open,
+        ),
+        Panel(
+            "History",
+            lambda: history.draw(session, ui.scene.history),
+            "RightDown",
+            "RightBottom",
+        ),
+    )
+
+
+# --- Every dialog of the window registers itself for the request that it answers.
+
+
+def request_table(ui: UiState) -> RequestTable:
+    """The answers to all requests. State of a scene is looked up when a request comes."""
+    table = RequestTable()
+    sheets.register(table, ui.palette)
+    preferences.register(table)
+    command_buttons.register(table)
+    training.register(table)
+    export.register(table, ui.export)
+    film_and_picture.register(table)
+    masks.register_make_masks(table)
+    masks.register_find_objects(table)
+    masks.register_add_views(table)
+    models.register(table)
+    reduce.register(table, ui.reduce)
+    files.register(table, ui.files)
+    objects.register(table, lambda: ui.scene.objects)
+    timeline.register(table)
+    search.register(table, lambda: ui.scene.objects.search, ui.area)
+    return table
+
+
+# --- What becomes of an error while something is drawn: it is told, and the frame goes on.
+# An error that leaves a child window, a popup or a table open would end the process at the end of
+# the frame. So the toolkit's stacks are put back to where they were before.
+
+
+Act = Callable[[], object]
+
+
+class Guard:
+    """Calls what the window wants drawn. ``tell`` gets the place and the error.
+
+    A place that fails in every frame in the same way is told of once.
+    """
+
+    def __init__(self, tell: Callable[[str, Exception], None]) -> None:
+        self._tell = tell
+        self._failing: dict[str, str] = {}  # what each place failed with when it was called last
+
+    def wrap(self, place: str, act: Act) -> Callable[[], None]:
+        """``act``, called by this guard."""
+        return lambda: self.call(place, act)
+
+    def call(self, place: str, act: Act) -> None:
+        """Call ``act``; whatever it raises is told, never passed on."""
+        stacks = _stacks()
+        try:
+            act()
+        except Exception as error:  # noqa: BLE001  the toolkit would abort: it becomes a notice and a log entry
+            # A list clipper ends itself when it goes, and needs its window for that.
+            traceback.clear_frames(error.__traceback__)
+            if stacks is not None:
+                _put_back(stacks)
+            failure = repr(error)
+            if self._failing.get(place) != failure:
+                self._failing[place] = failure
+                self._tell(place, error)
+        else:
+            self._failing.pop(place, None)
+
+
+def _stacks() -> imgui.internal.ErrorRecoveryState | None:
+    """How much is open now; None between two frames, when nothing can be."""
+    if not imgui.get_current_context().within_frame_scope:
+        return None
+    stacks = imgui.internal.ErrorRecoveryState()
+    imgui.internal.error_recovery_store_state(stacks)
+    return stacks
+
+
+def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
+    """Close what was opened since; in silence, for the error itself is told."""
+    io = imgui.get_io()
+    kept = (
+        io.config_error_recovery_enable_assert,
+        io.config_error_recovery_enable_tooltip,
+        io.config_error_recovery_enable_debug_log,
+    )
+    io.config_error_recovery_enable_assert = False
+    io.config_error_recovery_enable_tooltip = False
+    io.config_error_recovery_enable_debug_log = False
+    imgui.internal.error_recovery_try_to_recover_state(stacks)
+    io.config_error_recovery_enable_assert = kept[0]
+    io.config_error_recovery_enable_tooltip = kept[1]
+    io.config_error_recovery_enable_debug_log = kept[2]
+
+
+# --- The one place that joins window, session, panels and picture; the frame loop.
+
 
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
@@ -117,7 +340,7 @@ class Studio:
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=guarded("Keys", lambda: shortcuts.pressed(session, self._escape)),
+            keys=guarded("Keys", lambda: preferences.pressed(session, self._escape)),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
@@ -225,9 +448,9 @@ class Studio:
         call("Film and picture", lambda: film_and_picture.draw(session, ui.film, ui.files))
         call("Make splats", lambda: training.sheet(session, ui.plan))
         call("Menus", lambda: command_buttons.picture_menus(session))
-        call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
-        call("Find objects", lambda: find_objects.draw(session))
-        call("Add views", lambda: add_views.draw(session))
+        call("Make masks", lambda: masks.draw_make_masks(session, ui.scene.masks, ui.files))
+        call("Find objects", lambda: masks.draw_find_objects(session))
+        call("Add views", lambda: masks.draw_add_views(session))
         call("Models", lambda: models.draw(session))
         call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
         call("First steps", steps)
@@ -239,8 +462,8 @@ class Studio:
         figures = None
         if document is not None:
             n_splats = document.read.n_splats()
-            figures = status_bar.FrameFigures(n_splats, self._pacing.frame_ms, self._backend)
-        status_bar.draw(self.session, hint, figures)
+            figures = status.FrameFigures(n_splats, self._pacing.frame_ms, self._backend)
+        status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
         """End a preview or a gesture, or close the compared photo; whether there was one."""

@@ -15,7 +15,7 @@ from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState
-from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.ui.chrome.status import status_text
 from tests.app.tools.hand import H, Hand, W, state, titles
 
 

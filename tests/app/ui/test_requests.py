@@ -10,10 +10,9 @@ from gaga_studio.commands import COMMANDS
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.ui.dispatch import request_table
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.studio import SceneUi, UiState, request_table
+from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.panels.film_strip import FilmStripState
-from gaga_studio.ui.state import SceneUi, UiState
 from tests.app.window.driver import KEY, Driver, drive
 
 _BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU}

@@ -4,7 +4,7 @@ import unicodedata
 
 import pytest
 
-from gaga_studio.ui.kit.right_to_left import visual
+from gaga_studio.ui.kit.theme import visual
 
 
 @pytest.mark.parametrize("text", ["", "mug 2", "Tasse à café", "чашка", "茶杯", "😀 mug"])

@@ -12,18 +12,18 @@ from gaga_studio.session import stages
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.ui.chrome import status_bar, status_text
+from gaga_studio.ui.chrome import status
 from tests.app.folders import write_scene
 
 
 @pytest.fixture(autouse=True)
 def _look_again() -> None:
-    status_text._look.cache_clear()
+    status._look.cache_clear()
 
 
 def test_it_names_the_backend_and_the_reason() -> None:
     name, reason = backend_report(wait=False)
-    found = status_text.backend()
+    found = status.backend()
     assert (found.name, found.reason) == (name.upper(), reason)
     assert found.sentence.endswith(f"{reason}.")
     assert name.upper() in found.sentence
@@ -31,7 +31,7 @@ def test_it_names_the_backend_and_the_reason() -> None:
 
 def test_a_choice_by_the_user_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAGA_BACKEND", "cpu")
-    assert status_text.backend() == status_text.Backend("CPU", "GAGA_BACKEND says so")
+    assert status.backend() == status.Backend("CPU", "GAGA_BACKEND says so")
 
 
 def test_it_is_not_asked_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,9 +41,9 @@ def test_it_is_not_asked_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append(wait)
         return "cuda", "a card"
 
-    monkeypatch.setattr(status_text, "backend_report", report)
-    monkeypatch.setattr(status_text, "_LOOK_EVERY", 1e9)
-    assert {status_text.backend() for _ in range(100)} == {status_text.Backend("CUDA", "a card")}
+    monkeypatch.setattr(status, "backend_report", report)
+    monkeypatch.setattr(status, "_LOOK_EVERY", 1e9)
+    assert {status.backend() for _ in range(100)} == {status.Backend("CUDA", "a card")}
     assert asked == [False]  # and no self-test is started
 
 
@@ -75,10 +75,10 @@ def test_opening_a_scene_prepares_the_kernels_beside(
 
 def test_a_running_job_says_what_how_far_and_how_long() -> None:
     job = Job("Associate masks", "Associate masks", "", -1.0, None, 0.0, False)
-    assert status_bar.job_text(job) == "Associate masks", "not known how far"
+    assert status.job_text(job) == "Associate masks", "not known how far"
     job = replace(job, fraction=0.456)
-    assert status_bar.job_text(job) == "Associate masks  46 %"
-    assert status_bar.job_text(replace(job, eta_s=12.2)) == "Associate masks  46 %, 12 s left"
-    late = status_bar.job_text(replace(job, eta_s=200.0))
+    assert status.job_text(job) == "Associate masks  46 %"
+    assert status.job_text(replace(job, eta_s=12.2)) == "Associate masks  46 %, 12 s left"
+    late = status.job_text(replace(job, eta_s=200.0))
     assert late == "Associate masks  46 %, 3 min 20 s left"
-    assert status_bar.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"
+    assert status.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"

@@ -11,7 +11,7 @@ from gaga_core.scene.frame import scale_of
 from gaga_studio.actions import measure
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import ViewportPoint
-from gaga_studio.tools.ground import surface_point
+from gaga_studio.tools.pick import surface_point
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import objects_scene
 

@@ -13,9 +13,9 @@ from gaga_studio import commands
 from gaga_studio.actions import objects, selection
 from gaga_studio.session.notices import Level
 from gaga_studio.system.fonts import fonts_with
-from gaga_studio.ui.dialogs.file_dialog import FileDialog, PathKind
+from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.right_to_left import visual
+from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window

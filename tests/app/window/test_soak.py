@@ -17,9 +17,8 @@ import pytest
 from gaga_core.scene.scene import Scene
 from gaga_studio import commands
 from gaga_studio.actions import color_grade, history, objects, selection, transform
-from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.overlays import Overlays
-from gaga_studio.gpu.viewport import Viewport
+from gaga_studio.gpu.viewport import Pacing, Viewport
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ToolName
 from gaga_studio.tools.controller import ToolController

@@ -10,8 +10,8 @@ import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
 from gaga_studio.commands import COMMANDS
-from gaga_studio.ui.chrome import status_bar
-from gaga_studio.ui.dialogs import shortcuts
+from gaga_studio.ui.chrome import status
+from gaga_studio.ui.dialogs import preferences
 from gaga_studio.ui.dialogs.sheets import matching
 from gaga_studio.ui.viewport.gizmo import projection
 from tests.scenes import orbit_cameras
@@ -62,7 +62,7 @@ def test_launching_imports_neither_torch_nor_transformers() -> None:
 
 
 def test_every_shortcut_is_a_key() -> None:
-    keys = shortcuts.all_keys()
+    keys = preferences.all_keys()
     assert {"Z", "F1", "Delete", "/", "1"} <= set(keys)
 
 
@@ -74,9 +74,9 @@ def test_the_palette_finds_by_any_word() -> None:
 
 
 def test_durations_are_for_people() -> None:
-    assert status_bar.duration(0.2) == "1 s"
-    assert status_bar.duration(61) == "61 s"
-    assert status_bar.duration(200) == "3 min 20 s"
+    assert status.duration(0.2) == "1 s"
+    assert status.duration(61) == "61 s"
+    assert status.duration(200) == "3 min 20 s"
 
 
 def test_the_handles_see_the_pixels_of_the_camera() -> None:

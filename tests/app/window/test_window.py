@@ -13,7 +13,7 @@ from gaga_core.scene.scene import Scene
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName
-from gaga_studio.ui.kit.photo_textures import groups_of_view
+from gaga_studio.ui.kit.textures import groups_of_view
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 

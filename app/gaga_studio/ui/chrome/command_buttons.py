@@ -7,7 +7,7 @@ from gaga_studio.actions import navigation
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.widgets import Face
 
 ICONS = {

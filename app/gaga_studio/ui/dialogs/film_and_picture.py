@@ -17,11 +17,9 @@ from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Side
-from gaga_studio.ui.dialogs.file_dialog import FilePicker
-from gaga_studio.ui.dialogs.open_and_save import stem, writing
+from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import RequestTable, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 

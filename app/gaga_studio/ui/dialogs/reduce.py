@@ -7,8 +7,7 @@ from gaga_studio.actions.reduce import ReducePlan, What
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import RequestTable, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 

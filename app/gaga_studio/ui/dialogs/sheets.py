@@ -11,8 +11,7 @@ from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, close_row
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import RequestTable, begin_modal, close_row
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 

@@ -1,10 +1,17 @@
 """A sheet in the middle of the window: its frame and its last row."""
 
+from collections.abc import Callable
+
 from imgui_bundle import ImVec2, imgui
 
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
+
+# --- A sheet in the middle of the window: its frame and its last row.
+
 
 _MODAL = (
     imgui.WindowFlags_.no_resize
@@ -53,3 +60,37 @@ def close_row() -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
     if widgets.button("Close", Face(width=width)):
         imgui.close_current_popup()
+
+
+# --- Which dialog answers which request of the session.
+
+
+Opener = Callable[[Session], object]
+
+
+class RequestTable:
+    """One opener for each request; every dialog registers its own."""
+
+    def __init__(self) -> None:
+        self._openers: dict[Request, Opener] = {}
+
+    @property
+    def requests(self) -> frozenset[Request]:
+        """The requests that are answered."""
+        return frozenset(self._openers)
+
+    def register(self, request: Request, opener: Opener) -> None:
+        """Let ``opener`` answer ``request``; ``ValueError`` when another one does already."""
+        if request in self._openers:
+            raise ValueError(f"{request}: two dialogs answer it")
+        self._openers[request] = opener
+
+    def register_popup(self, request: Request, name: str) -> None:
+        """Let ``request`` open the popup of this name."""
+        self.register(request, lambda _: imgui.open_popup(name))
+
+    def take(self, session: Session) -> None:
+        """Answer what the session asks for, if anything."""
+        request = session.take_request()
+        if request is not None:
+            self._openers[request](session)

@@ -8,8 +8,7 @@ from typing import TypeVar
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.right_to_left import visual
-from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.theme import em, visual
 
 T = TypeVar("T", bound=Hashable)
 

@@ -8,34 +8,61 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio import commands
-from gaga_studio.actions import folders, object_lines, quality
+from gaga_studio.actions import detail, folders, object_lines, quality
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line, Lines
 from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.picture_area import PictureArea
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import (
-    detail,
-    folder_row,
-    list_columns,
-    list_filter,
-    object_row,
-    row_parts,
-    search,
-)
-from gaga_studio.ui.panels.detail import DetailState
-from gaga_studio.ui.panels.folder_row import FolderRow
-from gaga_studio.ui.panels.object_row import Rows
-from gaga_studio.ui.panels.part_row import PartRow
-from gaga_studio.ui.panels.row_parts import RowState
+from gaga_studio.ui.panels import rows as folder_row
+from gaga_studio.ui.panels import rows as list_columns
+from gaga_studio.ui.panels import rows as object_row
+from gaga_studio.ui.panels import rows as row_parts
+from gaga_studio.ui.panels import search
+from gaga_studio.ui.panels import search as list_filter
+from gaga_studio.ui.panels.rows import FolderRow, PartRow, Rows, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
-from gaga_studio.ui.viewport.mask_menu import MaskMenuState
+from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
+
+# --- The slider above the object list: how fine the objects are that no model made.
+
+
+@dataclass
+class DetailState:
+    """The level that is being dragged to; None at rest."""
+
+    dragged: int | None = None
+
+
+def _detail_slider(session: Session, state: DetailState) -> None:
+    """Draw the slider where the groups of the scene have levels."""
+    levels = detail.levels_of(session)
+    if levels is None:
+        state.dragged = None
+        return
+    shown = levels.chosen if state.dragged is None else state.dragged
+    widgets.field_name("Detail", em(4))
+    moved, level = imgui.slider_int(
+        "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
+    )
+    ended = imgui.is_item_deactivated()
+    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
+    if moved and level != state.dragged:
+        state.dragged = level
+        detail.preview(session, level)
+    if ended and state.dragged is not None:
+        chosen, state.dragged = state.dragged, None
+        detail.choose(session, chosen)
+
+
+# --- The object list: find, filter and sort, folders, and a line for each object (`object_row`).
+
 
 _TABLE_FLAGS = (
     imgui.TableFlags_.sortable
@@ -75,7 +102,7 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
-    detail.draw(session, state.detail)
+    _detail_slider(session, state.detail)
     state.rows.hovered = state.search.hovered = 0
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
