@@ -15,17 +15,20 @@ from imgui_bundle import imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats, split_view
 from gaga_studio.actions import camera_path as camera_path_actions
-from gaga_studio.actions.bank_timeline import timeline_of
 from gaga_studio.actions.reduce import ReducePlan
+from gaga_studio.actions.search import find_here
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
 from gaga_studio.session import level_of_detail, saving
 from gaga_studio.session.notices import Level
 from gaga_studio.session.render_requests import RenderRequests
+from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Mode, ViewState
 from gaga_studio.system import paths, window
@@ -52,7 +55,6 @@ from gaga_studio.ui.dialogs.masks import MaskDialog
 from gaga_studio.ui.dialogs.preferences import DraggedPreferences
 from gaga_studio.ui.dialogs.sheets import PaletteState
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.panels import (
     camera_path,
@@ -64,7 +66,6 @@ from gaga_studio.ui.panels import (
     search,
     selecting,
 )
-from gaga_studio.ui.panels import memory_bank as timeline
 from gaga_studio.ui.panels.camera_path import BookmarkState
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from gaga_studio.ui.panels.history import HistoryState
@@ -119,91 +120,85 @@ class UiState:
 # --- The dockable panels: their titles, who draws them, and where each is docked.
 
 
-_MAIN = "MainDockSpace"
-
-
 def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel, ...]:
     """Every panel of the window. State of a scene is looked up when a panel is drawn."""
 
     def draw_objects() -> None:
         objects.draw(session, ui.scene.objects, ui.scene.picture.evidence.menu, ui.area)
 
-    def draw_timeline() -> None:
-        timeline.draw_timeline(session)
+    def draw_bookmarks() -> None:
+        camera_path.draw_bookmarks(session, ui.scene.bookmarks)
 
+    def draw_picture() -> None:
+        picture.draw(session, ui.scene.picture, ui.area)
+
+    right, down = ("Right", "RightBottom"), ("RightDown", "RightBottom")
+    bottom, main = ("Bottom", "Right"), ("MainDockSpace", "MainDockSpace")
     return (
-        Panel(
-            "Viewport",
-            lambda: picture.draw(session, ui.scene.picture, ui.area),
-            _MAIN,
-            _MAIN,
-            is_bare=True,
-        ),
+        Panel("Viewport", draw_picture, *main, is_bare=True),
         Panel("Objects", draw_objects, "Left", "Right"),
+        Panel("Inspector", lambda: inspector.draw(session, ui.scene.inspector), *right),
+        Panel("Select by", lambda: selecting.draw(session, ui.scene.select_by), *right),
+        Panel("Memory bank", lambda: memory_bank.draw(session, ui.scene.picture.evidence), *down),
+        Panel("Views", lambda: film_strip.draw(session, ui.scene.film_strip), *bottom),
+        Panel("Camera path", lambda: camera_path.draw(session), *bottom),
         Panel(
-            "Inspector",
-            lambda: inspector.draw(session, ui.scene.inspector),
-            "Right",
-            "RightBottom",
+            "Bookmarks", lambda: camera_path.draw_bookmarks(session, ui.scene.bookmarks), *bottom
         ),
         Panel(
-            "Select by",
-            lambda: selecting.draw(session, ui.scene.select_by),
-            "Right",
-            "RightBottom",
+            memory_bank.TIMELINE,
+            lambda: memory_bank.draw_timeline(session),
+            *bottom,
+            is_wanted=lambda: bank_timeline.timeline_of(session).is_open,
         ),
-        Panel(
-            "Memory bank",
-            lambda: memory_bank.draw(session, ui.scene.picture.evidence),
-            "RightDown",
-            "RightBottom",
-        ),
-        Panel("Views", lambda: film_strip.draw(session, ui.scene.film_strip), "Bottom", "Right"),
-        Panel("Camera path", lambda: camera_path.draw(session), "Bottom", "Right"),
-        Panel(
-            "Bookmarks",
-            lambda: camera_path.draw_bookmarks(session, ui.scene.bookmarks),
-            "Bottom",
-            "Right",
-        ),
-        Panel(
-            timeline.TITLE,
-            draw_timeline,
-            "Bottom",
-            "Right",
-            is_wanted=lambda: timeline_of(session).is_open,
-        ),
-        Panel(
-            "History",
-            lambda: history.draw(session, ui.scene.history),
-            "RightDown",
-            "RightBottom",
-        ),
+        Panel("History", lambda: history.draw(session, ui.scene.history), *down),
     )
 
 
-# --- Every dialog of the window registers itself for the request that it answers.
+# --- What answers the requests of the session.
 
 
-def request_table(ui: UiState) -> RequestTable:
-    """The answers to all requests. State of a scene is looked up when a request comes."""
-    table = RequestTable()
-    sheets.register(table, ui.palette)
-    preferences.register(table)
-    command_buttons.register(table)
-    training.register(table)
-    export.register(table, ui.export)
-    film_and_picture.register(table)
-    masks.register_make_masks(table)
-    masks.register_find_objects(table)
-    masks.register_add_views(table)
-    models.register(table)
-    reduce.register(table, ui.reduce)
-    files.register(table, ui.files)
-    objects.register(table, lambda: ui.scene.objects)
-    timeline.register(table)
-    search.register(table, lambda: ui.scene.objects.search, ui.area)
-    return table
+_POPUPS = {
+    Request.SHORTCUTS: sheets.KEYS,
+    Request.ABOUT: sheets.ABOUT,
+    Request.PREFERENCES: preferences.SHEET,
+    Request.OBJECT_MENU: command_buttons.OBJECT_POPUP,
+    Request.SCENE_MENU: command_buttons.SCENE_POPUP,
+    Request.MAKE_SPLATS: training.SHEET,
+    Request.SAVE_FILM: film_and_picture.FILM,
+    Request.SAVE_PICTURE: film_and_picture.PICTURE,
+    Request.MAKE_MASKS: masks.MAKE,
+    Request.EXPORT_MASKS: masks.EXPORT,
+    Request.FIND_OBJECTS: masks.FIND_OBJECTS,
+    Request.ADD_VIEWS: masks.ADD_VIEWS,
+}
+
+
+def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
+    """What opens for each request. State of a scene is looked up when a request comes."""
+    exports = partial(export.opens, sheet=ui.export)
+    popups = {request: _popup(name) for request, name in _POPUPS.items()}
+    return {
+        **popups,
+        **files.openers(ui.files),
+        Request.COMMAND_LIST: lambda _: sheets.open_commands(ui.palette),
+        Request.EXPORT_SCENE: partial(exports, what="scene"),
+        Request.EXPORT_SELECTED: partial(exports, what="selected"),
+        Request.EXPORT_OBJECTS: partial(exports, what="objects"),
+        Request.EXPORT_MESHES: partial(exports, what="objects", solid=MeshForm.MESH),
+        Request.EXPORT_PAGE: partial(exports, what="scene", form=SplatFormat.HTML),
+        Request.EXPORT_CAMERAS: partial(exports, what="cameras"),
+        Request.MODELS: models.opens,
+        Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
+        Request.RENAME: lambda s: objects.rename_selected(s, ui.scene.objects),
+        Request.TIMELINE: lambda _: imgui.set_window_focus(memory_bank.TIMELINE),
+        Request.FIND: lambda _: search.focus(ui.scene.objects.search),
+        Request.FIND_IN_VIEW: lambda s: find_here(s, ui.area.size),
+    }
+
+
+def _popup(name: str) -> Callable[[Session], object]:
+    return lambda _: imgui.open_popup(name)
 
 
 # --- What becomes of an error while something is drawn: it is told, and the frame goes on.
@@ -258,18 +253,13 @@ def _stacks() -> imgui.internal.ErrorRecoveryState | None:
 def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
     """Close what was opened since; in silence, for the error itself is told."""
     io = imgui.get_io()
-    kept = (
-        io.config_error_recovery_enable_assert,
-        io.config_error_recovery_enable_tooltip,
-        io.config_error_recovery_enable_debug_log,
-    )
-    io.config_error_recovery_enable_assert = False
-    io.config_error_recovery_enable_tooltip = False
-    io.config_error_recovery_enable_debug_log = False
+    said = [f"config_error_recovery_enable_{what}" for what in ("assert", "tooltip", "debug_log")]
+    kept = [getattr(io, name) for name in said]
+    for name in said:
+        setattr(io, name, False)
     imgui.internal.error_recovery_try_to_recover_state(stacks)
-    io.config_error_recovery_enable_assert = kept[0]
-    io.config_error_recovery_enable_tooltip = kept[1]
-    io.config_error_recovery_enable_debug_log = kept[2]
+    for name, was in zip(said, kept, strict=True):
+        setattr(io, name, was)
 
 
 # --- The one place that joins window, session, panels and picture; the frame loop.
@@ -294,7 +284,7 @@ class Studio:
     ) -> None:
         self.session = session or Session()
         self.ui = UiState(FilePicker(use_native=has_native()))
-        self._requests = request_table(self.ui)
+        self._openers = openers(self.ui)
         self.viewport: Viewport | None = None
         self.left: Viewport | None = None  # of a split view whose left side is drawn, too
         self._shows_left = False  # in this frame
@@ -440,7 +430,7 @@ class Studio:
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # A place of its own for each: a failure is told once while the same place goes on failing.
-        call("Commands", lambda: self._requests.take(session))
+        call("Commands", self._answer_request)
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
@@ -455,6 +445,11 @@ class Studio:
         call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
         call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
+
+    def _answer_request(self) -> None:
+        request = self.session.take_request()
+        if request is not None:
+            self._openers[request](self.session)
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.controller.tool(self.session))

@@ -10,8 +10,7 @@ from gaga_studio.commands import COMMANDS
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.studio import SceneUi, UiState, request_table
-from gaga_studio.ui.kit.modal import RequestTable
+from gaga_studio.studio import SceneUi, UiState, openers
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -21,14 +20,7 @@ _KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
 
 
 def test_every_request_has_exactly_one_dialog() -> None:
-    assert request_table(UiState()).requests == set(Request)
-
-
-def test_a_second_dialog_for_a_request_is_refused() -> None:
-    table = RequestTable()
-    table.register_popup(Request.ABOUT, "About")
-    with pytest.raises(ValueError, match="ABOUT"):
-        table.register_popup(Request.ABOUT, "Another")
+    assert set(openers(UiState())) == set(Request)
 
 
 def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> None:

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,14 @@ from imgui_bundle.immapp import testing
 from gaga_core.arrays import UInt8Array
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view_state import Mode, ToolName, ViewState
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
-# Of the window that nobody looks at: filling its pixels is most of a frame in software. The picture
-# of the splats has a buffer of its own, and is whole.
-_UNSEEN_SCALE = 0.05
+# Of the window and of the picture of the splats while nobody looks: filling pixels is most of a
+# frame in software.
+_UNSEEN_SCALE, _UNSEEN_PICTURE = 0.05, 0.1
 
 
 class Driver:
@@ -32,6 +33,7 @@ class Driver:
         self.patience_s = patience_s
         self.engine = engine  # imgui.test_engine.TestContext
         self.fills_window = False  # or as much as `_UNSEEN_SCALE`
+        self.sees = False  # the picture of the splats in full, or `_UNSEEN_PICTURE` of it
         self._on_main: Callable[[], Any] | None = None
         self._answer: Any = None
 
@@ -145,11 +147,20 @@ class Driver:
     def pixels(self) -> UInt8Array:
         """The picture (H, W, 3) after everything has settled, nothing under the mouse."""
         self.engine.mouse_move_to_pos(ImVec2(imgui.get_io().display_size.x - 4, 4))
-        self.settle()
-        viewport = self.studio.viewport
-        assert viewport is not None
-        picture: UInt8Array = self.on_main(viewport.read_pixels)
+        with self.looking():
+            viewport = self.studio.viewport
+            assert viewport is not None
+            picture: UInt8Array = self.on_main(viewport.read_pixels)
         return picture
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """The whole picture of the splats inside the block, which begins and ends settled."""
+        before, self.sees = self.sees, True
+        self.settle()
+        yield
+        self.sees = before
+        self.settle()
 
     def on_main(self, act: Callable[[], Any]) -> Any:
         """Do something in the thread that owns window and context: a test has one of its own."""
@@ -217,6 +228,15 @@ def drive(
     studio.never_idle = True
 
     drivers: list[Driver] = []
+    view_for = studio._pacing.view_for
+
+    def unseen(*of: Any) -> ViewState:
+        is_seen = drivers and (drivers[0].sees or drivers[0].fills_window)
+        scale = 1.0 if is_seen else _UNSEEN_PICTURE
+        made = view_for(*of)
+        return replace(made, resolution_scale=made.resolution_scale * scale)
+
+    studio._pacing.view_for = unseen  # type: ignore[method-assign]
 
     def run(engine: Any) -> None:
         # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.

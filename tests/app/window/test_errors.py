@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -53,45 +54,48 @@ def in_a_window() -> None:
     raise IndexError("a window is open")
 
 
-@pytest.mark.parametrize("place", ["Inspector", "Dialogs", "Tool bar"])
-@pytest.mark.parametrize("leave_open", [in_a_child, in_a_table, in_a_popup, in_a_window])
 def test_an_error_that_leaves_something_open_is_told(
-    display: str,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    place: str,
-    leave_open: Callable[[], None],
+    display: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Once in this frame, once in five frames running: each is told of once, and all goes on."""
-    module = {"Inspector": inspector, "Dialogs": sheets, "Tool bar": toolbar}[place]
-    real, wanted = module.draw, [0]
+    wanted = [0]
 
-    def draw(*args: object) -> None:
-        if wanted[0]:
-            wanted[0] -= 1
-            leave_open()
-        real(*args)
+    def failing(module: object, leave_open: Callable[[], None]) -> None:
+        real = module.draw  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(module, "draw", draw)
+        def draw(*args: object) -> None:
+            if wanted[0]:
+                wanted[0] -= 1
+                leave_open()
+            real(*args)
 
-    def told(d: Driver) -> list[str]:
-        return [notice.text for notice in d.session.notices if notice.level is Level.ERROR]
+        monkeypatch.setattr(module, "draw", draw)
 
     def walk(d: Driver) -> None:
-        for times in (1, 5):
-            d.session.notices = ()
-            caplog.clear()
-            wanted[0] = times
-            d.until(lambda: not wanted[0], "it failed")
-            d.frames(3)
-            assert told(d) == [f"Something went wrong in {place}; the details are in the log file."]
-            (entry,) = [r for r in caplog.records if r.levelno == logging.ERROR]
-            assert entry.exc_info is not None
-            assert leave_open.__name__ in (caplog.text)
-        d.menu("Help/###Keys and mouse")  # every part of the window still works
-        assert d.exists("Keys and mouse/###Close")
-        d.keys(KEY.escape)
-        assert d.exists("Viewport/Try the demo")
+        for (place, module), leave_open in product(
+            {"Inspector": inspector, "Dialogs": sheets, "Tool bar": toolbar}.items(),
+            (in_a_child, in_a_table, in_a_popup, in_a_window),
+        ):
+            failing(module, leave_open)
+            for times in (1, 5):
+                _fails(d, times, place, leave_open)
+            monkeypatch.undo()
+            d.menu("Help/###Keys and mouse")  # every part of the window still works
+            assert d.exists("Keys and mouse/###Close")
+            d.keys(KEY.escape)
+            assert d.exists("Viewport/Try the demo")
+
+    def _fails(d: Driver, times: int, place: str, leave_open: Callable[[], None]) -> None:
+        d.session.notices = ()
+        caplog.clear()
+        wanted[0] = times
+        d.until(lambda: not wanted[0], "it failed")
+        d.frames(3)
+        told = [notice.text for notice in d.session.notices if notice.level is Level.ERROR]
+        assert told == [f"Something went wrong in {place}; the details are in the log file."]
+        (entry,) = [r for r in caplog.records if r.levelno == logging.ERROR]
+        assert entry.exc_info is not None
+        assert leave_open.__name__ in caplog.text
 
     drive(walk, may_fail=True)
 

@@ -19,9 +19,9 @@ pytestmark = pytest.mark.window
 _PANELS = ("Objects", "Inspector", "Memory bank", "History", "Select by", "Views", "Camera path")
 _FRONTS = (("Inspector", "Memory bank", "Views"), ("Select by", "History", "Camera path"))
 _SIZES = {  # of the window, by the scale of the text
-    1.0: ((800, 500), (1280, 720), (1440, 900), (1900, 1060)),
-    1.25: ((800, 500), (1280, 720)),
-    1.5: ((1440, 900), (1900, 1060)),
+    1.0: ((800, 500), (1900, 1060)),
+    1.25: ((1280, 720),),
+    1.5: ((1440, 900),),
 }
 _SMALLEST = (800, 500)
 _WITH_OPTIONS = (ToolName.LASSO, ToolName.OBJECT, ToolName.COLOR)

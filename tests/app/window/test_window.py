@@ -113,7 +113,7 @@ def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
     drive(test, path=balls)
 
 
-@pytest.mark.parametrize("size", [(640, 400), (1920, 1080)])
+@pytest.mark.parametrize("size", [(640, 400), (1440, 900)])
 def test_small_and_large_windows(display: str, balls: Path, size: tuple[int, int]) -> None:
     def test(d: Driver) -> None:
         d.click("**/###Find objects")
@@ -153,156 +153,154 @@ def test_the_panels_fit_a_window_that_is_resized(display: str, balls: Path) -> N
     drive(test, path=balls, size=(1280, 720))
 
 
-def test_typing_a_name_fires_no_shortcut(display: str, balls: Path) -> None:
+def test_objects_are_used_by_hand(display: str, balls: Path) -> None:
     def test(d: Driver) -> None:
+        _the_palette_runs_a_command(d)
+        d.session.view.mode = Mode.COLOR
+        home = d.session.rig.pose
+        _the_mouse_moves_the_camera_and_a_photo_is_flown_to(d)
+        d.session.rig.pose = home
         d.click("**/###Find objects")
         d.settle()
-        group = _click_some_object(d)
-        n_visible = int(_scene(d).visible.sum())
-        d.keys(KEY.f2)
-        d.frames(3)
-        d.engine.key_chars("hmr /1")
-        d.engine.key_press(KEY.enter)
-        d.frames(3)
-        assert _scene(d).names == {group: "hmr /1"}
-        assert int(_scene(d).visible.sum()) == n_visible
-        assert d.mode() is Mode.COLOR
-        assert d.tool() is ToolName.PICK
-        d.keys(KEY.m)
-        assert d.mode() is Mode.GROUPS
+        for step in (
+            _typing_a_name_fires_no_shortcut,
+            _the_memory_bank_shows_its_masks,
+            _a_rectangle_selects_what_it_holds,
+            _the_list_selects_ranges_hides_and_filters,
+            _unsaved_edits_are_asked_about,
+        ):
+            d.on_main(lambda: d.session.need().history.go_to(1))
+            d.session.tool, d.session.view.mode, d.session.rig.pose = (
+                ToolName.PICK,
+                Mode.COLOR,
+                home,
+            )
+            d.focus("Objects")
+            d.settle()
+            step(d)
 
     drive(test, path=balls)
 
 
-def test_the_list_selects_ranges_hides_and_filters(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        table = d.session.objects()
-        groups = [int(group) for group in table.ids if group > 0]
-        d.click(_row(groups[0]))
-        d.engine.key_down(KEY.mod_shift)
-        d.click(_row(groups[2]))
-        d.engine.key_up(KEY.mod_shift)
-        assert d.session.selected_groups() == tuple(groups[:3])
-        d.engine.key_down(KEY.mod_ctrl)
-        d.click(_row(groups[1]))
-        d.engine.key_up(KEY.mod_ctrl)
-        assert d.session.selected_groups() == (groups[0], groups[2])
-        d.click(f"**/object {groups[0]}/###Shown")
-        d.frames()
-        hidden = d.session.objects()
-        assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
-        d.engine.item_click("//Objects/##Find")
-        d.engine.key_chars(f"group {groups[1]}")
-        d.frames()
-        assert d.exists(_row(groups[1]))
-        assert not d.exists(_row(groups[2]))
-
-    drive(test, path=balls)
+def _typing_a_name_fires_no_shortcut(d: Driver) -> None:
+    group = _click_some_object(d)
+    n_visible = int(_scene(d).visible.sum())
+    d.keys(KEY.f2)
+    d.frames(3)
+    d.engine.key_chars("hmr /1")
+    d.engine.key_press(KEY.enter)
+    d.frames(3)
+    assert _scene(d).names == {group: "hmr /1"}
+    assert int(_scene(d).visible.sum()) == n_visible
+    assert d.mode() is Mode.COLOR
+    assert d.tool() is ToolName.PICK
+    d.keys(KEY.m)
+    assert d.mode() is Mode.GROUPS
 
 
-def test_a_rectangle_selects_what_it_holds(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        d.keys(KEY.r)
-        assert d.tool() is ToolName.RECT
-        width, height = d.size
-        d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
-        assert len(d.session.selected_groups()) >= 4
-        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
-        assert d.session.selected_groups() == ()
-
-    drive(test, path=balls)
-
-
-def test_the_mouse_moves_the_camera_and_a_photo_is_flown_to(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        width, height = d.size
-        start = d.session.rig.eye
-        d.drag_picture((width / 2, height / 2), (60, 10))
-        orbited = d.session.rig.eye
-        assert np.linalg.norm(orbited - start) > 0.1
-        d.move_to(width / 2, height / 2)
-        d.engine.mouse_wheel_y(3)
-        d.frames()
-        assert d.session.rig.pose.distance < np.linalg.norm(orbited - d.session.rig.pivot)
-        d.focus("Views")
-        d.click("**/View 001.png")
-        d.settle()
-        np.testing.assert_allclose(d.session.rig.eye, d.session.cameras[1].position, atol=1e-6)
-        d.engine.key_down(KEY.w)
-        d.frames(8)
-        d.engine.key_up(KEY.w)
-        assert np.linalg.norm(d.session.rig.eye - d.session.cameras[1].position) > 1e-4
-
-    drive(test, path=balls)
+def _the_list_selects_ranges_hides_and_filters(d: Driver) -> None:
+    table = d.session.objects()
+    groups = [int(group) for group in table.ids if group > 0]
+    d.click(_row(groups[0]))
+    d.engine.key_down(KEY.mod_shift)
+    d.click(_row(groups[2]))
+    d.engine.key_up(KEY.mod_shift)
+    assert d.session.selected_groups() == tuple(groups[:3])
+    d.engine.key_down(KEY.mod_ctrl)
+    d.click(_row(groups[1]))
+    d.engine.key_up(KEY.mod_ctrl)
+    assert d.session.selected_groups() == (groups[0], groups[2])
+    d.click(f"**/object {groups[0]}/###Shown")
+    d.frames()
+    hidden = d.session.objects()
+    assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
+    d.engine.item_click("//Objects/##Find")
+    d.engine.key_chars(f"group {groups[1]}")
+    d.frames()
+    assert d.exists(_row(groups[1]))
+    assert not d.exists(_row(groups[2]))
 
 
-def test_the_memory_bank_shows_its_masks(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        group = _click_some_object(d)
-        decisions = d.session.decisions(group)
-        assert len({decision.view for decision in decisions}) >= 6
-        d.focus("Memory bank")
-        chosen = decisions[1]
-        d.click(f"**/{chosen.view} {chosen.mask}/##decision")
-        d.settle()
-        assert d.studio.ui.scene.picture.evidence.decision == chosen
-        table = groups_of_view(_scene(d).bank, chosen.view)
-        assert table is not None
-        assert table[chosen.mask] == group
-        d.click("**/###Go to view")
-        d.settle()
-        camera = next(c for c in d.session.cameras if c.name == chosen.view)
-        np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
-        d.keys(KEY.escape)
-        assert d.studio.ui.scene.picture.evidence.decision is None
-        assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
-
-    drive(test, path=balls)
+def _a_rectangle_selects_what_it_holds(d: Driver) -> None:
+    d.keys(KEY.r)
+    assert d.tool() is ToolName.RECT
+    width, height = d.size
+    d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
+    assert len(d.session.selected_groups()) >= 4
+    d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
+    assert d.session.selected_groups() == ()
 
 
-def test_unsaved_edits_are_asked_about(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        assert not d.studio.window.hooks.may_close()
-        d.frames(3)
-        assert d.exists("Question/###Discard")
-        d.click("Question/###Cancel")
-        d.frames()
-        assert d.session.unsaved
-        assert not d.session.should_quit
-        d.keys(KEY.mod_ctrl, KEY.w)
-        d.frames(3)
-        d.click("Question/###Discard")
-        d.frames(3)
-        assert d.session.document is None
+def _the_mouse_moves_the_camera_and_a_photo_is_flown_to(d: Driver) -> None:
+    width, height = d.size
+    start = d.session.rig.eye
+    d.drag_picture((width / 2, height / 2), (60, 10))
+    orbited = d.session.rig.eye
+    assert np.linalg.norm(orbited - start) > 0.1
+    d.move_to(width / 2, height / 2)
+    d.engine.mouse_wheel_y(3)
+    d.frames()
+    assert d.session.rig.pose.distance < np.linalg.norm(orbited - d.session.rig.pivot)
+    d.focus("Views")
+    d.click("**/View 001.png")
+    d.settle()
+    np.testing.assert_allclose(d.session.rig.eye, d.session.cameras[1].position, atol=1e-6)
+    d.engine.key_down(KEY.w)
+    d.frames(8)
+    d.engine.key_up(KEY.w)
+    assert np.linalg.norm(d.session.rig.eye - d.session.cameras[1].position) > 1e-4
 
-    drive(test, path=balls)
+
+def _the_memory_bank_shows_its_masks(d: Driver) -> None:
+    group = _click_some_object(d)
+    decisions = d.session.decisions(group)
+    assert len({decision.view for decision in decisions}) >= 6
+    d.focus("Memory bank")
+    chosen = decisions[1]
+    d.click(f"**/{chosen.view} {chosen.mask}/##decision")
+    d.settle()
+    assert d.studio.ui.scene.picture.evidence.decision == chosen
+    table = groups_of_view(_scene(d).bank, chosen.view)
+    assert table is not None
+    assert table[chosen.mask] == group
+    d.click("**/###Go to view")
+    d.settle()
+    camera = next(c for c in d.session.cameras if c.name == chosen.view)
+    np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
+    d.keys(KEY.escape)
+    assert d.studio.ui.scene.picture.evidence.decision is None
+    assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
 
 
-def test_the_palette_runs_a_command(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.keys(KEY.mod_ctrl, KEY.p)
-        d.frames(3)
-        d.engine.key_chars("depth")
-        d.frames(2)
-        d.engine.key_press(KEY.enter)
-        d.frames(3)
-        assert d.mode() is Mode.DEPTH
-        d.keys(KEY.f1)
-        d.frames(3)
-        assert d.exists("Keys and mouse/###Close")
-        d.keys(KEY.escape)
-        d.frames(2)
-        assert not d.exists("Keys and mouse/###Close")
+def _unsaved_edits_are_asked_about(d: Driver) -> None:
+    assert not d.studio.window.hooks.may_close()
+    d.frames(3)
+    assert d.exists("Question/###Discard")
+    d.click("Question/###Cancel")
+    d.frames()
+    assert d.session.unsaved
+    assert not d.session.should_quit
+    d.keys(KEY.mod_ctrl, KEY.w)
+    d.frames(3)
+    d.click("Question/###Discard")
+    d.frames(3)
+    assert d.session.document is None
 
-    drive(test, path=balls)
+
+def _the_palette_runs_a_command(d: Driver) -> None:
+    d.keys(KEY.mod_ctrl, KEY.p)
+    d.frames(3)
+    d.engine.key_chars("depth")
+    d.frames(2)
+    d.engine.key_press(KEY.enter)
+    d.frames(3)
+    assert d.mode() is Mode.DEPTH
+    d.keys(KEY.f1)
+    d.frames(3)
+    assert d.exists("Keys and mouse/###Close")
+    d.keys(KEY.escape)
+    d.frames(2)
+    assert not d.exists("Keys and mouse/###Close")
 
 
 def test_nothing_is_drawn_again_while_nothing_changes(display: str, balls: Path) -> None:

@@ -4,10 +4,8 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_studio import commands
 from gaga_studio.actions import navigation
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.widgets import Face
 
 ICONS = {
@@ -146,6 +144,14 @@ OBJECT_MENU = (
     "file.export_selected",
     "file.export_meshes",
 )
+_IN_THE_PICTURE = (
+    "object.folder",
+    "select.children",
+    "",
+    "tool.pivot_here",
+    "tool.origin_here",
+    "tool.ground",
+)
 SPLITS = ("object.split", "object.split_masks", "object.split_here", "object.join_here")
 SCENE_MENU = (
     "select.all",
@@ -212,38 +218,14 @@ def object_menu(session: Session) -> None:
     _items(session, OBJECT_MENU)
 
 
-_OBJECT_POPUP, _SCENE_POPUP = "Object in the picture", "Scene in the picture"
-
-
-def register(table: RequestTable) -> None:
-    """Answer a right click in the picture."""
-    table.register_popup(Request.OBJECT_MENU, _OBJECT_POPUP)
-    table.register_popup(Request.SCENE_MENU, _SCENE_POPUP)
+OBJECT_POPUP, SCENE_POPUP = "Object in the picture", "Scene in the picture"
 
 
 def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
-    if imgui.begin_popup(_OBJECT_POPUP):
-        widgets.escape_closes()
-        _items(
-            session,
-            (
-                *OBJECT_MENU,
-                "object.folder",
-                "select.children",
-                "",
-                "tool.pivot_here",
-                "tool.origin_here",
-                "tool.ground",
-            ),
-        )
-        imgui.end_popup()
-    if imgui.begin_popup(_SCENE_POPUP):
-        widgets.escape_closes()
-        if session.view.pointed is not None:
-            _items(session, ("tool.pivot_here", ""))
-        _items(session, SCENE_MENU)
-        imgui.end_popup()
+    here = ("tool.pivot_here", "") if session.view.pointed is not None else ()
+    widgets.popup(OBJECT_POPUP, lambda: _items(session, (*OBJECT_MENU, *_IN_THE_PICTURE)))
+    widgets.popup(SCENE_POPUP, lambda: _items(session, (*here, *SCENE_MENU)))
 
 
 def split_menu(session: Session) -> None:

@@ -1,6 +1,5 @@
 """The sheet that exports: the scene, the selection, every object or the cameras; one for all."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,12 +14,11 @@ from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio import commands
 from gaga_studio.actions import export
 from gaga_studio.actions.export import ExportPlan, ExportSummary, What
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import RequestTable, begin_modal, body_height
+from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -72,13 +70,12 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
         options = _color(options, degree) if degree > 0 else options
         options = _fewer(options)
     widgets.field_name("Placement", em(NAMES))
-    changed, centre = widgets.checkbox("Middle at the origin", options.centre)
-    widgets.tooltip("The middle of all that is written becomes the origin; files still fit")
-    options = replace(options, centre=centre) if changed else options
+    hint = "The middle of all that is written becomes the origin; files still fit"
+    centre = widgets.tick("Middle at the origin", options.centre, hint)
     widgets.next_to("Lowest point at height 0", extra=em(2))
-    changed, ground = widgets.checkbox("Lowest point at height 0", options.ground)
-    widgets.tooltip("What is written stands on the ground")
-    options = replace(options, ground=ground) if changed else options
+    hint = "What is written stands on the ground"
+    ground = widgets.tick("Lowest point at height 0", options.ground, hint)
+    options = replace(options, centre=centre, ground=ground)
     widgets.field_name("Units", em(NAMES))
     form = "1 scene unit = %.4g in the file"
     flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
@@ -90,35 +87,27 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
 
 
 def _color(options: ExportOptions, degree: int) -> ExportOptions:
-    widgets.field_name("Color", em(NAMES))
-    chosen = degree if options.sh_degree is None else min(options.sh_degree, degree)
-    names = [f"View-dependent, degree {k}" if k else "The same from every side" for k in range(5)]
-    names[degree] = f"As it is (degree {degree})"
-    order = list(range(degree, -1, -1))
-    changed, at = imgui.combo("##Color", order.index(chosen), [names[k] for k in order])
-    widgets.tooltip("Lower degrees make smaller files and lose reflections")
-    if not changed:
-        return options
-    return replace(options, sh_degree=None if order[at] == degree else order[at])
+    now = degree if options.sh_degree is None else min(options.sh_degree, degree)
+    named = {k: f"View-dependent, degree {k}" for k in range(degree, 0, -1)}
+    named[0] = "The same from every side"
+    named[degree] = f"As it is (degree {degree})"
+    hint = "Lower degrees make smaller files and lose reflections"
+    chosen = widgets.choice("Color", named, now, em(NAMES), hint=hint)
+    return replace(options, sh_degree=None if chosen == degree else chosen)
 
 
 def _fewer(options: ExportOptions) -> ExportOptions:
-    widgets.field_name("Splats", em(NAMES))
-    shares = list(_SHARES)
-    now = min(range(len(shares)), key=lambda k: abs(shares[k] - options.keep))
-    changed, at = imgui.combo("##Splats", now, list(_SHARES.values()))
-    widgets.tooltip("Fewer make smaller files that are drawn faster: neighbours are merged")
-    return replace(options, keep=shares[at]) if changed else options
+    now = min(_SHARES, key=lambda share: abs(share - options.keep))
+    hint = "Fewer make smaller files that are drawn faster: neighbours are merged"
+    chosen = widgets.choice("Splats", _SHARES, now, em(NAMES), hint=hint)
+    return options if chosen == now else replace(options, keep=chosen)
 
 
 def _crop(session: Session, options: ExportOptions) -> ExportOptions:
-    changed, is_on = widgets.checkbox("Only what is in a box", options.crop is not None)
-    widgets.tooltip("The box is around the selection at first, else around everything")
-    if changed:
-        crop = _box(session) if is_on else None
-        return replace(options, crop=crop)
-    if options.crop is None:
-        return options
+    hint = "The box is around the selection at first, else around everything"
+    is_on = widgets.tick("Only what is in a box", options.crop is not None, hint)
+    if not is_on or options.crop is None:
+        return replace(options, crop=_box(session) if is_on else None)
     lo, hi = options.crop
     speed = max(*(b - a for a, b in zip(lo, hi, strict=True)), 1e-6) / 300
     widgets.field_name("  from", em(NAMES))
@@ -146,7 +135,7 @@ def _point(values: "list[float]") -> Point:
 # --- The sheet that exports: the scene, the selection, every object or the cameras; one for all.
 
 
-_SHEET = "Export"  # its title
+SHEET = "Export"  # its title
 _CAMERAS = "file.export_cameras"
 _NO_FOLDER = "COLMAP needs a folder: leave .json out of the name."
 _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
@@ -218,38 +207,25 @@ class ExportSheet:
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
 
 
-def register(table: RequestTable, sheet: ExportSheet) -> None:
-    """Answer the requests to export."""
-    for request, what in (
-        (Request.EXPORT_SCENE, "scene"),
-        (Request.EXPORT_SELECTED, "selected"),
-        (Request.EXPORT_OBJECTS, "objects"),
-        (Request.EXPORT_MESHES, "objects"),
-        (Request.EXPORT_PAGE, "scene"),
-        (Request.EXPORT_CAMERAS, "cameras"),
-    ):
-        form = SplatFormat.HTML if request is Request.EXPORT_PAGE else None
-        solid = MeshForm.MESH if request is Request.EXPORT_MESHES else None
-        table.register(request, _opener(sheet, what, form, solid))  # type: ignore[arg-type]  # What
-
-
-def _opener(
-    sheet: ExportSheet, what: What, form: SplatFormat | None, solid: MeshForm | None
-) -> Callable[[Session], None]:
-    def opens(session: Session) -> None:
-        if session.document is None:
-            return
-        sheet.what = what
-        # A page is asked for by name; other requests go back to splats.
-        other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
-        sheet.form = other if form is None else form
-        sheet.solid = solid  # asked for by name, too
-        # A box is of one scene; the rest is wanted again.
-        sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
-        _propose(session, sheet)
-        imgui.open_popup(_SHEET)
-
-    return opens
+def opens(
+    session: Session,
+    sheet: ExportSheet,
+    what: What,
+    form: SplatFormat | None = None,
+    solid: MeshForm | None = None,
+) -> None:
+    """Open the sheet for ``what``; a page and meshes are asked for by name."""
+    if session.document is None:
+        return
+    sheet.what = what
+    # Other requests go back to splats.
+    other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
+    sheet.form = other if form is None else form
+    sheet.solid = solid
+    # A box is of one scene; the rest is wanted again.
+    sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
+    _propose(session, sheet)
+    imgui.open_popup(SHEET)
 
 
 def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
@@ -258,12 +234,8 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     # The Escape that ended the choice of a place is not the sheet's.
     if is_back and not imgui.is_key_pressed(imgui.Key.escape):
         sheet.waits = None
-        imgui.open_popup(_SHEET)
-    if not begin_modal(_SHEET, em(38)):
-        return
-    if session.document is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+        imgui.open_popup(SHEET)
+    if not begin_modal(SHEET, em(38), is_possible=session.document is not None):
         return
     imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
@@ -407,16 +379,9 @@ def size_text(n_bytes: int) -> str:
 
 def _buttons(session: Session, sheet: ExportSheet, summary: ExportSummary) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(8), imgui.get_style().item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    face = Face("Export", width=width, primary=True)
-    if widgets.button("Export now", face, why_not=_why_not(session, sheet, summary)):
-        imgui.close_current_popup()
+    face = Face("Export", width=em(8), primary=True)
+    if answer("Export now", face, why_not=_why_not(session, sheet, summary)):
         export.start(session, _plan(sheet))
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)):
-        imgui.close_current_popup()
 
 
 def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> str:

@@ -21,7 +21,6 @@ from gaga_studio.actions import camera_path, files, fill, masks
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -169,12 +168,12 @@ def _path_row(dialog: FileDialog) -> None:
     imgui.same_line()
     if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
         imgui.open_popup("Places")
-    _places(dialog)
+    widgets.popup("Places", lambda: _places(dialog))
     imgui.same_line()
     if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
         dialog._new_name = "New folder"
         imgui.open_popup("New folder")
-    _new_folder(dialog)
+    widgets.popup("New folder", lambda: _new_folder(dialog))
     imgui.same_line()
     shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
@@ -183,13 +182,9 @@ def _path_row(dialog: FileDialog) -> None:
 
 def _places(dialog: FileDialog) -> None:
     """Folders of the person and of the system that are here, one click away."""
-    if not imgui.begin_popup("Places"):
-        return
     for i, place in enumerate(places()):
         if imgui.menu_item_simple(f"{icons.FOLDER_PLAIN}  {place.name or place}###place {i}"):
             _enter(dialog, place)
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 def places() -> list[Path]:
@@ -202,8 +197,6 @@ def places() -> list[Path]:
 
 def _new_folder(dialog: FileDialog) -> None:
     """Ask for a name and make the folder; it is entered at once."""
-    if not imgui.begin_popup("New folder"):
-        return
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(em(14))
@@ -212,8 +205,6 @@ def _new_folder(dialog: FileDialog) -> None:
     if entered and dialog._new_name.strip():
         _make_folder(dialog, dialog.folder / dialog._new_name.strip())
         imgui.close_current_popup()
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 def _make_folder(dialog: FileDialog, folder: Path) -> None:
@@ -361,21 +352,23 @@ def _list(dialog: FileDialog) -> None:
 # --- The file dialogs that commands ask for: what they are called, where they begin, what follows.
 
 
-def register(table: RequestTable, picker: FilePicker) -> None:
-    """Answer every request for a path; but for opening there must be a scene."""
-    table.register(Request.OPEN_FOLDER, partial(_open_folder, picker))
-    table.register(Request.OPEN_FILE, partial(_open_file, picker))
-    table.register(Request.INPAINTING_MODEL, partial(_inpainting_model, picker))
-    for request, opener in (
-        (Request.ADD_SPLATS, _add_splats),
-        (Request.IMPORT_MASK_FOLDER, _import_mask_folder),
-        (Request.IMPORT_MASK_FILE, _import_mask_file),
-        (Request.SAVE_AS, _save_as),
-        (Request.SAVE_SCRIPT, _save_script),
-        (Request.OPEN_PATH, _open_path),
-        (Request.SAVE_PATH, _save_path),
-    ):
-        table.register(request, partial(_of_scene, opener, picker))
+def openers(picker: FilePicker) -> dict[Request, Callable[[Session], object]]:
+    """What asks for a path, by request; but for opening there must be a scene."""
+    of_scene = {
+        Request.ADD_SPLATS: _add_splats,
+        Request.IMPORT_MASK_FOLDER: _import_mask_folder,
+        Request.IMPORT_MASK_FILE: _import_mask_file,
+        Request.SAVE_AS: _save_as,
+        Request.SAVE_SCRIPT: _save_script,
+        Request.OPEN_PATH: _open_path,
+        Request.SAVE_PATH: _save_path,
+    }
+    return {
+        Request.OPEN_FOLDER: partial(_open_folder, picker),
+        Request.OPEN_FILE: partial(_open_file, picker),
+        Request.INPAINTING_MODEL: partial(_inpainting_model, picker),
+        **{request: partial(_of_scene, opener, picker) for request, opener in of_scene.items()},
+    }
 
 
 def start_folder(session: Session) -> Path:

@@ -1,10 +1,8 @@
 """Dialogs of masks: who makes them and how, a try on one photo, the form of an export."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -12,7 +10,6 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.weights import models_folder
@@ -33,7 +30,7 @@ from gaga_studio.ui.dialogs.files import (
     stem,
 )
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable, begin_modal, body_height
+from gaga_studio.ui.kit.modal import begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -65,12 +62,6 @@ class MaskDialog:
     n_seen: int = 0  # of them, scrolled to
     reopens: bool = False  # after a file dialog
     form: MaskForm = "dataset"  # of the export
-
-
-def register_make_masks(table: RequestTable) -> None:
-    """Answer the requests for both dialogs."""
-    table.register_popup(Request.MAKE_MASKS, MAKE)
-    table.register_popup(Request.EXPORT_MASKS, EXPORT)
 
 
 def draw_make_masks(session: Session, dialog: MaskDialog, files: FilePicker) -> None:
@@ -146,12 +137,9 @@ def _entry(dialog: MaskDialog) -> ProviderEntry | None:
 
 
 def _introduction(session: Session, dialog: MaskDialog) -> None:
-    imgui.push_text_wrap_pos(0.0)
-    if not masks.has_model(dialog.entries) and not dialog.own:
-        widgets.dim(masks.first_steps(), wrap=True)
-    else:
-        widgets.dim("Each photo is cut into masks; Find objects then joins them in 3D.", wrap=True)
-    imgui.pop_text_wrap_pos()
+    joins = "Each photo is cut into masks; Find objects then joins them in 3D."
+    has_model = masks.has_model(dialog.entries) or dialog.own
+    widgets.dim(joins if has_model else masks.first_steps(), wrap=True)
     folders = masks.mask_folders(session)
     if folders:
         imgui.align_text_to_frame_padding()
@@ -218,7 +206,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     if entry is None:
         widgets.dim("Choose who makes the masks.")
         return
-    imgui.push_text_wrap_pos(0.0)
     with theme.face(strong=True):
         imgui.text_wrapped(entry.title)
     facts = _facts(entry)
@@ -227,7 +214,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     if not entry.is_available:
         imgui.dummy(ImVec2(0, em(0.2)))
         imgui.text_wrapped(entry.reason)
-        imgui.pop_text_wrap_pos()
         if entry.page and widgets.button("Get", Face("Get it…", primary=True)):
             imgui.close_current_popup()
             session.request = Request.MODELS
@@ -236,7 +222,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         if entry.page and widgets.button("Copy the address", Face("Copy the address of its page")):
             imgui.set_clipboard_text(entry.page)
         return
-    imgui.pop_text_wrap_pos()
     _settings(session, dialog, entry)
     _preview(session, dialog)
 
@@ -250,10 +235,10 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         imgui.text_wrapped(str(error))
         return
     if mask_settings.has_profile(entry):
-        is_paper = settings.profile == "paper"
-        changed, is_paper = widgets.checkbox("As in the paper", is_paper)
-        widgets.tooltip("SAM: 64 points a side, predicted IoU 0.7; EntitySeg: no mask is dropped")
-        if changed:
+        was = settings.profile == "paper"
+        hint = "SAM: 64 points a side, predicted IoU 0.7; EntitySeg: no mask is dropped"
+        is_paper = widgets.tick("As in the paper", was, hint)
+        if is_paper != was:
             settings = mask_settings.with_profile(settings, paper=is_paper)
     for slider in mask_settings.SLIDERS[kind]:
         value = mask_settings.value_of(settings, slider, entry)
@@ -262,12 +247,12 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         if changed:
             settings = mask_settings.with_value(settings, slider, entry, value)
     views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
-    _, redo = widgets.checkbox("Make them again", request.redo)
-    widgets.tooltip("Also where masks of the same settings are there already")
+    hint = "Also where masks of the same settings are there already"
+    redo = widgets.tick("Make them again", request.redo, hint)
     use_depth = request.use_depth
     if kind == "regions":
-        _, use_depth = widgets.checkbox("Use the depth of the splats", use_depth)
-        widgets.tooltip("Tells an object from what it stands on; takes a little longer")
+        hint = "Tells an object from what it stands on; takes a little longer"
+        use_depth = widgets.tick("Use the depth of the splats", use_depth, hint)
     dialog.request = replace(
         request, settings=settings, views=views, redo=redo, use_depth=use_depth
     )
@@ -401,42 +386,28 @@ def _export(dialog: MaskDialog) -> bool:
 
 
 FIND_OBJECTS = "Find objects"
-T = TypeVar("T")
-Choices = Sequence[tuple[T, str]]
+_NAMES = 11.0  # width of the names of fields, ems
 _PRESETS = (
     ("robust", "", "Robust", "Groups by the agreement of all views"),
     ("paper", "", "Paper", "The published method: memory bank view by view, trained identities"),
 )
-_IDENTITIES: Choices[str] = (
-    ("preset", "As the preset has it"),
-    ("none", "None"),
-    ("vote", "By vote, in seconds"),
-    ("refine", "By vote, then a few training steps"),
-    ("paper", "Trained from zeros, as published"),
-)
-_DEPTHS: Choices[str] = (
-    ("expected", "Expected"),
-    ("median", "Median"),
-    ("none", "None: all behind the mask"),
-)
-_ORDERS: Choices[str] = (("name", "By name"), ("coverage", "Widest views first"))
-_PSEUDO: Choices[str] = (("masks", "Masks with their groups"), ("bank", "The splatted bank"))
-_VOID: Choices[bool] = ((False, "Left out"), (True, "Trained as no group"))
+_IDENTITIES = {
+    "preset": "As the preset has it",
+    "none": "None",
+    "vote": "By vote, in seconds",
+    "refine": "By vote, then a few training steps",
+    "paper": "Trained from zeros, as published",
+}
+_DEPTHS = {"expected": "Expected", "median": "Median", "none": "None: all behind the mask"}
+_ORDERS = {"name": "By name", "coverage": "Widest views first"}
+_PSEUDO = {"masks": "Masks with their groups", "bank": "The splatted bank"}
+_VOID = {False: "Left out", True: "Trained as no group"}
 _MOST_ITERATIONS = 100_000
-
-
-def register_find_objects(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-    table.register_popup(Request.FIND_OBJECTS, FIND_OBJECTS)
 
 
 def draw_find_objects(session: Session) -> None:
     """The sheet, while it is open."""
-    if not begin_modal(FIND_OBJECTS, em(32)):
-        return
-    if session.document is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+    if not begin_modal(FIND_OBJECTS, em(32), is_possible=session.document is not None):
         return
     _head(session)
     most = ImVec2(1e6, body_height(em(24)))
@@ -474,12 +445,14 @@ def _association(session: Session) -> None:
     widgets.tooltip("Depths up to Q3 + f times the IQR of a mask's depths count; published: 1")
     if changed:
         options = replace(options, inlier_factor=f)
-    depth = _choice("Depth of a pixel", _DEPTHS, options.depth or preset.depth)
-    if depth != (options.depth or preset.depth):
-        options = replace(options, depth=depth)  # type: ignore[arg-type]
-    order = _choice("Order of the views", _ORDERS, options.order or preset.order)
-    if order != (options.order or preset.order):
-        options = replace(options, order=order)  # type: ignore[arg-type]
+    for name, label, named in (
+        ("depth", "Depth of a pixel", _DEPTHS),
+        ("order", "Order of the views", _ORDERS),
+    ):
+        now = getattr(options, name) or getattr(preset, name)
+        chosen = widgets.choice(label, named, now, em(_NAMES))
+        if chosen != now:
+            options = replace(options, **{name: chosen})
     session.find_options = options
 
 
@@ -488,17 +461,17 @@ def _identities(session: Session) -> None:
     if not widgets.section("Identity encodings (section 3.3)"):
         return
     settings, options = session.settings, session.find_options
-    chosen = _choice("Identities", _IDENTITIES, settings.identities)
+    chosen = widgets.choice("Identities", _IDENTITIES, settings.identities, em(_NAMES))
     if chosen != settings.identities:
         session.change_settings(replace(settings, identities=chosen))
     lift, paper = options.lift, options.lift.paper
-    _label("Training steps")
+    widgets.field_name("Training steps", em(_NAMES))
     changed, n = imgui.input_int("##Training steps", paper.iterations, 1000)
     widgets.tooltip("Of identities that are trained from zeros; published: 10,000")
     n = min(max(n, 2), _MOST_ITERATIONS)
-    pseudo = _choice("Pseudo labels", _PSEUDO, lift.pseudo)
-    widgets.tooltip("What identities are trained on: figure 2 and the published code, or the text")
-    void = _choice("Pixels without a mask", _VOID, paper.rows.train_void)
+    hint = "What identities are trained on: figure 2 and the published code, or the text"
+    pseudo = widgets.choice("Pseudo labels", _PSEUDO, lift.pseudo, em(_NAMES), hint=hint)
+    void = widgets.choice("Pixels without a mask", _VOID, paper.rows.train_void, em(_NAMES))
     switched = lift.switched(n if changed else None, train_void=void)
     session.find_options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
 
@@ -517,14 +490,15 @@ def _find_objects_actions(session: Session) -> None:
         files.associate(session)
     imgui.same_line()
     bank = session.need().scene.bank
-    why_not = busy or no_masks or _no_groups(bank)
+    why_not = busy or no_masks or ("" if bank else "There are no groups of masks yet.")
     hint = "Identities of the groups that are here; the groups stay"
     if widgets.button("Lift", Face("Lift only"), why_not=why_not, hint=hint):
         imgui.close_current_popup()
         identities.lift(session)
     imgui.same_line()
     as_preset = session.find_options == FindOptions()
-    same = "All is as the preset has it." if as_preset and _is_default(session.settings) else ""
+    as_preset &= session.settings.identities == Settings().identities
+    same = "All is as the preset has it." if as_preset else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
         session.find_options = FindOptions()
         session.change_settings(replace(session.settings, identities="preset"))
@@ -533,34 +507,10 @@ def _find_objects_actions(session: Session) -> None:
         imgui.close_current_popup()
 
 
-def _no_groups(bank: MemoryBank | None) -> str:
-    return "" if bank is not None else "There are no groups of masks yet."
-
-
-def _is_default(settings: Settings) -> bool:
-    return settings.identities == Settings().identities
-
-
-def _label(text: str) -> None:
-    """The name of a control, on its left; the control takes the rest of the line."""
-    imgui.align_text_to_frame_padding()
-    widgets.dim(text)
-    imgui.same_line(em(11))
-    imgui.set_next_item_width(-1)
-
-
 def _number(text: str, value: float, low: float, high: float) -> tuple[bool, float]:
-    _label(text)
+    widgets.field_name(text, em(_NAMES))
     flags = imgui.SliderFlags_.always_clamp
     return imgui.slider_float(f"##{text}", value, low, high, "%.2f", flags)
-
-
-def _choice(text: str, choices: Choices[T], current: T) -> T:
-    """A drop-down of (value, text)."""
-    _label(text)
-    values = [value for value, _ in choices]
-    changed, at = imgui.combo(f"##{text}", values.index(current), [name for _, name in choices])
-    return values[at] if changed else current
 
 
 # --- The sheet Add new photos and masks: what joins, and what happens to what a person did.
@@ -570,18 +520,9 @@ ADD_VIEWS = "Add new photos and masks"
 _NAMED = 4  # photos
 
 
-def register_add_views(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-    table.register_popup(Request.ADD_VIEWS, ADD_VIEWS)
-
-
 def draw_add_views(session: Session) -> None:
     """The sheet, while it is open."""
-    if not begin_modal(ADD_VIEWS, em(30)):
-        return
-    if session.document is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+    if not begin_modal(ADD_VIEWS, em(30), is_possible=session.document is not None):
         return
     draw_choice(session, -1)
     names, bare = add_views.new_views(session), add_views.bare_text(session)

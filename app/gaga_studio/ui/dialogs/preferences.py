@@ -7,21 +7,20 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.segmentation.models.hub import HUB
 from gaga_studio import commands
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import RequestTable, begin_modal, body_height, close_row
+from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit.theme import em
 
 # --- Preferences: what the program remembers, in five groups; each is saved as it is changed.
 
 
-_THEMES = (("dark", "Dark"), ("light", "Light"))
-_PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
-_PRESETS = (("robust", "Robust: all views decide"), ("paper", "Paper: one view after the other"))
+_THEMES = {"dark": "Dark", "light": "Light"}
+_PROFILES = {"supersplat": "SuperSplat", "blender": "Blender"}
+_PRESETS = {"robust": "Robust: all views decide", "paper": "Paper: one view after the other"}
 _LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-_SHEET = "Preferences"
+SHEET = "Preferences"
 _NAMES = 11.5  # width of the names of fields, ems
 
 
@@ -33,15 +32,10 @@ class DraggedPreferences:
     mirror: str | None = None  # being typed
 
 
-def register(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-    table.register_popup(Request.PREFERENCES, _SHEET)
-
-
 def draw(session: Session, dragged: DraggedPreferences) -> None:
     """The whole sheet."""
     # Not dimmed: what is chosen here is seen in the window.
-    if not begin_modal(_SHEET, em(31), dims=False):
+    if not begin_modal(SHEET, em(31), dims=False):
         dragged.values.clear()
         dragged.mirror = None
         return
@@ -75,26 +69,18 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
-    widgets.under_fields(em(_NAMES))
-    changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
-    return replace(settings, invert_zoom=inverted) if changed else settings
+    label = "The wheel zooms the other way"
+    return replace(settings, invert_zoom=_tick(label, settings.invert_zoom))
 
 
 def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Objects and edits")
     settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
-    widgets.under_fields(em(_NAMES))
-    changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
-    widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
-    if changed:
-        settings = replace(settings, clean_first=clean)
-    widgets.under_fields(em(_NAMES))
-    changed, along = widgets.checkbox("Children go along", settings.children_go_along)
-    widgets.tooltip(
-        "What is under an object is moved, copied, hidden, deleted and exported with it"
-    )
-    if changed:
-        settings = replace(settings, children_go_along=along)
+    hint = "Clean whole objects before they are isolated, deleted or exported"
+    clean = _tick("Always clean first", settings.clean_first, hint)
+    hint = "What is under an object is moved, copied, hidden, deleted and exported with it"
+    along = _tick("Children go along", settings.children_go_along, hint)
+    settings = replace(settings, clean_first=clean, children_go_along=along)
     settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
     widgets.tooltip("So much work is at risk at most, should the program end by force")
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
@@ -115,10 +101,17 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
-    widgets.under_fields(em(_NAMES))
-    changed, offline = widgets.checkbox("Work offline", settings.works_offline)
-    widgets.tooltip("Never ask a hub of models; what is here is used")
-    return replace(settings, works_offline=offline) if changed else settings
+    hint = "Never ask a hub of models; what is here is used"
+    offline = _tick("Work offline", settings.works_offline, hint)
+    return replace(settings, works_offline=offline)
+
+
+def _tick(label: str, value: bool, hint: str = "") -> bool:
+    return widgets.tick(label, value, hint, em(_NAMES))
+
+
+def _choice(label: str, named: dict[str, str], current: str) -> str:
+    return widgets.choice(label, named, current, em(_NAMES))
 
 
 def _slider(
@@ -139,15 +132,6 @@ def _slider(
     if imgui.is_item_deactivated_after_edit() and name in dragged.values:
         return replace(settings, **{name: dragged.values.pop(name)})  # type: ignore[arg-type]
     return settings
-
-
-def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> str:
-    """A drop-down of (value, text)."""
-    names = [value for value, _ in choices]
-    at = names.index(current) if current in names else 0
-    widgets.field_name(label, em(_NAMES))
-    changed, at = imgui.combo(f"##{label}", at, [text for _, text in choices])
-    return names[at] if changed else current
 
 
 # --- Keys to commands, by the character that a key types on this keyboard.

@@ -1,17 +1,10 @@
 """A sheet in the middle of the window: its frame and its last row."""
 
-from collections.abc import Callable
-
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.session.requests import Request
-from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-
-# --- A sheet in the middle of the window: its frame and its last row.
-
 
 _MODAL = (
     imgui.WindowFlags_.no_resize
@@ -22,10 +15,11 @@ _MODAL = (
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
-def begin_modal(name: str, width: float, *, dims: bool = True) -> bool:
+def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool = True) -> bool:
     """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it.
 
-    The window behind it is dimmed, but not where it is what the sheet changes.
+    The window behind it is dimmed, but not where it is what the sheet changes. A sheet that is no
+    longer ``is_possible`` closes itself.
     """
     viewport = imgui.get_main_viewport()
     imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
@@ -39,6 +33,10 @@ def begin_modal(name: str, width: float, *, dims: bool = True) -> bool:
     imgui.pop_style_var(2)
     if is_open:
         theme.dim_behind(dims)
+    if is_open and not is_possible:
+        imgui.close_current_popup()
+        imgui.end_popup()
+        return False
     if is_open and name != "Question":
         widgets.escape_closes()
     return is_open
@@ -62,35 +60,15 @@ def close_row() -> None:
         imgui.close_current_popup()
 
 
-# --- Which dialog answers which request of the session.
+def answer(name: str, face: Face, *, why_not: str = "") -> bool:
+    """The last row of a sheet: a button ``name`` and Cancel, as wide; both close it.
 
-
-Opener = Callable[[Session], object]
-
-
-class RequestTable:
-    """One opener for each request; every dialog registers its own."""
-
-    def __init__(self) -> None:
-        self._openers: dict[Request, Opener] = {}
-
-    @property
-    def requests(self) -> frozenset[Request]:
-        """The requests that are answered."""
-        return frozenset(self._openers)
-
-    def register(self, request: Request, opener: Opener) -> None:
-        """Let ``opener`` answer ``request``; ``ValueError`` when another one does already."""
-        if request in self._openers:
-            raise ValueError(f"{request}: two dialogs answer it")
-        self._openers[request] = opener
-
-    def register_popup(self, request: Request, name: str) -> None:
-        """Let ``request`` open the popup of this name."""
-        self.register(request, lambda _: imgui.open_popup(name))
-
-    def take(self, session: Session) -> None:
-        """Answer what the session asks for, if anything."""
-        request = session.take_request()
-        if request is not None:
-            self._openers[request](session)
+    Whether the button was pressed.
+    """
+    room = imgui.get_content_region_avail().x - 2 * face.width - imgui.get_style().item_spacing.x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room, 0.0))
+    goes = widgets.button(name, face, why_not=why_not)
+    imgui.same_line()
+    if widgets.button("Cancel", Face(width=face.width)) or goes:
+        imgui.close_current_popup()
+    return goes

@@ -1,6 +1,6 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
@@ -217,6 +217,41 @@ def checkbox(label: str, value: bool) -> tuple[bool, bool]:
         return imgui.checkbox(label, value)
 
 
+def tick(label: str, value: bool, hint: str = "", indent: float = 0.0) -> bool:
+    """A box to tick with its tooltip, ``indent`` pixels from the left; its value."""
+    under_fields(indent)
+    _, value = checkbox(label, value)
+    tooltip(hint)
+    return value
+
+
+def choice(
+    name: str,
+    named: Mapping[T, str],
+    current: T,
+    width: float,
+    why_not: Mapping[T, str] | None = None,
+    hint: str = "",
+) -> T:
+    """A field with a list to choose from, right of its name, ``width`` pixels; what is chosen.
+
+    A choice with a reason why not cannot be taken.
+    """
+    field_name(name, width)
+    if imgui.begin_combo(f"##{name}", named.get(current) or next(iter(named.values()))):
+        for value, label in named.items():
+            reason = why_not.get(value, "") if why_not else ""
+            imgui.begin_disabled(bool(reason))
+            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
+                current = value
+            imgui.end_disabled()
+            tooltip(reason)
+        imgui.end_combo()
+    elif hint:
+        tooltip(hint)
+    return current
+
+
 def radio_button(label: str, is_chosen: bool) -> bool:
     """One of several, with an edge that is seen while it is empty."""
     with _edge():
@@ -292,6 +327,17 @@ def dot(centre: ImVec2, radius: float, color: Sequence[float], alpha: float = 1.
     rim = theme.rim(color)
     if rim is not None:
         drawing.add_circle(centre, radius, theme.u32(rim, alpha), 20, theme.scaled(1.2))
+
+
+def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> None:
+    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
+
+    Escape closes it.
+    """
+    if imgui.begin_popup_context_item(name) if of_item else imgui.begin_popup(name):
+        draw()
+        escape_closes()
+        imgui.end_popup()
 
 
 def escape_closes() -> None:

@@ -514,11 +514,8 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
     imgui.align_text_to_frame_padding()
     red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
-    if imgui.begin_popup("Color picker"):
-        _picker(session, state, color)
-        widgets.escape_closes()
-        imgui.end_popup()
-    elif state.color is not None:
+    widgets.popup("Color picker", lambda: _picker(session, state, color))
+    if state.color is not None and not imgui.is_popup_open("Color picker"):
         history.commit_preview(session)  # the popup was closed with the mouse still down
         state.color = None
 

@@ -14,12 +14,10 @@ from gaga_core.grouping.memory_bank import Decision
 from gaga_studio import commands
 from gaga_studio.actions import bank_timeline, mask_splats
 from gaga_studio.session.document import Document
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.timeline import Timeline
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport import mask_evidence
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
@@ -259,13 +257,8 @@ def _bar(share: float, color: imgui.ImVec4) -> None:
 # --- The growth of the memory bank, view by view: play it, scrub it, follow it with the camera.
 
 
-TITLE = "Timeline"
+TIMELINE = "Timeline"
 _LEAST_PICTURE = 9.0  # em: the panel shows the photo only where it has this height and thrice this
-
-
-def register(table: RequestTable) -> None:
-    """Come to the front when the replay is opened."""
-    table.register(Request.TIMELINE, lambda _: imgui.set_window_focus(TITLE))
 
 
 def draw_timeline(session: Session) -> None:

@@ -1,6 +1,5 @@
-"""The object list: find, filter and sort, folders, and a line for each object (`object_row`)."""
+"""The object list: find, filter and sort, folders, and a line for each object (`rows`)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,22 +10,16 @@ from gaga_studio import commands
 from gaga_studio.actions import detail, folders, object_lines, quality
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import Line, Lines
-from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import rows as folder_row
-from gaga_studio.ui.panels import rows as list_columns
-from gaga_studio.ui.panels import rows as object_row
 from gaga_studio.ui.panels import rows as row_parts
 from gaga_studio.ui.panels import search
-from gaga_studio.ui.panels import search as list_filter
-from gaga_studio.ui.panels.rows import FolderRow, PartRow, Rows, RowState
+from gaga_studio.ui.panels.rows import FolderRow, ObjectRow, PartRow, Rows, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
 from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
 
@@ -61,7 +54,7 @@ def _detail_slider(session: Session, state: DetailState) -> None:
         detail.choose(session, chosen)
 
 
-# --- The object list: find, filter and sort, folders, and a line for each object (`object_row`).
+# --- The object list: find, filter and sort, folders, and a line for each object (`rows`).
 
 
 _TABLE_FLAGS = (
@@ -85,11 +78,6 @@ class ObjectListState:
     was_row_hovered: bool = False
     scroll_to: int | str | None = None  # group or folder to scroll to
     last_selected: tuple[int, ...] = ()
-
-
-def register(table: RequestTable, state: Callable[[], ObjectListState]) -> None:
-    """Answer the request to rename (F2)."""
-    table.register(Request.RENAME, lambda session: _rename_selected(session, state()))
 
 
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
@@ -138,20 +126,20 @@ def _list(
 ) -> None:
     measured = quality.column(session, table)
     lines = object_lines.lines(session, table, measured, *state.sort)
-    height = object_row.height(imgui.get_content_region_avail().y)
+    height = row_parts.height(imgui.get_content_region_avail().y)
     parts = object_lines.part_index(session)
     order = document.scene.folders
     has_arrows = parts is not None or bool(order.paths or order.parent)
     is_measured = bool((measured >= 0).any())
-    columns = list_columns.columns_for(is_measured, height, lines.depth, has_arrows)
+    columns = row_parts.columns_for(is_measured, height, lines.depth, has_arrows)
     size = ImVec2(0, -_foot_height(session))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
     is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
     imgui.pop_style_var()
     if not is_open:
         return
-    list_columns.set_up(columns)
-    state.sort = list_columns.sorting()
+    row_parts.set_up(columns)
+    state.sort = row_parts.sorting()
     _follow_selection(session, document, state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
     _draw_lines(rows, lines)
@@ -167,7 +155,7 @@ def _draw_lines(rows: Rows, lines: Lines) -> None:
         for at in range(clipper.display_start, clipper.display_end):
             line = lines.lines[at]
             if line.kind == "object":
-                rows.draw(line)
+                ObjectRow(rows, line).draw()
             elif line.kind == "folder":
                 FolderRow(rows, line, sums[line.folder], line.folder in chosen).draw()
             elif line.part is not None:
@@ -237,7 +225,7 @@ def _line_at(lines: Lines, what: int | str) -> int | None:
     return next((i for i, line in enumerate(lines.lines) if is_it(line)), None)
 
 
-def _rename_selected(session: Session, state: ObjectListState) -> None:
+def rename_selected(session: Session, state: ObjectListState) -> None:
     """Turn the name of the chosen folder, else of the object in the inspector, into a text field
     (F2)."""
     if session.document is None:
@@ -274,9 +262,9 @@ def _foot(session: Session, table: ObjectTable) -> None:
     if _is_dragging(session):
         label = "Drop here: in no folder, under nothing"
         widgets.button("Drop here: in no folder", Face(label, icons.FOLDER_OUT, width=-1))
-        folder_row.drop_target(session, "")
+        row_parts.drop_target(session, "")
         return
-    if list_filter.foot(session, table):
+    if search.foot(session, table):
         return
     n_objects = int(np.count_nonzero(table.ids > 0))
     n_selected = len(session.selected_groups())

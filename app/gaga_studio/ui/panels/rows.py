@@ -65,6 +65,13 @@ class RowColumns:
     first: float  # width of the first column, pixels
     arrow: float  # ... and in it of what opens and closes; 0 where nothing does
 
+    def goes_to(self, column: int) -> bool:
+        """Begin a column, its text in the middle of the row; whether it is there."""
+        if column >= 0:
+            imgui.table_set_column_index(column)
+            lower(self.height)
+        return column >= 0
+
 
 @dataclass
 class RowState:
@@ -180,42 +187,26 @@ class Switches:
     is_locked: bool
     is_alone: bool  # nothing else is shown
 
-
-def draw(switches: Switches, height: float, is_roomy: bool) -> Switched:
-    """Draw the switches of a row; which one was clicked. Alt and the eye are the circle."""
-    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (height - em(1.25)) / 2)
-    clicked: Switched = ""
-    if _eye(switches):
-        clicked = "alone" if imgui.get_io().key_alt else "hide"
-    imgui.same_line(0, 0)
-    if _lock(switches):
-        clicked = "lock"
-    if is_roomy:
-        imgui.same_line(0, 0)
-        if _alone(switches):
-            clicked = "alone"
-    return clicked
-
-
-def _eye(switches: Switches) -> bool:
-    is_off, what = switches.is_hidden, switches.what
-    icon = icons.EYE_OFF if is_off else icons.EYE
-    hint = f"Show this {what}" if is_off else f"Hide this {what} (Alt: show only this)"
-    return widgets.small_icon("Shown", icon, hint=hint, color=theme.TEXT if is_off else theme.FAINT)
-
-
-def _lock(switches: Switches) -> bool:
-    is_on = switches.is_locked
-    icon = icons.LOCK if is_on else icons.UNLOCK
-    hint = "Unlock: it can be selected again" if is_on else "Lock: clicks pass it by"
-    return widgets.small_icon("Locked", icon, hint=hint, color=theme.TEXT if is_on else theme.FAINT)
-
-
-def _alone(switches: Switches) -> bool:
-    is_on = switches.is_alone
-    hint = "Show everything again" if is_on else f"Show only this {switches.what}"
-    color = theme.TEXT if is_on else theme.FAINT
-    return widgets.small_icon("Alone", icons.ISOLATE, hint=hint, color=color)
+    def draw(self, columns: RowColumns) -> Switched:
+        """Draw the switches of a row; which one was clicked. Alt and the eye are the circle."""
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (columns.height - em(1.25)) / 2)
+        clicked: Switched = ""
+        what, is_off, is_locked = self.what, self.is_hidden, self.is_locked
+        eye = f"Show this {what}" if is_off else f"Hide this {what} (Alt: show only this)"
+        lock = "Unlock: it can be selected again" if is_locked else "Lock: clicks pass it by"
+        only = "Show everything again" if self.is_alone else f"Show only this {what}"
+        all_of: tuple[tuple[Switched, str, str, bool, str], ...] = (
+            ("hide", "Shown", icons.EYE_OFF if is_off else icons.EYE, is_off, eye),
+            ("lock", "Locked", icons.LOCK if is_locked else icons.UNLOCK, is_locked, lock),
+            ("alone", "Alone", icons.ISOLATE, self.is_alone, only),
+        )
+        for at, (switch, name, icon, is_on, hint) in enumerate(all_of[: 2 + columns.is_roomy]):
+            if at:
+                imgui.same_line(0, 0)
+            color = theme.TEXT if is_on else theme.FAINT
+            if widgets.small_icon(name, icon, hint=hint, color=color):
+                clicked = "alone" if at == 0 and imgui.get_io().key_alt else switch
+        return clicked
 
 
 # --- The submenu "Put into a folder" of the selected objects.
@@ -351,12 +342,10 @@ class Rows:
     columns: RowColumns
     parts: PartIndex | None  # None: the groups have no levels
 
-    def draw(self, line: Line) -> None:
-        """The cells of the row of an object."""
-        _Row(self, line).draw()
 
+class ObjectRow:
+    """What is drawn of an object."""
 
-class _Row:
     def __init__(self, rows: Rows, line: Line) -> None:
         table, row = rows.table, line.row
         self.rows, self.row, self.line = rows, row, line
@@ -384,19 +373,13 @@ class _Row:
         imgui.table_set_column_index(1)
         self._name()
         color = theme.FAINT if self.is_hidden else theme.DIM
-        if columns.splats >= 0:
-            imgui.table_set_column_index(columns.splats)
-            lower(self.height)
+        if columns.goes_to(columns.splats):
             count = int(table.counts[self.row])
             widgets.number(f"{count:,}" if columns.is_roomy else compact(count), color)
-        if columns.views >= 0:
-            imgui.table_set_column_index(columns.views)
-            lower(self.height)
+        if columns.goes_to(columns.views):
             n_views = int(table.n_views[self.row])
             widgets.number(f"{n_views}" if n_views else "–", color)
-        if columns.quality >= 0:
-            imgui.table_set_column_index(columns.quality)
-            lower(self.height)
+        if columns.goes_to(columns.quality):
             self._quality()
         imgui.table_set_column_index(columns.shown)
         self._switches()
@@ -410,27 +393,23 @@ class _Row:
             self.state.hovered = self.group
         if clicked and self.state.renaming != self.group:
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and self.group:
-                self._double_clicked()
+                if self.line.has_children:
+                    selection.select_groups(self.session, (self.group,))
+                    children.select_with_children(self.session)
+                else:
+                    self.state.rename(self.group, self.name)
             else:
                 self._select()
         self._dragging()
-        if imgui.begin_popup_context_item("Object menu"):
-            self._menu()
-            widgets.escape_closes()
-            imgui.end_popup()
-
-    def _double_clicked(self) -> None:
-        if not self.line.has_children:
-            self.state.rename(self.group, self.name)
-            return
-        selection.select_groups(self.session, (self.group,))
-        children.select_with_children(self.session)
+        widgets.popup("Object menu", self._menu, of_item=True)
 
     def _begin(self) -> None:
         """What opens what is under the object, or its parts; then the row begins."""
         row, parts, columns = last_row(), self.rows.parts, self.rows.columns
         if self.line.has_children:
-            self._fold(row)
+            if arrow(row.low, self.line.depth, columns, self.line.is_open):
+                self.document.listing.toggle_group(self.group, self.line.is_open)
+            widgets.tooltip("Objects under it. Double-click the row to select them with it")
         elif columns.arrow and parts is not None and self.group and parts.parts(self.group):
             listing, key = self.document.listing, (self.group,)
             if arrow(row.low, self.line.depth, columns, key in listing.open_parts):
@@ -438,13 +417,6 @@ class _Row:
             widgets.tooltip("Its parts, by the levels of detail of its masks")
         left = indent(self.line.depth) + columns.arrow
         imgui.set_cursor_screen_pos(ImVec2(row.low.x + left, row.low.y))
-
-    def _fold(self, row: Across) -> None:
-        """What opens and closes what lies under the object."""
-        listing, is_open = self.document.listing, self.line.is_open
-        if arrow(row.low, self.line.depth, self.rows.columns, is_open):
-            listing.toggle_group(self.group, is_open)
-        widgets.tooltip("Objects under it. Double-click the row to select them with it")
 
     def _select(self) -> None:
         io = imgui.get_io()
@@ -549,10 +521,7 @@ class _Row:
         is_over = imgui.is_item_hovered()
         widgets.dot(centre, side * (0.42 if is_over else 0.33), self.color, alpha)
         widgets.tooltip("Color in this list and in Groups: click to change it")
-        if imgui.begin_popup("List color"):
-            self._picker()
-            widgets.escape_closes()
-            imgui.end_popup()
+        widgets.popup("List color", self._picker)
 
     def _picker(self) -> None:
         """Shown while the mouse is down, one entry of the history when it is released."""
@@ -584,7 +553,10 @@ class _Row:
 
     def _name(self) -> None:
         if self.state.renaming == self.group:
-            self._name_field()
+            typed = name_field(self.state, self.height)
+            self.state.renaming = self.group if typed is None else None
+            if typed is not None and typed[0]:
+                objects.rename(self.session, self.group, typed[1])
             return
         is_plain = self.name == UNASSIGNED or self.is_hidden
         color = theme.FAINT if is_plain else theme.TEXT
@@ -604,14 +576,6 @@ class _Row:
                 imgui.text_unformatted(text)
         if " ".join(lines) != self.name and not self.is_partly_selected:
             widgets.tooltip(self.name)
-
-    def _name_field(self) -> None:
-        typed = name_field(self.state, self.height)
-        if typed is None:
-            return
-        self.state.renaming = None
-        if typed[0]:
-            objects.rename(self.session, self.group, typed[1])
 
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
@@ -635,7 +599,7 @@ class _Row:
         is_alone = bool(shown[self.row] and np.count_nonzero(shown) <= len(own))
         is_alone = is_alone and own.issuperset(table.ids[shown].tolist())
         now = Switches("object", self.is_hidden, self.is_locked, is_alone)
-        clicked = draw(now, self.height, self.rows.columns.is_roomy)
+        clicked = now.draw(self.rows.columns)
         if clicked == "hide":
             objects.set_hidden(self.session, self.group, not self.is_hidden)
         elif clicked == "lock":
@@ -667,10 +631,12 @@ class FolderRow:
             self.document.listing.toggle(self.path)
         widgets.tooltip("Close this folder" if self.is_open else "Open this folder")
         imgui.table_set_column_index(1)
-        if self.state.renaming_folder == self.path:
-            self._name_field()
-        else:
+        if self.state.renaming_folder != self.path:
             self._text(row)
+        elif (typed := name_field(self.state, self.columns.height)) is not None:
+            self.state.renaming_folder = None
+            if typed[0]:
+                folders.rename(self.session, self.path, typed[1])
         imgui.table_set_column_index(self.columns.shown)
         self._switches()
         imgui.pop_id()
@@ -690,10 +656,7 @@ class FolderRow:
                 folders.choose(self.session, self.path)
         widgets.tooltip(self.path if self.depth else "")
         self._dragging()
-        if imgui.begin_popup_context_item("Folder menu"):
-            self._menu()
-            widgets.escape_closes()
-            imgui.end_popup()
+        widgets.popup("Folder menu", self._menu, of_item=True)
 
     def _dragging(self) -> None:
         paths = self.document.scene.folders.paths  # a drop above may have moved this one
@@ -741,14 +704,6 @@ class FolderRow:
         if width + imgui.calc_text_size(f"{n:,}").x <= room:
             row.text(begin + width, top, theme.u32(theme.FAINT), f"{n:,}")
 
-    def _name_field(self) -> None:
-        typed = name_field(self.state, self.columns.height)
-        if typed is None:
-            return
-        self.state.renaming_folder = None
-        if typed[0]:
-            folders.rename(self.session, self.path, typed[1])
-
     def _switches(self) -> None:
         sums = self.sums
         is_full = sums.n_splats > 0
@@ -758,7 +713,7 @@ class FolderRow:
             is_full and sums.n_locked == sums.n_splats,
             folders.is_alone(self.table, sums),
         )
-        clicked = draw(now, self.columns.height, self.columns.is_roomy)
+        clicked = now.draw(self.columns)
         if clicked == "hide":
             folders.set_hidden(self.session, self.path, not now.is_hidden)
         elif clicked == "lock":
@@ -818,10 +773,7 @@ class PartRow:
         n_selected = self._n_selected()
         if select_area(n_selected > 0, 0 < n_selected < len(part.rows), columns.height):
             self._select("add" if imgui.get_io().key_ctrl or imgui.get_io().key_shift else "set")
-        if imgui.begin_popup_context_item("Part menu"):
-            self._menu()
-            widgets.escape_closes()
-            imgui.end_popup()
+        widgets.popup("Part menu", self._menu, of_item=True)
         self._begin()
         imgui.table_set_column_index(1)
         is_high = columns.splats < 0 and columns.height >= 2.2 * imgui.get_text_line_height()
@@ -834,9 +786,7 @@ class PartRow:
             imgui.set_cursor_screen_pos(imgui.ImVec2(imgui.get_cursor_screen_pos().x, top))
             with theme.text_color(theme.FAINT):
                 imgui.text_unformatted(f"{len(part.rows):,} splats")
-        if columns.splats >= 0:
-            imgui.table_set_column_index(columns.splats)
-            lower(columns.height)
+        if columns.goes_to(columns.splats):
             n = len(part.rows)
             widgets.number(f"{n:,}" if columns.is_roomy else compact(n), theme.DIM)
         imgui.pop_id()

@@ -1,6 +1,5 @@
 """The search box of the object list: what was understood, and the objects meant, the best first."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +12,10 @@ from gaga_studio.actions import list_filter, quality, selection
 from gaga_studio.actions import search as search_actions
 from gaga_studio.session.document import Document
 from gaga_studio.session.object_list import ListFilter, Measure, Range
-from gaga_studio.session.requests import Request
 from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -45,10 +42,7 @@ def button(session: Session) -> None:
     hint = "List only objects of some size, confidence or quality"
     if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
         imgui.open_popup(_POPUP)
-    if imgui.begin_popup(_POPUP):
-        _ranges(session)
-        widgets.escape_closes()
-        imgui.end_popup()
+    widgets.popup(_POPUP, lambda: _ranges(session))
 
 
 def foot(session: Session, table: ObjectTable) -> bool:
@@ -149,15 +143,10 @@ class SearchBoxState:
     hovered: int = 0  # group whose line is under the mouse
 
 
-def register(table: RequestTable, state: Callable[[], SearchBoxState], area: PictureArea) -> None:
-    """Answer Ctrl+F, and the search in the view of the moment."""
-
-    def focus(_: Session) -> None:
-        state().wants_keyboard = True  # at the next frame
-        imgui.set_window_focus("Objects")
-
-    table.register(Request.FIND, focus)
-    table.register(Request.FIND_IN_VIEW, lambda s: search_actions.find_here(s, area.size))
+def focus(state: SearchBoxState) -> None:
+    """Bring the keyboard to the box (Ctrl+F)."""
+    state.wants_keyboard = True  # at the next frame
+    imgui.set_window_focus("Objects")
 
 
 def draw(
@@ -211,7 +200,7 @@ def _box(
     imgui.same_line(0, em(0.2))
     if widgets.icon_button(_MENU, icons.MORE, hint="An index of pictures, a detector, names"):
         imgui.open_popup(_MENU)
-    _menu(session)
+    widgets.popup(_MENU, lambda: _menu(session))
 
 
 def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
@@ -236,16 +225,12 @@ def _enter() -> bool:
 
 
 def _menu(session: Session) -> None:
-    if not imgui.begin_popup(_MENU):
-        return
     imgui.push_text_wrap_pos(em(22))
     widgets.dim(search_actions.index_state(session), wrap=True)
     imgui.pop_text_wrap_pos()
     imgui.separator()
     for command_id in _ASKING:
         command_buttons.command_item(session, command_id)
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 # --- the answer
@@ -257,9 +242,7 @@ def _understood(session: Session, search: SearchState) -> None:
         widgets.dim("Looking at the objects…")
         return
     if search.sentence:
-        imgui.push_text_wrap_pos(0.0)
         widgets.dim(search.sentence, wrap=True)
-        imgui.pop_text_wrap_pos()
     if search.problem:
         with theme.text_color(theme.WARN):
             imgui.text_wrapped(search.problem)

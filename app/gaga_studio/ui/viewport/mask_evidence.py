@@ -35,10 +35,8 @@ class MaskMenuState:
 
 def popup(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
     """The context menu of the item drawn last."""
-    if imgui.begin_popup_context_item(f"Mask menu {decision.view} {decision.mask}"):
-        items(session, document, state, decision)
-        widgets.escape_closes()
-        imgui.end_popup()
+    name = f"Mask menu {decision.view} {decision.mask}"
+    widgets.popup(name, lambda: items(session, document, state, decision), of_item=True)
 
 
 def items(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
@@ -75,12 +73,13 @@ def _move_button(
     is_high = low.y < imgui.get_main_viewport().get_center().y  # the menu has more room below
     at = ImVec2(low.x, high.y if is_high else low.y)
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_high else 1))
-    if imgui.begin_popup(name):
+
+    def draw() -> None:
         _objects(session, document, state, decision)
         imgui.separator()
         _elsewhere(session, decision)
-        widgets.escape_closes()
-        imgui.end_popup()
+
+    widgets.popup(name, draw)
 
 
 def _elsewhere(session: Session, decision: Decision) -> None:
@@ -290,10 +289,8 @@ def _pointing(
         if found is not None and is_right:
             imgui.open_popup(f"Mask menu {position}")
     widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
-    if imgui.begin_popup(f"Mask menu {position}"):
-        items(session, document, state.menu, state.decision or decision)
-        widgets.escape_closes()
-        imgui.end_popup()
+    chosen = state.decision or decision
+    widgets.popup(f"Mask menu {position}", lambda: items(session, document, state.menu, chosen))
 
 
 def explanation(document: Document, decision: Decision) -> str:

@@ -14,13 +14,12 @@ from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.session import next_stage
 from gaga_studio.session.notices import Level
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status import duration
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import RequestTable, begin_modal
+from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -41,42 +40,44 @@ _MANY = 150.0  # matches of a strong link
 def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
-    widgets.field_name("Focal length, pixels", em(NAMES))
-    changed, focal = imgui.input_float("##Focal length, pixels", config.focal or 0.0, 0, 0, "%.0f")
-    widgets.tooltip("Of the photos as they are; 0: from EXIF, else estimated")
-    if changed:
-        plan = reconstruction.plan_with(plan, focal=max(focal, 0.0))
-    if found.is_video:
-        rate = config.video_fps or 0.0
-        widgets.field_name("Frames of each second", em(NAMES))
-        changed, rate = imgui.input_float("##Frames of each second", rate, 0, 0, "%.1f")
-        widgets.tooltip("0: as the camera moves, the sharpest ones")
+    numbers = [
+        ("focal", "Focal length, pixels", "%.0f", np.inf,
+         "Of the photos as they are; 0: from EXIF, else estimated"),
+        ("video_fps", "Frames of each second", "%.1f", _MOST_FPS,
+         "0: as the camera moves, the sharpest ones"),
+        ("place_minutes", "Minutes for placing", "%.0f", _MOST_MINUTES,
+         "For all attempts to place the photos; 0: as the quality says"),
+    ]  # fmt: skip
+    for name, label, form, most, hint in numbers:
+        if name == "video_fps" and not found.is_video:
+            continue
+        widgets.field_name(label, em(NAMES))
+        changed, value = imgui.input_float(f"##{label}", getattr(config, name) or 0.0, 0, 0, form)
+        widgets.tooltip(hint)
         if changed:
-            plan = reconstruction.plan_with(plan, video_fps=min(max(rate, 0.0), _MOST_FPS))
-    minutes = config.place_minutes or 0.0
-    widgets.field_name("Minutes for placing", em(NAMES))
-    changed, minutes = imgui.input_float("##Minutes for placing", minutes, 0, 0, "%.0f")
-    widgets.tooltip("For all attempts to place the photos; 0: as the quality says")
-    if changed:
-        plan = reconstruction.plan_with(plan, place_minutes=min(max(minutes, 0.0), _MOST_MINUTES))
+            plan = reconstruction.plan_with(plan, **{name: min(max(value, 0.0), most)})  # type: ignore[arg-type]
     widgets.field_name("Scene", em(NAMES))
     changed, number = imgui.input_int("##Scene", config.scene)
     widgets.tooltip("Which one, by its number of photos, when the photos show several")
     if changed:
-        number = min(max(number, 1), _MOST_SCENES)
-        plan = replace(plan, config=replace(plan.config, scene=number))
-    widgets.under_fields(em(NAMES))
-    changed, turntable = widgets.checkbox("Object on a turntable", config.turntable)
-    widgets.tooltip("The object turned, the camera stood still: the background is left out")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, turntable=turntable))
+        plan = _with(plan, scene=min(max(number, 1), _MOST_SCENES))
+    hint = "The object turned, the camera stood still: the background is left out"
+    plan = _tick(plan, "turntable", "Object on a turntable", hint)
     widgets.field_name("Masks of the object", em(NAMES))
     changed, folder = imgui.input_text("##Masks of the object", config.foreground or "")
     widgets.tooltip("A folder with NAME.png for each photo, black where the background is")
-    if changed:
-        masks = folder.strip() or None
-        plan = replace(plan, config=replace(plan.config, foreground=masks))
-    return plan
+    return _with(plan, foreground=folder.strip() or None) if changed else plan
+
+
+def _with(plan: ReconstructionPlan, **changed: object) -> ReconstructionPlan:
+    return replace(plan, config=replace(plan.config, **changed))  # type: ignore[arg-type]
+
+
+def _tick(plan: ReconstructionPlan, name: str, label: str, hint: str) -> ReconstructionPlan:
+    """A box to tick for a switch of the plan's settings."""
+    was = getattr(plan.config, name)
+    value = widgets.tick(label, was, hint, em(NAMES))
+    return plan if value == was else _with(plan, **{name: value})
 
 
 def draw_placement(placement: "PlacementReport") -> None:
@@ -136,11 +137,6 @@ class PlanSheet:
 
     plan: ReconstructionPlan | None = None
     photos: "PhotoFind | None" = None  # that it is for
-
-
-def register(table: RequestTable) -> None:
-    """Answer the request for the settings."""
-    table.register_popup(Request.MAKE_SPLATS, SHEET)
 
 
 def draw_photos(session: Session) -> None:
@@ -273,12 +269,8 @@ def _short(value: float) -> str:
 
 def sheet(session: Session, held: PlanSheet) -> None:
     """Settings of what is to be made."""
-    if not begin_modal(SHEET, em(32)):
-        return
     found = session.photos
-    if found is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+    if not begin_modal(SHEET, em(32), is_possible=found is not None) or found is None:
         return
     if held.plan is None or held.photos is not found:
         held.plan, held.photos = reconstruction.plan_of(found), found
@@ -299,13 +291,11 @@ def sheet(session: Session, held: PlanSheet) -> None:
 
 def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     config = plan.config
-    names = [name for name, _, _ in _QUALITIES]
-    at = names.index(config.quality)
-    widgets.field_name("Quality", em(NAMES))
-    changed, at = imgui.combo("##Quality", at, [title for _, title, _ in _QUALITIES])
-    if changed:
-        plan = reconstruction.plan_with(plan, quality=names[at])
-    widgets.dim(_QUALITIES[at][2], wrap=True)
+    named = {name: title for name, title, _ in _QUALITIES}
+    chosen = widgets.choice("Quality", named, config.quality, em(NAMES))
+    if chosen != config.quality:
+        plan = reconstruction.plan_with(plan, quality=chosen)
+    widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
     settings = plan.config.train()
     widgets.field_name("Longest side, pixels", em(NAMES))
     changed, side = imgui.input_int("##Longest side, pixels", settings.longest_side, 80, 320)
@@ -317,23 +307,12 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
         plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
     if not found.is_placed:
         plan = draw_fields(plan, found)
-    widgets.under_fields(em(NAMES))
-    changed, hold = widgets.checkbox(
-        "Hold the test photos out, to measure on", plan.config.hold_out
-    )
-    widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, hold_out=hold))
-    widgets.under_fields(em(NAMES))
-    changed, antialiased = widgets.checkbox("Antialiased", plan.config.antialiased)
-    widgets.tooltip("Splats that also look right from nearer and from farther away (mip mode)")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, antialiased=antialiased))
-    widgets.under_fields(em(NAMES))
-    changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
-    widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, exposure=exposure))
+    hint = "Those of split.json where there is one. Without, all photos are trained on."
+    plan = _tick(plan, "hold_out", "Hold the test photos out, to measure on", hint)
+    hint = "Splats that also look right from nearer and from farther away (mip mode)"
+    plan = _tick(plan, "antialiased", "Antialiased", hint)
+    hint = "Train brightness and white balance of each photo along, and leave them out"
+    plan = _tick(plan, "exposure", "Photos differ in brightness", hint)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
         changed, text = imgui.input_text("##Scene folder", str(plan.scene))
@@ -350,13 +329,6 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
         found = replace(found, iteration=0)
     about = next_stage.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
     widgets.dim(f"It takes {about} on the processor here.")
-    width = em(8)
-    room, gap = imgui.get_content_region_avail().x, imgui.get_style().item_spacing.x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - gap)
-    face = Face("Start", icons.RUN, width=width, primary=True)
-    if widgets.button("Start", face, why_not=reconstruction.why_not(session)):
-        imgui.close_current_popup()
+    face = Face("Start", icons.RUN, width=em(8), primary=True)
+    if answer("Start", face, why_not=reconstruction.why_not(session)):
         reconstruction.make(session, plan)
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)):
-        imgui.close_current_popup()
