@@ -157,7 +157,6 @@ def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel
 
 # --- What answers the requests of the session.
 
-
 _POPUPS = {
     Request.SHORTCUTS: sheets.KEYS,
     Request.ABOUT: sheets.ABOUT,
@@ -204,7 +203,6 @@ def _popup(name: str) -> Callable[[Session], object]:
 # --- What becomes of an error while something is drawn: it is told, and the frame goes on.
 # An error that leaves a child window, a popup or a table open would end the process at the end of
 # the frame. So the toolkit's stacks are put back to where they were before.
-
 
 Act = Callable[[], object]
 
@@ -260,9 +258,6 @@ def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
     imgui.internal.error_recovery_try_to_recover_state(stacks)
     for name, was in zip(said, kept, strict=True):
         setattr(io, name, was)
-
-
-# --- The one place that joins window, session, panels and picture; the frame loop.
 
 
 _LOG = logging.getLogger(__name__)

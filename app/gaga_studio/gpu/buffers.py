@@ -23,7 +23,6 @@ from gaga_core.scene.scene import RGB, Placements, Revision, Scene, State
 # A splat of degree 3 takes 91 bytes in data textures; depth order and projected splats (`splats`)
 # add 28. The files of most trainers hold 248.
 
-
 WIDTH = 2048  # texels of a line of every data texture
 _COMPARED = 1 << 16  # rows at a time, from both ends: what changed is mostly found in the first
 
@@ -174,13 +173,6 @@ def changed_range(before: AnyArray, after: AnyArray) -> tuple[int, int]:
         if differs.any():
             return start, first + int(np.flatnonzero(differs)[-1]) + 1
     return 0, 0
-
-
-# --- Data textures: the splats of a scene on the graphics card, kept up to date by pulling.
-# Columns lie row after row in textures 2048 texels wide and are read with ``texelFetch``; OpenGL
-# 3.3 has nothing better that every driver likes. A column is sent again only when its counter in
-# ``scene.revision`` moved, and then only the lines of texels that differ. Splats that were
-# appended are sent alone.
 
 
 _BLOCK = 4 * WIDTH  # rows packed at a time: temporaries stay in the cache

@@ -1,4 +1,4 @@
-"""The OpenGL context of the window, and programs from shader files."""
+"""The OpenGL context of the window, programs from shader files, and textures to draw into."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,9 +9,6 @@ import moderngl
 
 from gaga_core.assets import assets
 from gaga_core.errors import GagaError
-
-# --- The OpenGL context of the window, and programs from shader files.
-
 
 GLSL_VERSION = 330  # OpenGL 3.3 core: what macOS has too
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software", "basic render")

@@ -28,7 +28,6 @@ from gaga_studio.gpu.sorter import Rows
 
 # --- Reads nodes of a tree in a thread of its own, ready to be sent to the graphics card.
 
-
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 64  # nodes that were read and not taken
 _NEVER = 1 << 31
@@ -165,7 +164,6 @@ class NodeReader:
 # way.
 # To buffers and depth sort the pool is a scene of its own: each of its rows stands for a row of
 # the opened scene and takes that one's state, placement and group.
-
 
 _NONE = -1
 _COLUMNS = ("labels", "state", "placement", "source")
@@ -357,9 +355,6 @@ class NodePool:
         is_filled: BoolArray = places < self._counts[slots, None]
         rows = (slots[:, None] * NODE + places)[is_filled].astype(np.int32, copy=False)
         return Rows(rows, self._reach, self._scores)
-
-
-# --- Level of detail of the picture: the cut of the tree that is drawn, and how it changes.
 
 
 _MOST_WRITES = 32  # nodes sent in one frame

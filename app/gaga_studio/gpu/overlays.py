@@ -1,4 +1,4 @@
-"""Lines over the picture: camera frusta, ground grid, axes."""
+"""The last passes: depth colors and outlines, then frusta, grid and axes over the picture."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,6 @@ from gaga_core.scene.scene import RGB
 from gaga_studio.gpu.context import Target, bind_textures, load_program, set_uniforms
 
 # --- The last pass: blended splats to the finished picture, with depth colors and outlines.
-
 
 ACCENT = (0.36, 0.66, 1.0)  # outline of what is selected
 HOVER = (1.0, 1.0, 1.0)  # outline of what is under the cursor
@@ -88,9 +87,6 @@ class Compositor:
             program = load_program(self._ctx, "full.vert", "composite.frag", defines)
             self._variants[key] = program, self._ctx.vertex_array(program, [])
         return self._variants[key]
-
-
-# --- Lines over the picture: camera frusta, ground grid, axes.
 
 
 _FRUSTUM = (0.86, 0.88, 0.92, 0.5)

@@ -1,4 +1,4 @@
-"""The picture of the scene as a texture, drawn again only when something in it changed."""
+"""The picture of the scene as a texture, drawn in parts, and only when something in it changed."""
 
 import math
 import time
@@ -22,7 +22,6 @@ from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.session.view_state import CentreColors, Mode, ViewState
 
 # --- How much of a picture one frame draws, so that the window answers meanwhile.
-
 
 _FIRST = 4096  # splats of the first part: what a splat costs is not known yet
 _MOST_GROWTH = 2.0  # from one part to the next: near splats, drawn last, cost more
@@ -86,9 +85,6 @@ class Slices:
         self._spent += self.clock() - start
         if is_done:
             self.seconds = self._spent
-
-
-# --- The picture of the scene as a texture, drawn again only when something in it changed.
 
 
 __all__ = ["Overlays", "Viewport"]
@@ -428,7 +424,6 @@ def _job(
 
 # --- Keeps moving smooth: fewer splats, then fewer pixels while something moves; all of it at
 # rest.
-
 
 REST_S = 0.15  # after the last motion the picture is drawn in full
 TARGET_MS = 33.0  # of a picture while something moves

@@ -1,4 +1,4 @@
-"""Where things lie on disk: the user's settings, the demo scene."""
+"""Where things lie on disk: settings, demo scene, log; and a look at one in the file manager."""
 
 import logging
 import os
@@ -10,8 +10,6 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-
-# --- Where things lie on disk: the user's settings, the demo scene.
 
 
 def home() -> Path:
@@ -61,7 +59,6 @@ def shown(path: Path) -> str:
 
 
 # --- The log file: what went wrong, in full, for the person who fixes it.
-
 
 _MOST_BYTES = 1 << 20
 

@@ -20,7 +20,6 @@ from gaga_studio.system.key_queue import KeyQueue
 # scale lays the panels out again, and a remembered layout in which there is no picture is
 # forgotten.
 
-
 Draw = Callable[[], None]
 Split = tuple[str, str, imgui.Dir, float]
 _Made = tuple[int, int, float]  # width, height, scale
@@ -158,11 +157,6 @@ def _splits(name: str, width: float, height: float, scale: float) -> list[hello_
             (_MAIN, "Left", imgui.Dir.left, left),
         ]
     return [hello_imgui.DockingSplit(*split) for split in splits]
-
-
-# --- The window itself: size, OpenGL context, docking layout, idling, dropped files.
-# It knows nothing of the scene: ``studio.py`` hands it functions. Apart from ``gpu/`` this is the
-# only module that speaks to GLFW.
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
-"""Click an object to select it whole; drags orbit."""
+"""Tools of clicks: pick an object, align the ground, measure, and the tool Object."""
+
+from dataclasses import replace
 
 from gaga_studio.actions import align_ground, click_object, measure, selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Point, ToolName
-from gaga_studio.tools.base import ClickTool, RectShape, ViewportPoint
-
-# --- Click an object to select it whole; drags orbit.
+from gaga_studio.tools.base import BoxDrag, ClickTool, ViewportPoint
 
 
 class PickTool(ClickTool):
@@ -24,7 +24,6 @@ class PickTool(ClickTool):
 
 # --- Click three points of the ground; drags orbit.
 
-
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 
 
@@ -40,7 +39,7 @@ def surface_point(session: Session, place: ViewportPoint) -> Point | None:
 class GroundTool(ClickTool):
     """The points are kept in ``view.ground``: they are points in the world, so the camera may move.
 
-    The window marks them (``ui.viewport.ground_overlay``); the end of the tool forgets them.
+    The window marks them (``ui.viewport.overlays``); the end of the tool forgets them.
     """
 
     name = ToolName.GROUND
@@ -58,7 +57,7 @@ class GroundTool(ClickTool):
 
 
 class MeasureTool(ClickTool):
-    """The points are kept in ``view.measured``; the window marks them (``measure_overlay``)."""
+    """The points are kept in ``view.measured``; ``ui.viewport.overlays`` marks them."""
 
     name = ToolName.MEASURE
 
@@ -74,15 +73,10 @@ class MeasureTool(ClickTool):
 # --- Click a thing to select it, whatever groups there are; drag a box around it.
 
 
-class ObjectTool:
+class ObjectTool(BoxDrag):
     """Every click changes the answer; what is known of the clicks is in ``document.clicks``."""
 
     name = ToolName.OBJECT
-    takes_drag = True
-
-    def __init__(self) -> None:
-        self._from: ViewportPoint | None = None
-        self._to: ViewportPoint | None = None
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Add what is under the mouse to the object; with Alt or Ctrl take it away."""
@@ -90,29 +84,16 @@ class ObjectTool:
         click_object.click(session, place.u, place.v, place.width, place.height, is_on=is_on)
 
     def press(self, session: Session, place: ViewportPoint) -> None:
-        """Set the first corner of a box."""
-        self._from = self._to = place
-
-    def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Set the opposite corner, for now."""
-        self._to = place
+        """Set the first corner of a box, which always begins an object."""
+        super().press(session, replace(place, how="set"))
 
     def release(self, session: Session, place: ViewportPoint) -> None:
         """Begin an object with what the box holds."""
-        first, self._from, self._to = self._from, None, None
+        first = self._from
+        self.cancel(session)
         if first is not None:
             corners = (first.u, first.v, place.u, place.v)
             click_object.box(session, corners, place.width, place.height)
-
-    def cancel(self, session: Session) -> None:
-        """Forget the box."""
-        self._from = self._to = None
-
-    def overlay(self) -> RectShape | None:
-        """The box while it is drawn."""
-        if self._from is None or self._to is None:
-            return None
-        return RectShape(self._from.u, self._from.v, self._to.u, self._to.v, "set")
 
     def hint(self, session: Session) -> str:
         """What a click or drag does now."""

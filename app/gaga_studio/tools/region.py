@@ -1,4 +1,4 @@
-"""What a region gesture selects: splats or whole objects, everything or the visible surface."""
+"""Tools that select a region of the picture: rectangle, lasso, polygon and brush."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from time import perf_counter
@@ -17,13 +17,10 @@ from gaga_core.scene.selection import algebra, by_screen
 from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Outline, ToolName
-from gaga_studio.tools.base import PathShape, RectShape, ViewportPoint, region_hint
+from gaga_studio.tools.base import BoxDrag, PathShape, ViewportPoint, region_hint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
-
-# --- What a region gesture selects: splats or whole objects, everything or the visible surface.
-
 
 _LONGEST = 480  # longest side, pixels, of the depth picture
 
@@ -121,16 +118,14 @@ def _median_depth(scene: Scene, camera: Camera) -> FloatArray:
 # --- Drag a rectangle: what lies in it is selected, whole objects or single splats.
 
 
-class RectTool:
+class RectTool(BoxDrag):
     """Two corners."""
 
     name = ToolName.RECT
-    takes_drag = True
 
     def __init__(self) -> None:
+        super().__init__()
         self._region: Region | None = None
-        self._from: ViewportPoint | None = None
-        self._to: ViewportPoint | None = None
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """A rectangle without area: the object under the mouse."""
@@ -139,31 +134,16 @@ class RectTool:
     def press(self, session: Session, place: ViewportPoint) -> None:
         """Set the first corner."""
         self._region = Region(session, place)
-        self._from = self._to = place
-
-    def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Set the opposite corner, for now."""
-        self._to = place
+        super().press(session, place)
 
     def release(self, session: Session, place: ViewportPoint) -> None:
         """Select what the rectangle holds, as one edit."""
         region, first = self._region, self._from
-        self._region = self._from = self._to = None
-        if region is None or first is None:
-            return
-        height, width = region.shape
-        corners = (first.u, first.v, place.u, place.v)
-        region.take(by_screen.rectangle(corners, width, height))
-
-    def cancel(self, session: Session) -> None:
-        """Forget the rectangle."""
-        self._region = self._from = self._to = None
-
-    def overlay(self) -> RectShape | None:
-        """The rectangle while it is drawn."""
-        if self._from is None or self._to is None:
-            return None
-        return RectShape(self._from.u, self._from.v, self._to.u, self._to.v, self._from.how)
+        self.cancel(session)
+        if region is not None and first is not None:
+            height, width = region.shape
+            corners = (first.u, first.v, place.u, place.v)
+            region.take(by_screen.rectangle(corners, width, height))
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""
@@ -171,7 +151,6 @@ class RectTool:
 
 
 # --- Draw an outline around what is to be selected.
-
 
 _FINEST = 2.0  # pixels between two corners of the outline
 
@@ -227,7 +206,6 @@ class LassoTool:
 
 
 # --- Click the corners of an outline; Enter or a double click closes it.
-
 
 _NEAR = 8.0  # pixels from the first corner at which a click closes the outline
 
@@ -318,7 +296,6 @@ def _pose(session: Session, width: int, height: int) -> bytes:
 
 
 # --- Paint over what is to be selected; the selection follows the brush.
-
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
 

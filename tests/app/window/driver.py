@@ -13,6 +13,9 @@ from imgui_bundle import ImVec2, glfw_utils, imgui
 from imgui_bundle.immapp import testing
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.scene import Scene
+from gaga_studio.actions import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view_state import Mode, ToolName, ViewState
@@ -41,7 +44,19 @@ class Driver:
     def session(self) -> Session:
         return self.studio.session
 
+    @property
+    def scene(self) -> Scene:
+        return self.session.need().scene
+
+    @property
+    def history(self) -> History:
+        return self.session.need().history
+
     # --- waiting
+
+    def select(self, *groups: int) -> None:
+        self.on_main(lambda: selection.select_groups(self.session, groups))
+        self.frames()
 
     def frames(self, n: int = 2) -> None:
         self.engine.yield_(n)
@@ -230,10 +245,10 @@ def drive(
     drivers: list[Driver] = []
     view_for = studio._pacing.view_for
 
-    def unseen(*of: Any) -> ViewState:
+    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
         is_seen = drivers and (drivers[0].sees or drivers[0].fills_window)
         scale = 1.0 if is_seen else _UNSEEN_PICTURE
-        made = view_for(*of)
+        made = view_for(view, motion, n_splats)
         return replace(made, resolution_scale=made.resolution_scale * scale)
 
     studio._pacing.view_for = unseen  # type: ignore[method-assign]

@@ -9,12 +9,13 @@ import pytest
 from gaga_core.export.cameras import CameraForm
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
-from gaga_core.io.splats.splat_files import SplatFormat, read_splats
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
 from gaga_studio.actions import selection
 from gaga_studio.commands import run
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data
+from tests.scenes import objects_scene, random_gaussians
 
 pytestmark = pytest.mark.window
 
@@ -151,3 +152,42 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         d.keys(KEY.escape)
 
     drive(walk, path=tmp_path / "balls", size=(1280, 800))
+
+
+# --- Add splats and an export that loses something, by the menu and the window's own dialogs.
+
+
+def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
+    write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
+    write_splats(
+        tmp_path / "chair.spz", random_gaussians(300, sh_degree=1, extent=0.4), SplatFormat.SPZ
+    )
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        n = len(session.need().scene)
+        before = d.pixels()
+        d.menu("File/Add splats…")
+        d.frames(3)
+        dialog = d.studio.ui.files.dialog
+        assert dialog is not None
+        assert ".spz" in dialog.suffixes
+
+        def choose(path: Path) -> None:
+            shown = d.studio.ui.files.dialog
+            assert shown is not None
+            shown._text = str(path)
+            d.frames(2)
+
+        choose(tmp_path / "chair.spz")
+        d.click("###File dialog/Add")
+        d.settle()
+        assert len(session.need().scene) == n + 300
+        assert (d.pixels() != before).any()
+
+        d.menu("File/Export scene…")
+        d.export_to(tmp_path / "small.splat")
+        d.settle()
+        assert (tmp_path / "small.splat").stat().st_size == 32 * (n + 300)
+
+    drive(walk, path=tmp_path / "balls.ply")

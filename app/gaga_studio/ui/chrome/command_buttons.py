@@ -1,5 +1,7 @@
 """Commands as buttons and menu items: one table decides what is possible and says why not."""
 
+from collections.abc import Iterable
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio import commands
@@ -215,7 +217,7 @@ def command_item(session: Session, command_id: str) -> None:
 
 def object_menu(session: Session) -> None:
     """What can be done with the selected objects: the context menu of list and picture."""
-    _items(session, OBJECT_MENU)
+    command_items(session, OBJECT_MENU)
 
 
 OBJECT_POPUP, SCENE_POPUP = "Object in the picture", "Scene in the picture"
@@ -224,8 +226,8 @@ OBJECT_POPUP, SCENE_POPUP = "Object in the picture", "Scene in the picture"
 def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
     here = ("tool.pivot_here", "") if session.view.pointed is not None else ()
-    widgets.popup(OBJECT_POPUP, lambda: _items(session, (*OBJECT_MENU, *_IN_THE_PICTURE)))
-    widgets.popup(SCENE_POPUP, lambda: _items(session, (*here, *SCENE_MENU)))
+    widgets.popup(OBJECT_POPUP, lambda: command_items(session, (*OBJECT_MENU, *_IN_THE_PICTURE)))
+    widgets.popup(SCENE_POPUP, lambda: command_items(session, (*here, *SCENE_MENU)))
 
 
 def split_menu(session: Session) -> None:
@@ -236,7 +238,7 @@ def split_menu(session: Session) -> None:
         imgui.end_menu()
 
 
-def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
+def command_items(session: Session, command_ids: Iterable[str]) -> None:
     """Commands as menu items; "" is a line."""
     for command_id in command_ids:
         if command_id == "object.split":

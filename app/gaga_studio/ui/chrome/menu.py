@@ -90,8 +90,7 @@ def _bookmarks(session: Session) -> None:
         ("Set bookmark", icons.BLANK, SET),
     ):
         if imgui.begin_menu(f"{icon}  {name}###{name}"):
-            for command_id in ids:
-                command_buttons.command_item(session, command_id)
+            command_buttons.command_items(session, ids)
             imgui.end_menu()
 
 

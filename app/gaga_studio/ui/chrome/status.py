@@ -16,7 +16,6 @@ from gaga_studio.ui.kit.widgets import Face
 
 # --- The status line: what a click does now, what is under the mouse, and who computes.
 
-
 _LOOK_EVERY = 10.0  # seconds; a look asks the driver and the installed packages
 
 
@@ -66,9 +65,6 @@ def status_text(session: Session, tool: Tool) -> str:
     hint = tool.hint(session)
     hovered = session.hovered_group
     return f"{document.name_of(hovered)}  ·  {hint}" if hovered else hint
-
-
-# --- The status bar: what a click does now, the running task, and figures of the picture.
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """The tool bar: tools, undo, how the picture is colored, and the search."""
 
+from collections.abc import Sequence
+
 from imgui_bundle import imgui
 
 from gaga_studio import commands
@@ -14,7 +16,6 @@ from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 # --- Options of the tool: in the tool bar, or over the picture where the bar has no room for them.
-
 
 _TAKES = (
     (False, "", "Objects", "Whole objects of which at least half lies in the region"),
@@ -64,16 +65,9 @@ def draw_card(session: Session, area: PictureArea, top: float) -> float:
     if not area.has_options or session.tool not in _WITH_CARD:
         return top
     imgui.set_cursor_screen_pos(imgui.ImVec2(area.left + em(0.7), top))
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.auto_resize_x | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding | imgui.ChildFlags_.borders
     imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(em(0.35), em(0.35)))
-    if imgui.begin_child("Tool options", imgui.ImVec2(0, 0), flags):
-        _options(session)
-    imgui.end_child()
+    widgets.card("Tool options", 0, lambda: _options(session))
     imgui.pop_style_var()
-    imgui.pop_style_color(2)
     return imgui.get_item_rect_max().y + em(0.5)
 
 
@@ -191,16 +185,15 @@ def rule() -> None:
     imgui.same_line(0, em(0.6))
 
 
-# --- The tool bar: tools, undo, how the picture is colored, and the search.
-
-
 _MODES = (
     (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
     (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
     (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
 )
-_SELECTING = ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
-_MOVING = ("move", "rotate", "scale")
+_SELECTING = [
+    f"tool.{tool}" for tool in ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
+]
+_MOVING = ("tool.move", "tool.rotate", "tool.scale")
 
 
 def draw(session: Session, area: PictureArea) -> None:
@@ -211,18 +204,9 @@ def draw(session: Session, area: PictureArea) -> None:
     _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(_SELECTING):
-        _next(position)
-        command_buttons.command_icon(session, f"tool.{tool}")
-    rule()
-    for position, tool in enumerate(_MOVING):
-        _next(position)
-        command_buttons.command_icon(session, f"tool.{tool}")
-    rule()
-    command_buttons.command_icon(session, "edit.undo")
-    _next()
-    command_buttons.command_icon(session, "edit.redo")
-    rule()
+    for listed in (_SELECTING, _MOVING, ("edit.undo", "edit.redo")):
+        _icons(session, listed)
+        rule()
     _modes(session, with_text=width > em(58))
     imgui.same_line()
     if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
@@ -230,11 +214,7 @@ def draw(session: Session, area: PictureArea) -> None:
         area.has_options = True
         return
     rule()
-    command_buttons.command_icon(session, "view.frusta")
-    _next()
-    command_buttons.command_icon(session, "view.fly")
-    _next()
-    command_buttons.command_icon(session, "view.frame_all")
+    _icons(session, ("view.frusta", "view.fly", "view.frame_all"))
     used = imgui.get_item_rect_max().x - left
     area.has_options = not fits(session, width - used)
     if not area.has_options:
@@ -276,15 +256,11 @@ def _modes(session: Session, *, with_text: bool) -> None:
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
     imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
     if imgui.begin_popup("More modes"):
-        for mode in Mode:
-            if mode not in shown:
-                command_buttons.command_item(session, f"view.{mode}")
-        command_buttons.command_item(session, "view.folder_colors")
-        imgui.separator()
-        for look in SplatLook:
-            command_buttons.command_item(session, f"view.look_{look}")
-        imgui.separator()
-        command_buttons.command_item(session, "view.background")
+        more = [f"view.{mode}" for mode in Mode if mode not in shown]
+        looks = [f"view.look_{look}" for look in SplatLook]
+        command_buttons.command_items(
+            session, (*more, "view.folder_colors", "", *looks, "", "view.background")
+        )
         imgui.end_popup()
 
 
@@ -307,6 +283,8 @@ def _search(session: Session, width: float, used: float) -> None:
     widgets.tooltip("Every command by its name", "Ctrl+P")
 
 
-def _next(position: int = 1) -> None:
-    if position:
-        imgui.same_line(0, em(0.15))
+def _icons(session: Session, command_ids: Sequence[str]) -> None:
+    for position, command_id in enumerate(command_ids):
+        if position:
+            imgui.same_line(0, em(0.15))
+        command_buttons.command_icon(session, command_id)

@@ -24,7 +24,6 @@ from gaga_studio.ui.kit.widgets import Face
 
 # --- The forms of cameras in the sheet that exports.
 
-
 FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
     (
         CameraForm.CAMERAS_JSON,
@@ -57,7 +56,6 @@ def _draw_cameras(form: CameraForm, indent: float) -> CameraForm:
 
 
 # --- What an export changes on the way, in the sheet that exports: color, count, placement, crop.
-
 
 NAMES = 7.0  # width of the names of fields, ems
 _SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
@@ -130,9 +128,6 @@ def _box(session: Session) -> tuple[Point, Point]:
 def _point(values: "list[float]") -> Point:
     x, y, z = values
     return float(x), float(y), float(z)
-
-
-# --- The sheet that exports: the scene, the selection, every object or the cameras; one for all.
 
 
 SHEET = "Export"  # its title

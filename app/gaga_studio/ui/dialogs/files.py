@@ -24,11 +24,6 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- Choosing a file or a folder: the desktop's own dialog where there is one, else ours.
-# Both are asked in the same way (``FileDialog``) and answer through ``draw``, so that the rest of
-# the window does not know which of the two was on the screen.
-
-
 _OWN = ("Desktop", "Documents", "Downloads", "Pictures", "Videos")
 _MOUNTS = (Path("/media"), Path("/mnt"), Path("/Volumes"))
 _HELPERS = ("zenity", "kdialog", "matedialog", "qarma")

@@ -106,30 +106,10 @@ def draw(
         area.steps_height = em(3)
     imgui.set_next_window_pos(ImVec2(where.left, where.bottom), imgui.Cond_.always, ImVec2(0, 1))
     imgui.set_next_window_size_constraints(ImVec2(where.width, 0), ImVec2(where.width, em(40)))
-    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    shown = _card if where.is_whole else _strip
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(0.6), em(0.5)))
-    imgui.begin("First steps", None, _FLAGS)
-    if where.is_whole:
-        _card(session, progress)
-    else:
-        _strip(session, progress)
-    imgui.end()
-    imgui.pop_style_var(3)
-    imgui.pop_style_color(2)
-
-
-_FLAGS = (
-    imgui.WindowFlags_.no_decoration
-    | imgui.WindowFlags_.always_auto_resize
-    | imgui.WindowFlags_.no_docking
-    | imgui.WindowFlags_.no_saved_settings
-    | imgui.WindowFlags_.no_focus_on_appearing
-    | imgui.WindowFlags_.no_nav
-    | imgui.WindowFlags_.no_move
-)
+    widgets.floating_card("First steps", lambda: shown(session, progress))
+    imgui.pop_style_var()
 
 
 def _card(session: Session, progress: FirstSteps) -> None:

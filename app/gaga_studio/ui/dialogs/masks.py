@@ -1,4 +1,4 @@
-"""Dialogs of masks: who makes them and how, a try on one photo, the form of an export."""
+"""The sheets that make masks, find objects from them, and add new photos and masks."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -33,9 +33,6 @@ from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-
-# --- Dialogs of masks: who makes them and how, a try on one photo, the form of an export.
-
 
 MAKE, EXPORT = "Make masks", "Export masks"
 _VIEWS: tuple[tuple[Views, str, str, str], ...] = (
@@ -122,7 +119,7 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
     if imgui.begin_child("How", ImVec2(0, height if is_wide else height * 0.5)):
         _details(session, dialog, entry)
     imgui.end_child()
-    _make_masks_actions(session, dialog, entry)
+    _make_row(session, dialog, entry)
     return wants_model
 
 
@@ -336,7 +333,7 @@ def _mixed(path: Path, preview: MaskPreview) -> UInt8Array:
 # --- the row of buttons
 
 
-def _make_masks_actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
+def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
     n = len(masks.photos_of(session, dialog.request.views))
@@ -384,7 +381,6 @@ def _export(dialog: MaskDialog) -> bool:
 
 # --- The sheet Find objects: the preset, and the switches of the paper, folded away.
 
-
 FIND_OBJECTS = "Find objects"
 _NAMES = 11.0  # width of the names of fields, ems
 _PRESETS = (
@@ -416,7 +412,7 @@ def draw_find_objects(session: Session) -> None:
     _association(session)
     _identities(session)
     imgui.end_child()
-    _find_objects_actions(session)
+    _find_row(session)
     imgui.end_popup()
 
 
@@ -476,7 +472,7 @@ def _identities(session: Session) -> None:
     session.find_options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
 
 
-def _find_objects_actions(session: Session) -> None:
+def _find_row(session: Session) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     job = session.jobs.running
     busy = "" if job is None else f"{job.title} is still running."
@@ -514,7 +510,6 @@ def _number(text: str, value: float, low: float, high: float) -> tuple[bool, flo
 
 
 # --- The sheet Add new photos and masks: what joins, and what happens to what a person did.
-
 
 ADD_VIEWS = "Add new photos and masks"
 _NAMED = 4  # photos

@@ -1,4 +1,4 @@
-"""Preferences: what the program remembers, in five groups; each is saved as it is changed."""
+"""Preferences, each saved as it is changed, and the keys of the commands."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -12,9 +12,6 @@ from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
 from gaga_studio.ui.kit.theme import em
-
-# --- Preferences: what the program remembers, in five groups; each is saved as it is changed.
-
 
 _THEMES = {"dark": "Dark", "light": "Light"}
 _PROFILES = {"supersplat": "SuperSplat", "blender": "Blender"}
@@ -137,7 +134,6 @@ def _slider(
 # --- Keys to commands, by the character that a key types on this keyboard.
 # Dear ImGui's GLFW backend already names letter keys by what they type, so "Ctrl+Z" is where the
 # user's Z is; the fly keys alone go by place (``window.physical_keys``).
-
 
 _NAMED = {
     "/": imgui.Key.slash,

@@ -1,4 +1,4 @@
-"""A sheet in the middle of the window: its frame and its last row."""
+"""A sheet in the middle of the window: its frame, its height and its last row."""
 
 from imgui_bundle import ImVec2, imgui
 

@@ -1,4 +1,4 @@
-"""Textures of photos and masks, asked for by what they show."""
+"""Pictures of photos, masks and objects, as textures that are asked for by what they show."""
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
@@ -23,7 +23,6 @@ from gaga_studio.ui.kit.theme import em
 
 # --- Photos and masks as pictures: what the film strip and the memory bank show.
 # The functions here only read files and mix colors; they run in the image store's thread.
-
 
 THUMBNAIL = 256  # longest side in pixels
 LARGE = 640
@@ -108,9 +107,6 @@ def _edge(inside: BoolArray) -> BoolArray:
     return inside & ~core
 
 
-# --- Textures of photos and masks, asked for by what they show.
-
-
 Texture = tuple[int, int, int] | None  # OpenGL name, width, height; None while it loads
 
 
@@ -119,7 +115,7 @@ def photo(session: Session, view: str, side: int = THUMBNAIL) -> Texture:
     path = _photo_path(session, view)
     if path is None:
         return None
-    return _photo_textures_texture(session, f"photo {path} {side}", partial(read_photo, path, side))
+    return _texture(session, f"photo {path} {side}", partial(read_photo, path, side))
 
 
 def photo_with_masks(
@@ -133,7 +129,7 @@ def photo_with_masks(
     own = _own_colors(session)
     key = f"masks {path} {session.provider} {side} {_mark(groups)} {sorted(own.items())}"
     paint = partial(tint_masks, path, load, groups, side, own)
-    return _photo_textures_texture(session, key, paint)
+    return _texture(session, key, paint)
 
 
 def photo_and_mask(
@@ -149,7 +145,7 @@ def photo_and_mask(
     groups = groups_of_view(bank, view)
     own = _own_colors(session)
     key = f"{session.masks.source} {view} {mask} {_mark(groups)} {sorted(own.items())}"
-    right = _photo_textures_texture(
+    right = _texture(
         session,
         f"mask {key}",
         partial(highlight_mask, load, groups, mask, side, own),
@@ -157,7 +153,7 @@ def photo_and_mask(
     if path is None:
         return None, right
     left = partial(outline_mask, path, load, mask, side)
-    return _photo_textures_texture(session, f"outline {key}", left), right
+    return _texture(session, f"outline {key}", left), right
 
 
 def mask_at(session: Session, view: str, u: float, v: float) -> int:
@@ -223,7 +219,7 @@ def _photo_path(session: Session, view: str) -> Path | None:
     return folder.image_paths.get(view) if folder is not None else None
 
 
-def _photo_textures_texture(session: Session, key: str, load: Callable[[], UInt8Array]) -> Texture:
+def _texture(session: Session, key: str, load: Callable[[], UInt8Array]) -> Texture:
     return session.images.texture(key, load) if session.images is not None else None
 
 
@@ -233,7 +229,6 @@ def _mark(groups: IntArray | None) -> str:
 
 
 # --- The picture of an object, small in a row and larger in its tooltip.
-
 
 _ENDS = (ImVec2(0, 0), ImVec2(1, 1))
 _HOVERED = 160  # pixels of the picture in the tooltip
@@ -245,7 +240,7 @@ def draw(
     """Draw the object of a row into the square at ``corner``; grey until it is there."""
     drawing = imgui.get_window_draw_list()
     high = ImVec2(corner.x + side, corner.y + side)
-    texture = _object_picture_texture(session, table, row, thumbnails.SIDE)
+    texture = _object_texture(session, table, row, thumbnails.SIDE)
     if texture is None:
         drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED, alpha), em(0.2))
         return
@@ -257,10 +252,10 @@ def tooltip(session: Session, table: ObjectTable, row: int) -> None:
     """Show the picture larger while the mouse rests on the item that was drawn last."""
     if not imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         return
-    small = _object_picture_texture(session, table, row, thumbnails.SIDE)
+    small = _object_texture(session, table, row, thumbnails.SIDE)
     if small is None or not imgui.begin_tooltip():
         return
-    large = _object_picture_texture(session, table, row, thumbnails.LARGE)
+    large = _object_texture(session, table, row, thumbnails.LARGE)
     side = theme.scaled(_HOVERED)
     imgui.image(large or small, ImVec2(side, side))
     imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + side)
@@ -269,7 +264,7 @@ def tooltip(session: Session, table: ObjectTable, row: int) -> None:
     imgui.end_tooltip()
 
 
-def _object_picture_texture(
+def _object_texture(
     session: Session, table: ObjectTable, row: int, side: int
 ) -> imgui.ImTextureRef | None:
     wanted = thumbnails.request(session, table, row, side)

@@ -23,7 +23,6 @@ from gaga_studio.system.fonts import fonts_with, foreign_letters
 # Numbers and Latin words inside keep their direction. That is enough for names, not for paragraphs
 # (UAX 9 has more).
 
-
 _RIGHT = ("R", "AL")
 _MARKS = ("NSM",)
 _MIRRORED = str.maketrans("()[]{}<>«»", ")(][}{><»«")
@@ -95,10 +94,6 @@ def _forms() -> dict[str, dict[str, str]]:
         if len(parts) == 2 and parts[0] in _FORMS:
             forms.setdefault(chr(int(parts[1], 16)), {})[parts[0]] = chr(code)
     return forms
-
-
-# --- Colors, spacing and fonts: neutral, one accent; the splats are the color in the picture.
-# Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
 
 
 _LOG = logging.getLogger(__name__)

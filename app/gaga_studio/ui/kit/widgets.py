@@ -329,6 +329,43 @@ def dot(centre: ImVec2, radius: float, color: Sequence[float], alpha: float = 1.
         drawing.add_circle(centre, radius, theme.u32(rim, alpha), 20, theme.scaled(1.2))
 
 
+_CARD = (
+    imgui.WindowFlags_.no_decoration
+    | imgui.WindowFlags_.always_auto_resize
+    | imgui.WindowFlags_.no_docking
+    | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.no_focus_on_appearing
+    | imgui.WindowFlags_.no_nav
+    | imgui.WindowFlags_.no_move
+)
+
+
+def card(name: str, width: float, draw: Callable[[], object]) -> None:
+    """A part of a panel with a ground and an edge of its own, as high as what ``draw`` shows."""
+    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.always_use_window_padding
+    flags |= imgui.ChildFlags_.auto_resize_y
+    flags |= imgui.ChildFlags_.none if width else imgui.ChildFlags_.auto_resize_x
+    if imgui.begin_child(name, ImVec2(width, 0), flags):
+        draw()
+    imgui.end_child()
+    imgui.pop_style_color(2)
+
+
+def floating_card(name: str, draw: Callable[[], object]) -> None:
+    """A small window over the picture, where it was placed before, without a title."""
+    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    imgui.begin(name, None, _CARD)
+    draw()
+    imgui.end()
+    imgui.pop_style_var(2)
+    imgui.pop_style_color(2)
+
+
 def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> None:
     """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
 

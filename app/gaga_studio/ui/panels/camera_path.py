@@ -1,4 +1,4 @@
-"""The camera's path: play and scrub it, its keyframes and their times, and its film."""
+"""The camera's path with its keyframes and its film, and the bookmarks that a person keeps."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,6 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
-
-# --- The camera's path: play and scrub it, its keyframes and their times, and its film.
 
 
 def draw(session: Session) -> None:
@@ -170,12 +168,12 @@ def draw_bookmarks(session: Session, state: BookmarkState) -> None:
     if imgui.begin_child("Marks", ImVec2(0, 0)):
         for index, mark in enumerate(marks):
             imgui.push_id(index)
-            _bookmarks_row(session, state, index, mark)
+            _bookmark(session, state, index, mark)
             imgui.pop_id()
     imgui.end_child()
 
 
-def _bookmarks_row(session: Session, state: BookmarkState, index: int, mark: Bookmark) -> None:
+def _bookmark(session: Session, state: BookmarkState, index: int, mark: Bookmark) -> None:
     room = imgui.get_content_region_avail().x
     tools = em(4.6)
     if state.renaming == index:

@@ -1,7 +1,7 @@
 """The selected objects: names and counts, color, placement by numbers, and what can be done."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_core.scene.tint import Grade
 from gaga_studio import commands
 from gaga_studio.actions import cleanup, color_grade, fill, history, measure, quality, transform
 from gaga_studio.actions.color_grade import GradeSliders
@@ -24,7 +23,6 @@ from gaga_studio.ui.kit.widgets import Face
 
 # --- Where the selection stands, in numbers: position, rotation, scale and size; each can be
 # typed.
-
 
 _ZERO = 0.0005  # below half of the last digit that is shown
 _LEAST, _MOST = 0.001, 1000.0  # scales
@@ -65,16 +63,15 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
     if session.view.show_box and (turned := document.selected_oriented_box()) is not None:
         widgets.dim(f"Turned box  {measure.lengths(session, turned.size)}", wrap=True)
         widgets.tooltip("The smallest box around it, turned as it lies")
-    changed, local = widgets.checkbox("Own axes", session.view.local_axes)
-    widgets.tooltip("Numbers and handles along the object's own axes, else the world's")
-    if changed:
-        session.view.local_axes = local
+    view = session.view
+    hint = "Numbers and handles along the object's own axes, else the world's"
+    view.local_axes = widgets.tick("Own axes", view.local_axes, hint)
     widgets.next_to("Each axis", em(1.6))
-    _, state.each_axis = widgets.checkbox("Each axis", state.each_axis)
-    widgets.tooltip("Scale the axes one by one, else all together")
+    hint = "Scale the axes one by one, else all together"
+    state.each_axis = widgets.tick("Each axis", state.each_axis, hint)
     widgets.next_to("Box", em(1.6))
-    _, session.view.show_box = widgets.checkbox("Box", session.view.show_box)
-    widgets.tooltip("Show the smallest box around the selection in the picture")
+    hint = "Show the smallest box around the selection in the picture"
+    view.show_box = widgets.tick("Box", view.show_box, hint)
     command_buttons.command_button(session, "object.reset_placement", "Reset placement")
 
 
@@ -165,7 +162,6 @@ def number(
 
 # --- Color grade of the selection: sliders that show at once and end as one entry of the history.
 
-
 _NAMES = 6.0  # width of the names of fields, ems
 _SLIDERS = (
     ("temperature", "Temperature", -1.0, 1.0, "Cold to warm"),
@@ -197,7 +193,7 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
         ended |= imgui.is_item_deactivated_after_edit()
         widgets.tooltip(hint)
         if moved:
-            grade, changed = _with(grade, name, value), True
+            grade, changed = replace(grade, **{name: value}), True  # type: ignore[arg-type]
     if changed:
         sliders.show(session, grade)
     if ended:
@@ -205,11 +201,6 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
     why_not = "" if not grade.changes_nothing else "Nothing is graded yet."
     if widgets.button("Reset", why_not=why_not, hint="Take the grade back"):
         sliders.reset(session)
-
-
-def _with(grade: Grade, name: str, value: float) -> Grade:
-    values = {f.name: getattr(grade, f.name) for f in fields(grade)}
-    return Grade(**{**values, name: value})
 
 
 # --- Clean up in the inspector: what would come and go, and the two ways to end the preview.
@@ -235,14 +226,7 @@ def _cleaning(session: Session) -> bool:
         f"{_splats(len(found.add))} to add",
         ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
     )
-    imgui.dummy(ImVec2(0, em(0.2)))
-    gap = theme.scaled(5)
-    width = (imgui.get_content_region_avail().x - gap) / 2
-    face = Face(icon=icons.CHECK, width=width, primary=True)
-    command_buttons.command_button(session, "object.clean_apply", "Apply", face)
-    imgui.same_line(0, gap)
-    if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
-        cleanup.cancel(session)
+    _apply_or_cancel(session, "object.clean_apply", cleanup.cancel)
     return True
 
 
@@ -290,15 +274,20 @@ def _filling(session: Session) -> bool:
         commands.run(command.id, session)
     widgets.tooltip("Lighten what is darker where the object stood, as its surroundings are")
     _colors(session)
+    _apply_or_cancel(session, "object.fill_apply", fill.cancel)
+    return True
+
+
+def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], object]) -> None:
+    """The two ways to end a preview."""
     imgui.dummy(ImVec2(0, em(0.2)))
     gap = theme.scaled(5)
     width = (imgui.get_content_region_avail().x - gap) / 2
     face = Face(icon=icons.CHECK, width=width, primary=True)
-    command_buttons.command_button(session, "object.fill_apply", "Apply", face)
+    command_buttons.command_button(session, apply, "Apply", face)
     imgui.same_line(0, gap)
     if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
-        fill.cancel(session)
-    return True
+        cancel(session)
 
 
 def _colors(session: Session) -> None:
@@ -321,7 +310,6 @@ def _colors(session: Session) -> None:
 
 
 # --- Sections of the inspector: how well an object agrees with its masks, how sure its splats are.
-
 
 _WORST = 3  # views that are offered
 _BINS = 20
@@ -410,9 +398,6 @@ def _histogram(heights: DoubleArray, below: float) -> None:
         )
     imgui.dummy(size)
     widgets.tooltip("Splats by confidence, from unsure (left) to sure (right)")
-
-
-# --- The selected objects: names and counts, color, placement by numbers, and what can be done.
 
 
 _COLOR_FLAGS = (

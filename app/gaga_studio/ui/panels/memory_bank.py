@@ -22,10 +22,6 @@ from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport import mask_evidence
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
 
-# --- The memory bank of one object: which mask of which view joined it, and with what overlap.
-# While the association runs it shows the view of the moment and what becomes of its masks.
-
-
 _TABLE_FLAGS = (
     imgui.TableFlags_.scroll_y
     | imgui.TableFlags_.row_bg
@@ -255,7 +251,6 @@ def _bar(share: float, color: imgui.ImVec4) -> None:
 
 
 # --- The growth of the memory bank, view by view: play it, scrub it, follow it with the camera.
-
 
 TIMELINE = "Timeline"
 _LEAST_PICTURE = 9.0  # em: the panel shows the photo only where it has this height and thrice this

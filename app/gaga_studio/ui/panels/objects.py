@@ -54,9 +54,6 @@ def _detail_slider(session: Session, state: DetailState) -> None:
         detail.choose(session, chosen)
 
 
-# --- The object list: find, filter and sort, folders, and a line for each object (`rows`).
-
-
 _TABLE_FLAGS = (
     imgui.TableFlags_.sortable
     | imgui.TableFlags_.scroll_y

@@ -1,4 +1,4 @@
-"""What all kinds of rows of the object list share: columns, selecting, a field for the name."""
+"""The rows of the object list, of objects, folders and parts: their columns, names and switches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -34,9 +34,6 @@ from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
 
 if TYPE_CHECKING:
     from gaga_core.scene.edits import How
-
-# --- What all kinds of rows of the object list share: columns, selecting, a field for the name.
-
 
 _FLAGS = (
     imgui.SelectableFlags_.span_all_columns
@@ -174,7 +171,6 @@ def compact(n: int) -> str:
 
 # --- The eye, the lock and the circle at the end of a row of the object list.
 
-
 Switched = Literal["", "hide", "lock", "alone"]
 
 
@@ -211,7 +207,6 @@ class Switches:
 
 # --- The submenu "Put into a folder" of the selected objects.
 
-
 _HIGHEST = 10  # lines, then the list scrolls
 
 
@@ -241,7 +236,6 @@ def _item(session: Session, path: str) -> None:
 
 
 # --- The columns of the object list: which ones a width has room for, and by which it is sorted.
-
 
 _NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
 # Widths of the other columns, ems: narrow and roomy.
@@ -316,7 +310,6 @@ def switches_width(columns: RowColumns) -> float:
 
 
 # --- One line of the object list: color, picture, name, numbers, switches.
-
 
 _HIGH, _LOW = 50.0, 25.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
 _ENOUGH = 5  # high rows that a list must have room for
@@ -673,13 +666,9 @@ class FolderRow:
             folders.choose(self.session, self.path)
         if imgui.menu_item_simple(f"{icons.RENAME}  Rename###Rename"):
             self.state.rename_folder(self.path)
-        for command_id in ("object.folder", "object.folder_out", "object.folder_delete"):
-            command_buttons.command_item(self.session, command_id)
-        imgui.separator()
-        for command_id in ("view.frame_selected", "object.isolate", "object.hide", "object.lock"):
-            command_buttons.command_item(self.session, command_id)
-        imgui.separator()
-        command_buttons.command_item(self.session, "file.export_selected")
+        folder = ("object.folder", "object.folder_out", "object.folder_delete", "")
+        inside = ("view.frame_selected", "object.isolate", "object.hide", "object.lock", "")
+        command_buttons.command_items(self.session, (*folder, *inside, "file.export_selected"))
 
     def _text(self, row: Across) -> None:
         """The sign, the name, and what is in it, over the columns up to the switches."""

@@ -1,4 +1,4 @@
-"""The search box of the object list: what was understood, and the objects meant, the best first."""
+"""The search box of the object list, what was understood, the objects meant, and the filter."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,6 @@ from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 # --- The filter of the object list: ranges of size, splats, confidence and quality.
-
 
 _POPUP = "Filter of the list"
 _ROWS: tuple[tuple[Measure, str, str], ...] = (
@@ -122,10 +121,6 @@ def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
         f"from {form}", f"to {form}", flags,
     )  # fmt: skip
     return (found[1] / scale, found[2] / scale) if found[0] else None
-
-
-# --- The search box of the object list: what was understood, and the objects meant, the best
-# first.
 
 
 _HINT = "Find an object"

@@ -1,4 +1,4 @@
-"""The handles that move, turn or scale the selection, drawn over the picture."""
+"""The handles that move, turn or scale the selection, and the cube that turns the view."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,6 @@ from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
-
-# --- The handles that move, turn or scale the selection, drawn over the picture.
-
 
 _guizmo = imguizmo.im_guizmo
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along -z, y up
@@ -105,7 +102,6 @@ def _matrix16(matrix: DoubleArray) -> _guizmo.Matrix16:
 
 
 # --- The cube in a corner of the picture: a click on a side looks from there, a drag orbits.
-
 
 _EDGE = 0.62  # from here to the rim of a face its edge, or corner, is meant
 _REACH = 2.9  # of the cube's area, from its middle, ems

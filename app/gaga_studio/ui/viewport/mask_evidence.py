@@ -1,4 +1,4 @@
-"""A photo and its mask side by side: why this mask joined this group."""
+"""A photo and its mask side by side: why this mask joined this group, and its menu."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -126,9 +126,6 @@ def _objects(
         association_repair.move_mask(session, decision, to)
 
 
-# --- A photo and its mask side by side: why this mask joined this group.
-
-
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
 _MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
@@ -174,20 +171,17 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
     top = max(area.head_bottom, area.chip_bottom + em(0.4))
     at = ImVec2(area.left + em(0.8), top if is_above else area.bottom - em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_above else 1))
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding
-    if imgui.begin_child("Mask in its photo", ImVec2(width, 0), flags):
+
+    def shown() -> None:
         if decision is not None:
             _head(session, document, state, decision)
             _pictures(session, document, state, decision)
         elif session.live is not None:
             _growing(session, state, session.live)
-    imgui.end_child()
+
+    widgets.card("Mask in its photo", width, shown)
     if is_above:
         area.card_bottom = imgui.get_item_rect_max().y
-    imgui.pop_style_color(2)
 
 
 def _width(aspect: float, area: PictureArea) -> float:

@@ -1,4 +1,4 @@
-"""The points of the ground tool: numbered marks on the surface, joined by lines."""
+"""What lies over the picture: points of tools, the box of the selection, outlines, the brush."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,11 +16,8 @@ from gaga_studio.tools.base import PathShape, RectShape
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 
-# --- The points of the ground tool: numbered marks on the surface, joined by lines.
-
-
 _NEAREST = 1e-6  # depth from which a point is in front of the camera, scene units
-_GROUND_OVERLAY_FILLED, _GROUND_OVERLAY_LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
+_PLANE, _LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
 
 
 def ground(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
@@ -56,10 +53,10 @@ def on_screen(points: DoubleArray, camera: Camera, corner: ImVec2) -> list[ImVec
 
 def _lines(marks: list[ImVec2], mouse: ImVec2 | None, *, fills: bool) -> None:
     drawing = imgui.get_window_draw_list()
-    wanted, line = theme.u32(theme.ACCENT, _WANTED), theme.u32(theme.ACCENT, _GROUND_OVERLAY_LINE)
+    wanted, line = theme.u32(theme.ACCENT, _WANTED), theme.u32(theme.ACCENT, _LINE)
     if mouse is not None:
         if fills and len(marks) == 2:
-            fill = theme.u32(theme.ACCENT, _GROUND_OVERLAY_FILLED)
+            fill = theme.u32(theme.ACCENT, _PLANE)
             drawing.add_triangle_filled(marks[0], marks[1], mouse, fill)
         for mark in marks if fills else marks[-1:]:
             drawing.add_line(mark, mouse, wanted, theme.scaled(1.5))
@@ -70,9 +67,7 @@ def _lines(marks: list[ImVec2], mouse: ImVec2 | None, *, fills: bool) -> None:
 def _mark(at: ImVec2, number: str) -> None:
     """A disk with two rims, so that it is seen on dark and on bright."""
     drawing, radius = imgui.get_window_draw_list(), em(0.55)
-    drawing.add_circle_filled(
-        at, radius + theme.scaled(1.5), theme.u32(theme.BACK, _GROUND_OVERLAY_LINE)
-    )
+    drawing.add_circle_filled(at, radius + theme.scaled(1.5), theme.u32(theme.BACK, _LINE))
     drawing.add_circle_filled(at, radius, theme.u32(theme.ACCENT, 1.0))
     with theme.face(strong=True, scale=0.75):
         extent = imgui.calc_text_size(number)
@@ -81,7 +76,6 @@ def _mark(at: ImVec2, number: str) -> None:
 
 
 # --- The smallest box around the selection, as lines in the picture.
-
 
 _EDGES = [(i, i | 1 << side) for side in range(3) for i in range(8) if not i >> side & 1]
 
@@ -105,7 +99,6 @@ def box(session: Session, camera: Camera, corner: ImVec2) -> None:
 
 
 # --- The points of the tool Measure with their lengths, and a card with the numbers and Set scale.
-
 
 _WIDTH = 15.0  # of the card, em
 
@@ -187,9 +180,8 @@ def _see_through(color: ImVec4) -> ImVec4:
 
 # --- What a tool draws over the picture: rectangles, outlines, the brush.
 
-
-_TOOL_OVERLAY_FILLED = 0.12
-_TOOL_OVERLAY_LINE = 0.9
+_INSIDE = 0.12
+_OUTLINE = 0.9
 _WIDE = 1.5  # of a line, pixels at 96 dpi
 
 
@@ -198,8 +190,8 @@ def rectangle(shape: RectShape, corner: ImVec2, density: ImVec2) -> None:
     a, b = _at(shape.u0, shape.v0, corner, density), _at(shape.u1, shape.v1, corner, density)
     low, high = ImVec2(min(a.x, b.x), min(a.y, b.y)), ImVec2(max(a.x, b.x), max(a.y, b.y))
     drawing, color = imgui.get_window_draw_list(), _color(shape.how)
-    drawing.add_rect_filled(low, high, theme.u32(color, _TOOL_OVERLAY_FILLED))
-    drawing.add_rect(low, high, theme.u32(color, _TOOL_OVERLAY_LINE), thickness=theme.scaled(1))
+    drawing.add_rect_filled(low, high, theme.u32(color, _INSIDE))
+    drawing.add_rect(low, high, theme.u32(color, _OUTLINE), thickness=theme.scaled(1))
 
 
 def path(shape: PathShape, corner: ImVec2, density: ImVec2) -> None:
@@ -211,15 +203,13 @@ def path(shape: PathShape, corner: ImVec2, density: ImVec2) -> None:
     if shape.radius and points:
         # Two lines, so that the brush is seen on dark and on bright.
         radius, line = shape.radius / density.x, theme.scaled(1)
-        drawing.add_circle(
-            points[-1], radius + line, theme.u32(theme.BACK, _TOOL_OVERLAY_LINE), 0, line
-        )
+        drawing.add_circle(points[-1], radius + line, theme.u32(theme.BACK, _OUTLINE), 0, line)
         drawing.add_circle(points[-1], radius, theme.u32(color, 1.0), 0, line)
         return
     if shape.is_closed and len(points) > 2:
-        drawing.add_concave_poly_filled(points, theme.u32(color, _TOOL_OVERLAY_FILLED))
+        drawing.add_concave_poly_filled(points, theme.u32(color, _INSIDE))
     flags = imgui.ImDrawFlags_.closed if shape.is_closed else imgui.ImDrawFlags_.none
-    drawing.add_polyline(points, theme.u32(color, _TOOL_OVERLAY_LINE), theme.scaled(_WIDE), flags)
+    drawing.add_polyline(points, theme.u32(color, _OUTLINE), theme.scaled(_WIDE), flags)
     for point in points if shape.has_corners else ():
         drawing.add_circle_filled(point, em(0.18), theme.u32(color, 1.0))
 
@@ -236,7 +226,7 @@ def source_mark(point: DoubleArray | None, camera: Camera, corner: ImVec2) -> No
     drawing, arm, gap, radius = imgui.get_window_draw_list(), em(0.95), em(0.2), em(0.55)
     # Two lines, so that it is seen on dark and on bright.
     for color, wide in (
-        (theme.u32(theme.BACK, _TOOL_OVERLAY_LINE), 4.0),
+        (theme.u32(theme.BACK, _OUTLINE), 4.0),
         (theme.u32(theme.TEXT, 1.0), _WIDE),
     ):
         line = theme.scaled(wide)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 # --- The placement of photos: its settings, and a picture of what is placed and what links it.
 
-
 _MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
@@ -119,9 +118,6 @@ def _ring(placement: "PlacementReport") -> None:
         drawing.add_circle_filled(dot, theme.scaled(2.2), theme.u32(color))
 
 
-# --- Photos without splats: what can be made of them, how, and the curves while it is made.
-
-
 SHEET = "Make splats"
 _QUALITIES = (
     ("draft", "Draft", "Minutes on a processor; enough to find objects in"),
@@ -191,14 +187,7 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> None:
         return
     at = ImVec2(corner.x + em(0.8), corner.y + em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always)
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding
-    if imgui.begin_child("Training", ImVec2(width, 0), flags):
-        _card(session, training, small=size.y < em(22))
-    imgui.end_child()
-    imgui.pop_style_color(2)
+    widgets.card("Training", width, lambda: _card(session, training, small=size.y < em(22)))
 
 
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:

@@ -26,7 +26,6 @@ from gaga_studio.ui.viewport.overlays import MeasureState
 
 # --- The keys that fly: held since a press that meant to fly.
 
-
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
 
@@ -91,15 +90,8 @@ def _draw_next_stage(session: Session, state: OfferState, area: PictureArea) -> 
         return
     at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding
-    if imgui.begin_child("Offer", ImVec2(width, 0), flags):
-        _content(session, state, width)
-    area.offer_top = imgui.get_window_pos().y
-    imgui.end_child()
-    imgui.pop_style_color(2)
+    widgets.card("Offer", width, lambda: _content(session, state, width))
+    area.offer_top = imgui.get_item_rect_min().y
 
 
 def _content(session: Session, state: OfferState, width: float) -> None:
@@ -138,7 +130,6 @@ def _content(session: Session, state: OfferState, width: float) -> None:
 
 
 # --- What the picture shows while nothing is open: three ways to begin, and recent scenes.
-
 
 _CHOICES = (
     ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
@@ -264,9 +255,6 @@ def _opening(session: Session, room: ImVec2) -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + (room.x - width) / 2)
     fraction = job.fraction if job.fraction >= 0 else -imgui.get_time()
     imgui.progress_bar(fraction, ImVec2(width, em(0.35)), "")
-
-
-# --- The picture of the scene: mouse and keys over it, handles, and what to do while it is empty.
 
 
 _BUTTONS = (
