@@ -244,11 +244,16 @@ class SceneBuffers:
         if splats_changed or now.placement != self._seen.placement:
             self._send_column("placement", scene.placement)
         if with_confidence != ("confidence" in self._textures) or labels_changed:
-            self._send_confidence(scene if with_confidence else None)
+            known = scene.confidence_of()
+            rows = np.zeros(len(scene), np.uint8) if known is None else known
+            self._send_optional("confidence", rows if with_confidence else None)
         if with_identity != ("identity" in self._textures) or labels_changed:
-            self._send_identity(scene.identity_colors_of() if with_identity else None)
-        fits = tint is not None and len(tint) == len(scene)
-        self._send_tint(tint if fits else None)
+            colors = scene.identity_colors_of() if with_identity else None
+            self._send_optional("identity", None if colors is None else words_of_colors(colors))
+        tint = tint if tint is not None and len(tint) == len(scene) else None
+        if tint is not self._tint or (tint is not None) != self.is_tinted:
+            self._send_optional("tint", None if tint is None else words_of_colors(tint))
+            self._tint = tint
         self._seen = Revision(**vars(now))
 
     def clear(self) -> None:
@@ -414,47 +419,17 @@ class SceneBuffers:
         self._sent[name] = column
         self._count(name)
 
-    def _send_confidence(self, scene: Scene | None) -> None:
-        """Put the column there while it is shown: a byte a splat that is seldom needed."""
-        column = scene.confidence_of() if scene is not None else None
-        texture = self._textures.get("confidence")
-        if scene is None:
-            if texture is not None:
-                self._drop_column("confidence")
-            return
-        if texture is None:
-            self._column("confidence", 1, "u1")
-        self._send_column(
-            "confidence", np.zeros(len(scene), np.uint8) if column is None else column
-        )
-
-    def _send_identity(self, colors: UInt8Array | None) -> None:
-        """Put the colors (N, 3) of the encodings there while they are shown."""
-        if colors is None:
-            if "identity" in self._textures:
-                self._drop_column("identity")
-                self.version += 1
-            return
-        if "identity" not in self._textures:
-            self._column("identity", 1, "u4")
-        self._send_column("identity", words_of_colors(colors))
-
-    def _send_tint(self, tint: UInt8Array | None) -> None:
-        """Put the column there while it is shown: four bytes a splat that are seldom needed."""
-        if tint is None:
-            if self.is_tinted:
-                self._drop_column("tint")
-                self.version += 1
-        elif tint is not self._tint or not self.is_tinted:
-            if not self.is_tinted:
-                self._column("tint", 1, "u4")
-            self._tint = tint
-            self._send_column("tint", words_of_colors(tint))
-
-    def _drop_column(self, name: str) -> None:
-        self._textures.pop(name).release()
-        self._columns.discard(name)
-        self._sent.pop(name, None)
+    def _send_optional(self, name: str, rows: AnyArray | None) -> None:
+        """A column that is there while it is shown: bytes a splat that are seldom needed."""
+        if rows is not None:
+            if name not in self._textures:
+                self._column(name, 1, "u1" if rows.dtype == np.uint8 else "u4")
+            self._send_column(name, rows)
+        elif name in self._textures:
+            self._textures.pop(name).release()
+            self._columns.discard(name)
+            self._sent.pop(name, None)
+            self.version += 1
 
     def _send_placements(self, placements: Placements) -> None:
         if len(placements) > _MOST_SHORT and self._texture("placement").dtype == "u2":

@@ -594,10 +594,7 @@ class LodView:
         """
         coarser, finer = self._coarser(drawn), self._finer(drawn)
         ready = coarser[self._pool.holds(coarser)]
-        firsts, n_children = self._children(finer)
-        steps = np.arange(FAN)
-        children = np.minimum(firsts[:, None] + steps, firsts[:, None] + n_children[:, None] - 1)
-        here = self._pool.holds(children).all(axis=1)
+        here = self._pool.holds(self._children(finer)).all(axis=1)
         found = np.concatenate([ready, finer[here]])[:most]
         changes = np.cumsum(self._changes(found))
         n = int(np.searchsorted(changes, change, side="right"))
@@ -617,8 +614,9 @@ class LodView:
     def _ask(self, drawn: IntArray) -> None:
         """Let the reader read what is missing for the next steps: what makes room comes first."""
         coarser, finer = self._coarser(drawn), self._finer(drawn)
-        firsts, n_children = self._children(finer)
-        children = (firsts[:, None] + np.arange(FAN))[np.arange(FAN) < n_children[:, None]]
+        children = self._children(finer)
+        is_filler = np.diff(children, axis=1, prepend=-1) == 0  # where a node has fewer than others
+        children = children[~is_filler]
         stale = drawn[self._stale[drawn]]
         wanted = np.concatenate([self._extra, stale, coarser, children]).astype(np.int32)
         self._pool.want(np.concatenate([drawn, wanted]), self._pulls)
@@ -636,15 +634,13 @@ class LodView:
         parents = self._parents[drawn]
         parents = np.unique(parents[parents >= 0])
         parents = parents[~self._target[parents]]
-        firsts, n_children = self._children(parents)
-        steps = np.arange(FAN)
-        children = np.minimum(firsts[:, None] + steps, firsts[:, None] + n_children[:, None] - 1)
-        found: IntArray = parents[~self._divided[children].any(axis=1)]
+        found: IntArray = parents[~self._divided[self._children(parents)].any(axis=1)]
         return found
 
-    def _children(self, nodes: IntArray) -> tuple[IntArray, IntArray]:
-        """First child of each node above level 0, and how many there are."""
+    def _children(self, nodes: IntArray) -> IntArray:
+        """Children (K, FAN) of each node above level 0; of fewer the last one several times."""
         firsts = self.tree.first_nodes
         levels = np.searchsorted(firsts, nodes, side="right") - 1
         first = firsts[levels - 1] + (nodes - firsts[levels]) * FAN
-        return first, np.minimum(FAN, firsts[levels] - first)
+        found: IntArray = np.minimum(first[:, None] + np.arange(FAN), firsts[levels, None] - 1)
+        return found

@@ -62,7 +62,6 @@ def test_each_request_opens_one_thing(display: str, grouped_scene: Path) -> None
             is_open = d.on_main(lambda: imgui.is_popup_open("", any_popup))
             assert is_open, request
             d.keys(KEY.escape)
-            d.frames(3)
             assert files.dialog is None
             assert not d.on_main(lambda: imgui.is_popup_open("", any_popup)), request
         d.session.request = Request.RENAME

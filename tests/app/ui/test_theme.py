@@ -2,7 +2,6 @@
 
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from gaga_core.raster import backend_report
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import folder_colors, group_colors
 from gaga_studio.session import stages
-from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.chrome import status
@@ -178,14 +176,3 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     assert session.scene is not None
     assert started == ["Prepare kernels"]
     assert session.jobs.running is None
-
-
-def test_a_running_job_says_what_how_far_and_how_long() -> None:
-    job = Job("Associate masks", "Associate masks", "", -1.0, None, 0.0, False)
-    assert status.job_text(job) == "Associate masks", "not known how far"
-    job = replace(job, fraction=0.456)
-    assert status.job_text(job) == "Associate masks  46 %"
-    assert status.job_text(replace(job, eta_s=12.2)) == "Associate masks  46 %, 12 s left"
-    late = status.job_text(replace(job, eta_s=200.0))
-    assert late == "Associate masks  46 %, 3 min 20 s left"
-    assert status.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"

@@ -23,6 +23,7 @@ from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
+_SEEN = 4  # frames after which what was done is seen, a sheet that opens too
 # Of the window and of the picture of the splats while nobody looks: filling pixels is most of a
 # frame in software.
 _UNSEEN_SCALE, _UNSEEN_PICTURE = 0.05, 0.1
@@ -56,7 +57,7 @@ class Driver:
 
     def select(self, *groups: int) -> None:
         self.on_main(lambda: selection.select_groups(self.session, groups))
-        self.frames()
+        self.frames(_SEEN)
 
     def frames(self, n: int = 2) -> None:
         self.engine.yield_(n)
@@ -80,12 +81,13 @@ class Driver:
         """Click an item: "Objects/Table" or "**/Delete"; the window comes first."""
         self.engine.item_click(f"//{ref}")
         self.check(ref)
+        self.frames(_SEEN)
 
     def menu(self, path: str) -> None:
         self.engine.set_ref("//##MainMenuBar")
         self.engine.menu_click(path)
         self.check(path)
-        self.frames()
+        self.frames(_SEEN)
 
     def focus(self, panel: str) -> None:
         """Bring a panel to the front of its tabs."""
@@ -95,13 +97,13 @@ class Driver:
     def keys(self, *chord: imgui.Key) -> None:
         # Summed as numbers: "|" of these enum members fails in Python before 3.11.4.
         self.engine.key_press(sum(int(key) for key in chord))
-        self.frames()
+        self.frames(_SEEN)
 
     def type_into(self, ref: str, text: str) -> None:
         self.engine.item_click(f"//{ref}")
         self.check(ref)
         self.engine.key_chars_replace_enter(text)
-        self.frames()
+        self.frames(_SEEN)
 
     def answer_path(self, path: Path) -> None:
         """Type a path into the open file dialog and accept it."""
@@ -129,7 +131,17 @@ class Driver:
     def click_picture(self, u: float, v: float, button: int = 0) -> None:
         self.move_to(u, v)
         self.engine.mouse_click(button)
-        self.frames()
+        self.frames(_SEEN)
+
+    def drop(self, ref: str, onto: str) -> None:
+        self.engine.item_drag_and_drop(f"//{ref}", f"//{onto}")
+        self.frames(_SEEN)
+
+    def menu_of(self, ref: str, item: str) -> None:
+        """Right-click an item, and click in its menu."""
+        self.engine.item_click(f"//{ref}", 1)
+        self.frames(_SEEN)
+        self.click(f"$FOCUSED/{item}")
 
     def drag_picture(
         self, start: tuple[float, float], by: tuple[float, float], button: int = 0

@@ -61,7 +61,6 @@ def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path:
 
         with models.no_torch():
             d.click(_MODEL)
-            d.frames(3)
             assert d.studio.ui.files.dialog is None, "it is off without PyTorch"
 
     drive(walk, path=saved, size=(1100, 700))
@@ -104,7 +103,6 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
         d.click("Inspector/###Clean up")
         d.settle()
         d.click("Inspector/###Cancel")
-        d.frames()
         assert snapshot(document.scene) == before
 
         d.click("Inspector/###Clean up")

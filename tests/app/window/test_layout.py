@@ -86,12 +86,7 @@ def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_pa
 # bars.
 
 
-def test_a_small_window(
-    display: str, grouped_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_a_small_window(display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def walk(d: Driver) -> None:
         group = _lowest(d)
         _the_card_of_a_mask_keeps_off_its_object(d, group, monkeypatch)
@@ -99,7 +94,7 @@ def test_a_small_window(
         _nothing_lies_over_the_choices_of_a_split_view(d, group)
         _titles_of_panels_are_whole(d)
 
-    drive(walk, path=folder, size=(800, 500))
+    drive(walk, path=grouped_copy, size=(800, 500))
 
 
 def _middle(d: Driver, group: int) -> tuple[float, float]:
@@ -189,16 +184,10 @@ def _titles_of_panels_are_whole(d: Driver) -> None:
     d.until(lambda: bank_timeline.timeline_of(d.session).is_open, "the growth is known")
     d.frames(4)
     d.click("Timeline/**/###Close replay")
-    d.frames(4)
     assert titles() == shown
 
 
-def test_sheets_scroll_only_where_they_must(
-    display: str, grouped_scene: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_sheets_scroll_only_where_they_must(display: str, grouped_copy: Path) -> None:
     def scroll(d: Driver, child: str) -> tuple[float, float]:
         window = d.engine.window_info(f"//{child}").window
         return float(window.scroll.y), float(window.scroll_max.y)
@@ -209,7 +198,6 @@ def test_sheets_scroll_only_where_they_must(
         assert scroll(d, "Preferences/Rows") == (0.0, 0.0), "all of it has room"
         d.keys(KEY.escape)
         d.menu("Find/###Make masks…")
-        d.frames(4)
         dialog = d.studio.ui.scene.masks
         assert scroll(d, "Make masks/How") == (0.0, 0.0), "with the picture of the try"
         d.resize(800, 500)
@@ -220,15 +208,13 @@ def test_sheets_scroll_only_where_they_must(
         at, end = scroll(d, "Make masks/How")
         assert at == end > 0, "the try is looked at"
 
-    drive(walk, path=folder, size=(1440, 900))
+    drive(walk, path=grouped_copy, size=(1440, 900))
 
 
 def test_a_line_over_the_picture_is_wider_where_text_is_larger(
-    display: str, grouped_scene: Path, tmp_path: Path
+    display: str, grouped_copy: Path, tmp_path: Path
 ) -> None:
     """A lasso was a hair at UI scale 2."""
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
     wide: dict[float, int] = {}
 
     def walk(d: Driver, scale: float) -> None:
@@ -250,7 +236,7 @@ def test_a_line_over_the_picture_is_wider_where_text_is_larger(
 
     for scale in (1.0, 2.0):
         settings = Settings(first_steps_done=True, ui_scale=scale)
-        drive(partial(walk, scale=scale), path=folder, size=(1000, 700), settings=settings)
+        drive(partial(walk, scale=scale), path=grouped_copy, size=(1000, 700), settings=settings)
     assert wide[2.0] > wide[1.0] >= 1, wide
 
 
@@ -269,10 +255,8 @@ _SHEETS = ("edit.preferences", "file.export_objects", "file.export_cameras", "ca
 
 
 def test_no_text_is_cut_at_any_size(
-    display: str, grouped_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
     watch = TextWatch()
     wrong: list[str] = []
 
@@ -309,7 +293,7 @@ def test_no_text_is_cut_at_any_size(
             d.keys(KEY.escape)
         wrong.extend(f"{size} {scale}: {text}" for text in watch.found)
 
-    drive(walk, path=folder, size=_SMALLEST)
+    drive(walk, path=grouped_copy, size=_SMALLEST)
     assert watch.n_seen > 500, "the texts were looked at"
     assert not wrong, "\n".join(wrong)
 
@@ -338,10 +322,7 @@ def test_what_an_empty_list_offers_fits_its_panel(
 # --- What an hour of use met: ways out of isolation, file dialogs by key, calm bars and lists.
 
 
-def test_snags_of_an_hour_of_use(display: str, grouped_scene: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Path) -> None:
     def walk(d: Driver) -> None:
         _isolation(d)
         _history(d)
@@ -351,7 +332,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_scene: Path, tmp_path: Pa
         _notices(d, tmp_path / "notice.png")
         _file_dialog(d, tmp_path)
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))
 
 
 def _isolation(d: Driver) -> None:
@@ -363,7 +344,6 @@ def _isolation(d: Driver) -> None:
     d.frames()
     assert objects.isolated(session) == session.need().name_of(2)
     d.click("Viewport/Show all")
-    d.frames()
     assert not objects.isolated(session)
     d.select(3)
     d.on_main(lambda: commands.run("object.isolate", session))
@@ -464,15 +444,12 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     assert len(taken) == 1
     dialog = ask()
     d.click("$FOCUSED/New folder")
-    d.frames()
     d.engine.key_chars_replace_enter("results")
     d.frames()
     assert (folder / "results").is_dir()
     assert dialog.folder == folder / "results"
     d.click("$FOCUSED/Places")
-    d.frames()
     d.click("$FOCUSED/###place 0")
-    d.frames()
     assert dialog.folder == Path.home().resolve()
     d.keys(KEY.escape)
 
@@ -482,10 +459,7 @@ def _file_dialog(d: Driver, folder: Path) -> None:
 _KEYFRAMES = 6
 
 
-def test_parts_of_the_window(display: str, grouped_scene: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -> None:
     def walk(d: Driver) -> None:
         _disabled_commands_say_why(d)
         _menus_part_finding_from_editing(d)
@@ -494,7 +468,7 @@ def test_parts_of_the_window(display: str, grouped_scene: Path, tmp_path: Path) 
         _sheets_that_theme_the_window_do_not_dim_it(d)
         _no_specks_where_panels_end(d, tmp_path)
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))
 
 
 def _tooltip(d: Driver) -> bool:
@@ -542,9 +516,7 @@ def _a_mask_moves_from_its_card(d: Driver) -> None:
     d.focus("Memory bank")
     decision = d.session.decisions(2)[1]
     d.click(f"**/{decision.view} {decision.mask}/##decision")
-    d.frames(3)
     d.click("**/###Move mask")
-    d.frames(3)
     d.click("**/###No object")
     d.settle()
     moved = d.session.need().read.decision_of(decision.view, decision.mask)

@@ -100,7 +100,6 @@ class _Walk:
         d.frames()
         assert d.history.is_previewing
         d.keys(KEY.escape)
-        d.frames()
         assert not d.history.is_previewing
         d.engine.mouse_up(0)
         d.frames()
@@ -274,7 +273,6 @@ def test_the_main_job_in_six_clicks_then_in_another_window_and_theme(
 
 def _color_red(d: Driver) -> None:
     d.click("Inspector/Properties/Color")
-    d.frames()
     d.type_into("$FOCUSED/##Picker/##hex/##Text", "#F02010")
     d.keys(KEY.escape)
 

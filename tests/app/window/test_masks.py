@@ -198,7 +198,6 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         assert d.exists("**/###Make splats")
         _capture(d, "photos")
         d.click("**/###Settings…")
-        d.frames(4)
         d.type_into("**/##Iterations", "20000")
         d.type_into("**/##Longest side, pixels", "160")
         _capture(d, "sheet")

@@ -1,7 +1,6 @@
 """The object list and the memory bank in the window: colors, switches, dragging, moved masks."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,12 +24,7 @@ from tests.app.window.driver import KEY, Driver, drive
 pytestmark = pytest.mark.window
 
 
-def test_objects_are_colored_sorted_joined_and_repaired(
-    display: str, grouped_scene: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_objects_are_colored_sorted_joined_and_repaired(display: str, grouped_copy: Path) -> None:
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
         assert d.studio.images is not None
@@ -81,26 +75,21 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.settle()
         d.select(3)
         d.click("Inspector/###Quality")
-        d.frames(3)
         measured = quality.of_group(session, 3)
         assert measured is not None
         info = d.engine.item_info(f"//Inspector/###Worst {measured.views[0].view}")
         whole, seen = info.rect_full, info.rect_clipped
         assert whole.max.y - whole.min.y == seen.max.y - seen.min.y > 10, "it came into sight"
         d.click("Inspector/###Confidence")
-        d.frames(3)
         assert d.exists("Inspector/##Uncertain below")
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))
 
 
 # --- The object list in the window: words as names, the folded background, partial selections.
 
 
-def test_the_list_can_be_read(display: str, grouped_scene: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_the_list_can_be_read(display: str, grouped_copy: Path, tmp_path: Path) -> None:
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
         d.until(lambda: document.search.described is not None, "objects are described")
@@ -123,7 +112,7 @@ def test_the_list_can_be_read(display: str, grouped_scene: Path, tmp_path: Path)
         blue = [float(np.median(shown[..., 2])) for shown in (none, partial, whole)]
         assert blue[0] < blue[1] < blue[2]  # half-lit
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))
 
 
 def test_the_row_of_what_is_selected_is_seen_whole(display: str, tmp_path: Path) -> None:
@@ -184,11 +173,9 @@ def _background_folds(d: Driver) -> None:
     row = f"Objects/**/object {min(behind)}/##row"
     assert not d.exists(row)
     d.click("Objects/**/##background")
-    d.frames()
     assert d.exists(row)
     assert not load_settings()[0].folds_background
     d.click("Objects/**/##background")
-    d.frames()
     assert not d.exists(row)
 
 
@@ -198,10 +185,7 @@ def _background_folds(d: Driver) -> None:
 _ROW, _FOLDER = "Objects/**/object {}/{}", "Objects/**/folder {}/{}"
 
 
-def test_objects_go_into_folders_by_hand(display: str, grouped_scene: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_objects_go_into_folders_by_hand(display: str, grouped_copy: Path) -> None:
     def walk(d: Driver) -> None:
         d.until(lambda: d.session.need().search.described is not None, "objects are described")
         d.settle()
@@ -213,28 +197,24 @@ def test_objects_go_into_folders_by_hand(display: str, grouped_scene: Path, tmp_
         _add_views(d)
         _parts(d)
 
-    drive(walk, path=folder, size=(1110, 760))
+    drive(walk, path=grouped_copy, size=(1110, 760))
 
 
 def _make(d: Driver) -> None:
     """Ctrl+Shift+G and a name; F2 gives another one."""
     d.select(2, 3)
     d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.g)
-    d.frames(4)
     d.engine.key_chars_replace_enter("Kitchen")
     d.frames(3)
     scene = d.scene
     assert scene.folders.home == {2: "Kitchen", 3: "Kitchen"}
     d.keys(KEY.f2)
-    d.frames(4)
     d.engine.key_chars_replace_enter("Room")
     d.frames(3)
     assert scene.folders.paths == ("Room",)
     d.click(_FOLDER.format("Room", "Fold"))
-    d.frames(3)
     assert not d.exists(_ROW.format(2, "##row"))
     d.click(_FOLDER.format("Room", "Fold"))
-    d.frames(3)
     assert d.exists(_ROW.format(2, "##row"))
 
 
@@ -271,20 +251,14 @@ def _switch(d: Driver) -> None:
     scene = d.scene
     inside = set(scene.folders.groups("Room"))
     d.click(_FOLDER.format("Room", "###Shown"))
-    d.frames(3)
     assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == inside
     d.click(_FOLDER.format("Room", "###Shown"))
     d.click(_FOLDER.format("Room", "###Locked"))
-    d.frames(3)
     assert set(np.unique(scene.labels[scene.has(State.LOCKED)])) == inside
     d.click(_FOLDER.format("Room", "###Locked"))
     d.click(_FOLDER.format("Room", "##row"))
-    d.frames(3)
     assert set(d.session.selected_groups()) == inside
-    d.engine.item_click(f"//{_FOLDER.format('Room', '##row')}", 1)
-    d.frames(3)
-    d.click("$FOCUSED/###Delete the folder, keep its objects")
-    d.frames(3)
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Delete the folder, keep its objects")
     assert scene.folders.paths == ("Top",)
     assert inside <= set(np.unique(scene.labels[scene.visible]))
 
@@ -293,34 +267,25 @@ def _under(d: Driver) -> None:
     """An object goes under the one that it is dropped on; its arrow, its eye; out again."""
     scene = d.scene
     d.select(5)
-    d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", f"//{_ROW.format(3, '##row')}")
-    d.frames(3)
+    d.drop(_ROW.format(4, "##row"), _ROW.format(3, "##row"))
     assert scene.folders.parent == {4: 3}, "only what was dragged: it was not selected"
     assert (scene.labels == 4).any(), "nothing was merged"
     d.click(_ROW.format(3, "Fold"))
-    d.frames(3)
     assert not d.exists(_ROW.format(4, "##row"))
     d.click(_ROW.format(3, "Fold"))
-    d.frames(3)
     d.click(_ROW.format(3, "###Shown"))
-    d.frames(3)
     assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == {3, 4}
     d.click(_ROW.format(3, "###Shown"))
     d.click(_ROW.format(3, "##row"))
-    d.frames(3)
     assert d.session.selected_groups() == (3,)
     d.engine.item_double_click(f"//{_ROW.format(3, '##row')}")
     d.frames(3)
     assert d.session.selected_groups() == (3, 4)
     d.select(3)
-    d.engine.item_drag_and_drop(f"//{_ROW.format(3, '##row')}", f"//{_ROW.format(4, '##row')}")
-    d.frames(3)
+    d.drop(_ROW.format(3, "##row"), _ROW.format(4, "##row"))
     assert "under itself" in d.session.notices[-1].text
     d.select(4)
-    d.engine.item_click(f"//{_ROW.format(4, '##row')}", 1)
-    d.frames(3)
-    d.click("$FOCUSED/###Take out from under its object")
-    d.frames(3)
+    d.menu_of(_ROW.format(4, "##row"), "###Take out from under its object")
     assert scene.folders.parent == {}
 
 
@@ -328,7 +293,6 @@ def _filter(d: Driver) -> None:
     """It says how many it lists, and goes with one click."""
     listing, table = d.session.need().listing, d.session.objects()
     d.click("Objects/###Filter")
-    d.frames(3)
     assert d.exists("$FOCUSED/##splats/##min") or d.exists("**/##splats/##min")
     d.keys(KEY.escape)
     most = float(table.counts[table.ids > 0].max())
@@ -343,9 +307,7 @@ def _filter(d: Driver) -> None:
     assert set(search.meant) <= {kept}, "answers are filtered, too"
     assert search.n_left_out > 0
     d.click("Objects/###Clear search")
-    d.frames(3)
     d.click("Objects/###Clear filter")
-    d.frames(3)
     assert not listing.filter.is_on
 
 
@@ -364,7 +326,6 @@ def _add_views(d: Driver) -> None:
     )
     d.settle()
     d.menu("Find/###Add new photos and masks…")
-    d.frames(3)
     d.click("Add new photos and masks/###Add views")
     d.settle()
     assert scene.bank is not None
@@ -389,14 +350,9 @@ def _parts(d: Driver) -> None:
     )
     d.settle()
     d.click(_ROW.format(2, "Fold"))
-    d.frames(3)
     d.click("Objects/**/part 2 1/##row")
-    d.frames(3)
     assert d.session.selected_indices().tolist() == rows[: len(rows) // 3].tolist()
-    d.engine.item_click("//Objects/**/part 2 1/##row", 1)
-    d.frames(3)
-    d.click("$FOCUSED/###Split here")
-    d.frames(3)
+    d.menu_of("Objects/**/part 2 1/##row", "###Split here")
     assert set(np.unique(scene.labels[rows])) == {2, 100}
 
 
@@ -422,12 +378,8 @@ def _split_and_join(d: Driver) -> None:
     assert np.array_equal(document.scene.labels, before)
 
 
-def test_the_slider_of_detail_is_one_edit(
-    display: str, grouped_scene: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "regions"
-    shutil.copytree(grouped_scene, folder)
-    (masks,) = (folder / "masks").iterdir()
+def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> None:
+    (masks,) = (grouped_copy / "masks").iterdir()
     (masks / "provider.json").write_text(json.dumps({"provider": "regions", "views": {}}))
 
     def walk(d: Driver) -> None:
@@ -454,4 +406,4 @@ def test_the_slider_of_detail_is_one_edit(
         assert np.array_equal(document.scene.labels, before)
         _split_and_join(d)
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))

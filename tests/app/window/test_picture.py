@@ -78,7 +78,6 @@ def test_the_menu_of_the_object_under_the_mouse(display: str, tmp_path: Path) ->
         d.settle()
         u, v = d.project(centre)
         d.click_picture(u, v, 1)
-        d.frames(3)
         (group,) = d.session.selected_groups()
         inside = made.labels[d.session.selected_indices()]
         assert np.bincount(inside).argmax() == ball
@@ -86,7 +85,6 @@ def test_the_menu_of_the_object_under_the_mouse(display: str, tmp_path: Path) ->
         assert d.session.view.pivot is not None
         assert np.linalg.norm(np.array(d.session.view.pivot) - centre) < 0.5
         d.click_picture(u, v, 1)
-        d.frames(3)
         d.click("$FOCUSED/###Hide")
         assert d.scene.has(State.HIDDEN)[made.labels == ball].mean() > 0.9
         before = d.session.rig.pose.pivot.copy()
@@ -94,7 +92,6 @@ def test_the_menu_of_the_object_under_the_mouse(display: str, tmp_path: Path) ->
         assert not np.array_equal(d.session.rig.pose.pivot, before), "a right drag pans"
         assert not d.exists("$FOCUSED/###Set the pivot here")
         d.click_picture(4, 4, 1)
-        d.frames(3)
         d.click("$FOCUSED/###Show all")
         assert not d.scene.has(State.HIDDEN).any()
         d.keys(KEY.escape)
@@ -209,7 +206,6 @@ def _split(d: Driver, plain: np.ndarray) -> None:
     assert np.abs(left - plain).mean() < 2
     assert np.abs(d.pixels().astype(int) - plain).mean() > 0.5
     d.click("**/###Close split view")
-    d.frames(3)
     assert d.studio.left is None
     d.on_main(lambda: run("edit.undo", d.session))
 

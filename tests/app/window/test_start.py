@@ -10,7 +10,6 @@ import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
 from gaga_studio.commands import COMMANDS
-from gaga_studio.ui.chrome import status
 from gaga_studio.ui.dialogs import preferences
 from gaga_studio.ui.dialogs.sheets import matching
 from gaga_studio.ui.viewport.gizmo import projection
@@ -54,14 +53,6 @@ def test_missing_libraries_are_named() -> None:
     assert display_problem("darwin", {}) == ""
 
 
-def test_launching_imports_neither_torch_nor_transformers() -> None:
-    code = (
-        "import sys; import gaga_studio.studio; "
-        "sys.exit(any(m in sys.modules for m in ('torch', 'transformers', 'pycolmap')))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def test_every_shortcut_is_a_key() -> None:
     keys = preferences.all_keys()
     assert {"Z", "F1", "Delete", "/", "1"} <= set(keys)
@@ -72,12 +63,6 @@ def test_the_palette_finds_by_any_word() -> None:
     assert matching("export obj")[0].id == "file.export_objects"
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
-
-
-def test_durations_are_for_people() -> None:
-    assert status.duration(0.2) == "1 s"
-    assert status.duration(61) == "61 s"
-    assert status.duration(200) == "3 min 20 s"
 
 
 def test_the_handles_see_the_pixels_of_the_camera() -> None:

@@ -1,6 +1,5 @@
 """What was typed is what happens, however slow the frames are: real X11 events, real window."""
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +41,10 @@ def _see(studio: Studio) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("in_a_frame", "frame_s"), [(1, 0.03), (6, 0.2), (len(SCRIPT), 1.5)])
 def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
-    display: str, grouped_scene: Path, tmp_path: Path, in_a_frame: int, frame_s: float
+    display: str, grouped_copy: Path, in_a_frame: int, frame_s: float
 ) -> None:
-    folder = tmp_path / "typed"
-    shutil.copytree(grouped_scene, folder)
     session = Session(Settings(first_steps_done=True))
-    studio = Studio(folder, session=session, options=WindowOptions(size=(800, 500)))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
     before, after = type_into(studio, SCRIPT, in_a_frame=in_a_frame, frame_s=frame_s, see=_see)
     wanted = {"tool": ToolName.LASSO, "mode": list(Mode)[2], "history": ["Select all"]}
     assert after == {**before, **wanted, "selected": before["splats"]}

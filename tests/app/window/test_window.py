@@ -81,7 +81,6 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         assert [notice.level for notice in d.session.notices] == [Level.ERROR]
         assert "broken.ply" in d.session.notices[0].text
         d.click("Notice 0/###Close")
-        d.frames()
         assert not d.exists("Notice 0/###Close")
 
     drive(test, path=balls)
@@ -143,10 +142,8 @@ def test_small_and_large_windows(display: str, balls: Path, size: tuple[int, int
         picture = d.pixels()
         assert picture.shape[:2] == (height, width)
         d.keys(KEY.tab)
-        d.frames(4)
         assert d.size[0] == size[0], "Tab leaves the picture alone"
         d.keys(KEY.tab)
-        d.frames(4)
         assert d.size == (width, height)
 
     drive(test, path=balls, size=size)
@@ -200,7 +197,6 @@ def _typing_a_name_fires_no_shortcut(d: Driver) -> None:
     group = _click_some_object(d)
     n_visible = int(d.scene.visible.sum())
     d.keys(KEY.f2)
-    d.frames(3)
     d.engine.key_chars("hmr /1")
     d.engine.key_press(KEY.enter)
     d.frames(3)
@@ -225,7 +221,6 @@ def _the_list_selects_ranges_hides_and_filters(d: Driver) -> None:
     d.engine.key_up(KEY.mod_ctrl)
     assert d.session.selected_groups() == (groups[0], groups[2])
     d.click(f"**/object {groups[0]}/###Shown")
-    d.frames()
     hidden = d.session.objects()
     assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
     d.engine.item_click("//Objects/##Find")
@@ -291,29 +286,23 @@ def _unsaved_edits_are_asked_about(d: Driver) -> None:
     d.frames(3)
     assert d.exists("Question/###Discard")
     d.click("Question/###Cancel")
-    d.frames()
     assert d.session.unsaved
     assert not d.session.should_quit
     d.keys(KEY.mod_ctrl, KEY.w)
-    d.frames(3)
     d.click("Question/###Discard")
-    d.frames(3)
     assert d.session.document is None
 
 
 def _the_palette_runs_a_command(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.p)
-    d.frames(3)
     d.engine.key_chars("depth")
     d.frames(2)
     d.engine.key_press(KEY.enter)
     d.frames(3)
     assert d.mode() is Mode.DEPTH
     d.keys(KEY.f1)
-    d.frames(3)
     assert d.exists("Keys and mouse/###Close")
     d.keys(KEY.escape)
-    d.frames(2)
     assert not d.exists("Keys and mouse/###Close")
 
 

@@ -347,23 +347,96 @@ def _list(dialog: FileDialog) -> None:
 # --- The file dialogs that commands ask for: what they are called, where they begin, what follows.
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """What a request asks for, and who gets the path."""
+
+    title: str
+    kind: PathKind
+    then: Callable[[Session, Path], object]
+    suffixes: tuple[str, ...] = ()
+    action: str = "Open"
+    ending: str = ""  # of the proposed name, after that of the scene
+    needs_scene: bool = True
+
+
+_ASKED = {
+    Request.OPEN_FOLDER: _Asked(
+        "Open a scene folder", PathKind.OPEN_FOLDER, Session.open, needs_scene=False
+    ),
+    Request.OPEN_FILE: _Asked(
+        "Open a splat file, a project or a video",
+        PathKind.OPEN_FILE,
+        Session.open,
+        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
+        needs_scene=False,
+    ),
+    Request.INPAINTING_MODEL: _Asked(
+        "Choose an inpainting model",
+        PathKind.OPEN_FILE,
+        fill.choose_model,
+        (".pt", ".pth", ".ts"),
+        "Use",
+        needs_scene=False,
+    ),
+    Request.ADD_SPLATS: _Asked(
+        "Add the splats of another file",
+        PathKind.OPEN_FILE,
+        files.add_splats,
+        READ_SUFFIXES,
+        "Add",
+    ),
+    Request.IMPORT_MASK_FOLDER: _Asked(
+        "Import masks from a folder", PathKind.OPEN_FOLDER, masks.import_from, action="Import"
+    ),
+    Request.IMPORT_MASK_FILE: _Asked(
+        "Import masks from a file",
+        PathKind.OPEN_FILE,
+        masks.import_from,
+        (".json", ".npz", ".npy"),
+        "Import",
+    ),
+    Request.SAVE_AS: _Asked(
+        "Save the project in a folder",
+        PathKind.NEW_FOLDER,
+        Session.save,
+        action="Save",
+        ending=".gaga",
+    ),
+    Request.SAVE_SCRIPT: _Asked(
+        "Save the edits as a script",
+        PathKind.SAVE_FILE,
+        files.save_script,
+        (".json",),
+        "Save",
+        " edits.json",
+    ),
+    Request.OPEN_PATH: _Asked(
+        "Open a camera path", PathKind.OPEN_FILE, camera_path.open_path_file, (".json",)
+    ),
+    Request.SAVE_PATH: _Asked(
+        "Save the camera's path",
+        PathKind.SAVE_FILE,
+        camera_path.save_path_file,
+        (".json",),
+        "Save",
+        " path.json",
+    ),
+}
+
+
 def openers(picker: FilePicker) -> dict[Request, Callable[[Session], object]]:
     """What asks for a path, by request; but for opening there must be a scene."""
-    of_scene = {
-        Request.ADD_SPLATS: _add_splats,
-        Request.IMPORT_MASK_FOLDER: _import_mask_folder,
-        Request.IMPORT_MASK_FILE: _import_mask_file,
-        Request.SAVE_AS: _save_as,
-        Request.SAVE_SCRIPT: _save_script,
-        Request.OPEN_PATH: _open_path,
-        Request.SAVE_PATH: _save_path,
-    }
-    return {
-        Request.OPEN_FOLDER: partial(_open_folder, picker),
-        Request.OPEN_FILE: partial(_open_file, picker),
-        Request.INPAINTING_MODEL: partial(_inpainting_model, picker),
-        **{request: partial(_of_scene, opener, picker) for request, opener in of_scene.items()},
-    }
+    return {request: partial(_ask, picker, asked) for request, asked in _ASKED.items()}
+
+
+def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
+    if asked.needs_scene and session.document is None:
+        return
+    name = f"{stem(session)}{asked.ending}" if asked.ending else ""
+    start = start_folder(session)
+    dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
+    picker.ask(dialog, partial(asked.then, session))
 
 
 def start_folder(session: Session) -> Path:
@@ -384,76 +457,6 @@ def stem(session: Session) -> str:
 def new_folder(title: str, session: Session, name: str, action: str = "Export") -> FileDialog:
     """A dialog for a folder that is made."""
     return FileDialog(title, PathKind.NEW_FOLDER, start_folder(session), name, action=action)
-
-
-def _of_scene(
-    opener: Callable[[FilePicker, Session], None], picker: FilePicker, session: Session
-) -> None:
-    if session.document is not None:
-        opener(picker, session)
-
-
-def _open_folder(picker: FilePicker, session: Session) -> None:
-    dialog = FileDialog("Open a scene folder", PathKind.OPEN_FOLDER, start_folder(session))
-    picker.ask(dialog, session.open)
-
-
-def _open_file(picker: FilePicker, session: Session) -> None:
-    title = "Open a splat file, a project or a video"
-    suffixes = (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES)
-    dialog = FileDialog(title, PathKind.OPEN_FILE, start_folder(session), suffixes=suffixes)
-    picker.ask(dialog, session.open)
-
-
-def _add_splats(picker: FilePicker, session: Session) -> None:
-    title = "Add the splats of another file"
-    dialog = _reading(title, session, READ_SUFFIXES, "Add")
-    picker.ask(dialog, lambda path: files.add_splats(session, path))
-
-
-def _import_mask_folder(picker: FilePicker, session: Session) -> None:
-    title = "Import masks from a folder"
-    dialog = FileDialog(title, PathKind.OPEN_FOLDER, start_folder(session), action="Import")
-    picker.ask(dialog, lambda path: masks.import_from(session, path))
-
-
-def _import_mask_file(picker: FilePicker, session: Session) -> None:
-    title = "Import masks from a file"
-    dialog = _reading(title, session, (".json", ".npz", ".npy"), "Import")
-    picker.ask(dialog, lambda path: masks.import_from(session, path))
-
-
-def _inpainting_model(picker: FilePicker, session: Session) -> None:
-    dialog = _reading("Choose an inpainting model", session, (".pt", ".pth", ".ts"), "Use")
-    picker.ask(dialog, lambda path: fill.choose_model(session, path))
-
-
-def _save_as(picker: FilePicker, session: Session) -> None:
-    title = "Save the project in a folder"
-    dialog = new_folder(title, session, f"{stem(session)}.gaga", "Save")
-    picker.ask(dialog, session.save)
-
-
-def _save_script(picker: FilePicker, session: Session) -> None:
-    name = f"{stem(session)} edits.json"
-    dialog = writing("Save the edits as a script", session, name, (".json",))
-    picker.ask(dialog, lambda path: files.save_script(session, path))
-
-
-def _open_path(picker: FilePicker, session: Session) -> None:
-    dialog = _reading("Open a camera path", session, (".json",), "Open")
-    picker.ask(dialog, lambda path: camera_path.open_path_file(session, path))
-
-
-def _save_path(picker: FilePicker, session: Session) -> None:
-    name = f"{stem(session)} path.json"
-    dialog = writing("Save the camera's path", session, name, (".json",))
-    picker.ask(dialog, lambda path: camera_path.save_path_file(session, path))
-
-
-def _reading(title: str, session: Session, suffixes: tuple[str, ...], action: str) -> FileDialog:
-    start = start_folder(session)
-    return FileDialog(title, PathKind.OPEN_FILE, start, suffixes=suffixes, action=action)
 
 
 def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:

@@ -233,11 +233,19 @@ def choice(
     why_not: Mapping[T, str] | None = None,
     hint: str = "",
 ) -> T:
-    """A field with a list to choose from, right of its name, ``width`` pixels; what is chosen.
-
-    A choice with a reason why not cannot be taken.
-    """
+    """A field with a list to choose from, right of its name, ``width`` pixels; what is chosen."""
     field_name(name, width)
+    return combo(name, named, current, why_not, hint)
+
+
+def combo(
+    name: str,
+    named: Mapping[T, str],
+    current: T,
+    why_not: Mapping[T, str] | None = None,
+    hint: str = "",
+) -> T:
+    """A list to choose from; a choice with a reason why not cannot be taken."""
     if imgui.begin_combo(f"##{name}", named.get(current) or next(iter(named.values()))):
         for value, label in named.items():
             reason = why_not.get(value, "") if why_not else ""

@@ -230,17 +230,9 @@ def _side(
 ) -> Side:
     """A drop-down of what a side can show; what cannot be shown says why."""
     imgui.set_next_item_width(width)
-    if not imgui.begin_combo(f"##{name}", _NAMES[current]):
-        return current
-    for side in choices:
-        reason = split_view.why_not(session, side)
-        imgui.begin_disabled(bool(reason))
-        if imgui.selectable(f"{_NAMES[side]}###{side}", side is current)[0]:
-            current = side
-        imgui.end_disabled()
-        widgets.tooltip(reason)
-    imgui.end_combo()
-    return current
+    why_not = {side: split_view.why_not(session, side) for side in choices}
+    shown = {side: _NAMES[side] for side in (*choices, current)}
+    return widgets.combo(name, shown, current, why_not)
 
 
 def _difference(
