@@ -123,5 +123,4 @@ def _title(session: Session) -> None:
     left = (imgui.get_window_width() - width) / 2
     if left > imgui.get_cursor_pos_x() + theme.em(2):
         imgui.set_cursor_pos_x(left)
-        with theme.text_color(theme.DIM):
-            imgui.text_unformatted(title)
+        widgets.text(title, theme.DIM)

@@ -73,8 +73,7 @@ def _card(
         nonlocal bottom
         icon, color = _SIGNS[notice.level]
         top = imgui.get_cursor_pos_y()
-        with theme.text_color(color):
-            imgui.text_unformatted(icon)
+        widgets.text(icon, color)
         imgui.same_line()
         imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
         imgui.text_unformatted(notice.text)

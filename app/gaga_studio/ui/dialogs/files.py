@@ -259,8 +259,7 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
 
 def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
-        with theme.text_color(theme.WARN):
-            imgui.text_unformatted(widgets.elided(dialog.message, em(40)))
+        widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
     imgui.set_next_item_width(-1)
     hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
     flags = imgui.InputTextFlags_.enter_returns_true

@@ -123,8 +123,10 @@ def _card(session: Session, progress: FirstSteps) -> None:
 
 
 def _step(text: str, is_done: bool, is_next: bool) -> None:
-    with theme.text_color(theme.GOOD if is_done else theme.ACCENT if is_next else theme.FAINT):
-        imgui.text_unformatted(icons.SUCCESS if is_done else icons.RINGS)
+    widgets.text(
+        icons.SUCCESS if is_done else icons.RINGS,
+        theme.GOOD if is_done else theme.ACCENT if is_next else theme.FAINT,
+    )
     imgui.same_line(0, em(0.5))
     widgets.line(text, theme.DIM if is_done else theme.TEXT)
 
@@ -132,8 +134,9 @@ def _step(text: str, is_done: bool, is_next: bool) -> None:
 def _strip(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
-    with theme.text_color(theme.ACCENT if at else theme.GOOD):
-        imgui.text_unformatted(f"{at} / {len(STEPS)}" if at else icons.SUCCESS)
+    widgets.text(
+        f"{at} / {len(STEPS)}" if at else icons.SUCCESS, theme.ACCENT if at else theme.GOOD
+    )
     imgui.same_line(0, em(0.6))
     imgui.align_text_to_frame_padding()
     room = imgui.get_content_region_avail().x - em(2)

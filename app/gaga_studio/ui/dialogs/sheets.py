@@ -132,8 +132,7 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
         imgui.set_scroll_here_y()
     right = commands.shortcut_of(command, session) or commands.menu_of(command)
     imgui.same_line(room - imgui.calc_text_size(right).x)
-    with theme.text_color(theme.FAINT):
-        imgui.text_unformatted(right)
+    widgets.text(right, theme.FAINT)
     return clicked
 
 

@@ -157,13 +157,15 @@ def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
     imgui.push_style_color(imgui.Col_.text, theme.CHOSEN if on else theme.TEXT)
 
 
-def dim(text: str, wrap: bool = False) -> None:
+def text(words: str, color: ImVec4, *, wrap: bool = False) -> None:
+    """Text in a color; ``wrap``: in as many lines as the panel needs."""
+    with theme.text_color(color):
+        (imgui.text_wrapped if wrap else imgui.text_unformatted)(words)
+
+
+def dim(words: str, wrap: bool = False) -> None:
     """Secondary text."""
-    with theme.text_color(theme.DIM):
-        if wrap:
-            imgui.text_wrapped(text)
-        else:
-            imgui.text_unformatted(text)
+    text(words, theme.DIM, wrap=wrap)
 
 
 def heading(text: str) -> None:

@@ -246,8 +246,7 @@ def _splats(n: int) -> str:
 
 def _line(rgb: Sequence[float], text: str, parts: Sequence[tuple[int, str]]) -> None:
     """A dot in the color of the picture, how many, and of which kinds."""
-    with theme.text_color(widgets.rgba(rgb)):
-        imgui.text_unformatted("●")
+    widgets.text("●", widgets.rgba(rgb))
     imgui.same_line(0, em(0.45))
     left = imgui.get_cursor_pos_x()
     imgui.text_unformatted(text)
@@ -345,8 +344,7 @@ def _agreement(session: Session, group: int) -> None:
         wrap=True,
     )
     if not is_now:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped("Measured before the last change of the objects.")
+        widgets.text("Measured before the last change of the objects.", theme.WARN, wrap=True)
         command_buttons.command_button(
             session, "object.quality", "Measure again", Face(icon=icons.QUALITY)
         )

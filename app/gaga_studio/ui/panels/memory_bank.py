@@ -113,8 +113,7 @@ def _shares(session: Session, document: Document, shares: dict[int, float], n: i
     for group, share in list(shares.items())[:n]:
         row = table.row(group)
         color = theme.FAINT if row is None or not group else widgets.rgba(table.colors[row])
-        with theme.text_color(color):
-            imgui.text_unformatted("●")
+        widgets.text("●", color)
         imgui.same_line(0, em(0.4))
         name = document.name_of(group) if group else "no object"
         widgets.line(widgets.elided(name, 0.45 * wide - em(1.6)), theme.TEXT)
@@ -215,11 +214,9 @@ def _row(
     widgets.number(f"{decision.mask}", theme.DIM)
     imgui.table_set_column_index(2)
     if decision.by_hand:
-        with theme.text_color(theme.ACCENT):
-            imgui.text_unformatted(f"{icons.RENAME} by hand")
+        widgets.text(f"{icons.RENAME} by hand", theme.ACCENT)
     elif decision.is_new:
-        with theme.text_color(theme.GOOD):
-            imgui.text_unformatted(f"{icons.NEW} new")
+        widgets.text(f"{icons.NEW} new", theme.GOOD)
     else:
         _bar(decision.overlap, theme.ACCENT_STRONG)
     if not is_narrow:

@@ -565,8 +565,7 @@ class ObjectRow:
         for i, text in enumerate(lines):
             imgui.set_cursor_pos(ImVec2(top.x, top.y + i * imgui.get_text_line_height()))
             is_count = self.is_partly_selected and i == 1
-            with theme.text_color(theme.ACCENT if is_count else color):
-                imgui.text_unformatted(text)
+            widgets.text(text, theme.ACCENT if is_count else color)
         if " ".join(lines) != self.name and not self.is_partly_selected:
             widgets.tooltip(self.name)
 
@@ -773,8 +772,7 @@ class PartRow:
             top = imgui.get_item_rect_max().y
             imgui.set_cursor_pos_x(left)
             imgui.set_cursor_screen_pos(imgui.ImVec2(imgui.get_cursor_screen_pos().x, top))
-            with theme.text_color(theme.FAINT):
-                imgui.text_unformatted(f"{len(part.rows):,} splats")
+            widgets.text(f"{len(part.rows):,} splats", theme.FAINT)
         if columns.goes_to(columns.splats):
             n = len(part.rows)
             widgets.number(f"{n:,}" if columns.is_roomy else compact(n), theme.DIM)

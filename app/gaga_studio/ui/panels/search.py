@@ -55,8 +55,7 @@ def foot(session: Session, table: ObjectTable) -> bool:
     if search.text.strip():
         n_kept = len(search.meant)
         text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
-    with theme.text_color(theme.ACCENT if n_kept else theme.WARN):
-        imgui.text_unformatted(text)
+    widgets.text(text, theme.ACCENT if n_kept else theme.WARN)
     imgui.same_line()
     if widgets.small_icon("Clear filter", icons.CLOSE, hint="List all objects again"):
         listing.filter = ListFilter()
@@ -239,13 +238,11 @@ def _understood(session: Session, search: SearchState) -> None:
     if search.sentence:
         widgets.dim(search.sentence, wrap=True)
     if search.problem:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped(search.problem)
+        widgets.text(search.problem, theme.WARN, wrap=True)
     elif search.is_looking_up:
         widgets.dim("Looking the words up in the index…")
     if search.n_left_out and not search.hits:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped("The filter of the list leaves out all that fit.")
+        widgets.text("The filter of the list leaves out all that fit.", theme.WARN, wrap=True)
         return
     n = len(search.meant)
     wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)

@@ -420,8 +420,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
         return
     if imgui.begin_tooltip():
         color = widgets.rgba(table.colors[row])
-        with theme.text_color(color):
-            imgui.text_unformatted("●")
+        widgets.text("●", color)
         imgui.same_line(0, em(0.4))
         imgui.text_unformatted(table.names[row])
         imgui.same_line()
