@@ -28,8 +28,9 @@ from tests.app.tools.hand import H, Hand, W, state, titles
 
 def _pixels(session: Session, group: int) -> DoubleArray:
     """Where the splats of a group are drawn (K, 2)."""
-    assert session.scene is not None
-    points = world_means(session.scene, group_indices(session.scene, group)).astype(np.float64)
+    points = world_means(session.need().scene, group_indices(session.need().scene, group)).astype(
+        np.float64
+    )
     return session.rig.camera(W, H).project(points)[0]
 
 
@@ -53,9 +54,8 @@ def test_click_selects_the_whole_object(associated: Session) -> None:
     group, at = _apart(associated)
     hand.click_at(at)
     assert associated.selected_groups() == (group,)
-    assert associated.scene is not None
     np.testing.assert_array_equal(
-        associated.selected_indices(), group_indices(associated.scene, group)
+        associated.selected_indices(), group_indices(associated.need().scene, group)
     )
     assert titles(associated)[-1] == f"Select group {group}"
     assert associated.focus == group
@@ -127,10 +127,9 @@ def test_rectangle_takes_single_splats_when_told_so(associated: Session) -> None
     hand = Hand(associated)
     associated.tool = ToolName.RECT
     associated.view.takes_splats = True
-    assert associated.scene is not None
     hand.drag(np.array([100.0, 100.0]), np.array([300.0, 250.0]))
     chosen = associated.selected_indices()
-    points = world_means(associated.scene).astype(np.float64)
+    points = world_means(associated.need().scene).astype(np.float64)
     pixels, depth = associated.rig.camera(W, H).project(points)
     lo, hi = np.array([100, 100]), np.array([300, 250])
     inside = ((pixels >= lo) & (pixels <= hi)).all(axis=1) & (depth > 0.01)
@@ -271,8 +270,7 @@ def _region(session: Session, tool: ToolName) -> tuple[Hand, IntArray]:
     session.view.takes_splats = True
     session.tool = tool
     hand = Hand(session)
-    scene = session.scene
-    assert scene is not None
+    scene = session.need().scene
     pixels, depth = session.rig.camera(W, H).project(world_means(scene).astype(np.float64))
     inside = (np.abs(pixels - [W / 2, H / 2]) < [80, 60]).all(axis=1) & (depth > 0)
     return hand, np.flatnonzero(inside).astype(np.int32)
@@ -345,8 +343,7 @@ def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> No
     hand.play(u=320, v=280)
     hand.play(left=False)
     assert len(titles(associated)) == 1
-    scene = associated.scene
-    assert scene is not None
+    scene = associated.need().scene
     pixels, depth = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
     off = pixels - middle
     far = np.hypot(off[:, 0], np.maximum(np.abs(off[:, 1]) - 40, 0))

@@ -55,8 +55,7 @@ def _try_one(d: Driver) -> None:
 
 def _find_green(d: Driver) -> None:
     """Ctrl+F, a color, the arrow, Enter, Shift+Enter, Escape."""
-    document = d.session.document
-    assert document is not None
+    document = d.session.need()
     search = document.search
     d.keys(KEY.mod_ctrl, KEY.f)
     d.engine.key_chars("green")

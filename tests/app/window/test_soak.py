@@ -173,16 +173,15 @@ def test_random_commands(associated: Session, gl: Any) -> None:
     session = associated
     viewport = Viewport(gl)
     walk = _Walk(session, viewport, seed=5)
-    assert session.scene is not None
     assert session.history is not None
     process, memory = psutil.Process(), []
-    at_first = _contents(session.scene)
+    at_first = _contents(session.need().scene)
     while walk.done.total() < _COMMANDS:
         for _ in range(_STEPS):
             walk.step()
         history.cancel_preview(session)
         session.history.go_to(0)
-        assert _contents(session.scene) == at_first
+        assert _contents(session.need().scene) == at_first
         session.history.clear()
         walk._draw()
         gl.finish()
