@@ -8,9 +8,9 @@ from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
 from gaga_studio.tools.move import MoveTool
-from gaga_studio.tools.paint import CloneTool, ColorTool, EraseTool
+from gaga_studio.tools.paint import BrushTool, CloneTool, ColorTool, EraseTool
 from gaga_studio.tools.pick import GroundTool, MeasureTool, ObjectTool, PickTool
-from gaga_studio.tools.region import BrushTool, LassoTool, PolygonTool, RectTool
+from gaga_studio.tools.region import LassoTool, PolygonTool, RectTool
 from gaga_studio.tools.sphere import SphereTool
 
 

@@ -1,7 +1,6 @@
-"""Tools that select a region of the picture: rectangle, lasso, polygon and brush."""
+"""Tools that select a region of the picture: rectangle, lasso and polygon."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.raster import choose
-from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
@@ -57,30 +55,18 @@ class Region:
         """Whether the visible surface is there, if it counts: until then `splats` waits for it."""
         return self._depth is None or self._depth.done()
 
-    def preview(self, mask: BoolArray) -> None:
-        """Show what ``mask`` (H, W) would select; the surface as soon as it is known."""
-        if not self.is_known:
-            return
-        chosen, title = self._chosen(mask)
-        self._document.history.preview_with(
-            lambda base: edits.select(base, chosen, self.how, title)
-        )
-
     def take(self, mask: BoolArray) -> bool:
         """Select what ``mask`` (H, W) covers, as one edit."""
         self._document.history.preview(None)
-        chosen, title = self._chosen(mask)
+        chosen, title = self.chosen(mask)
         return self._document.select(chosen, self.how, title)
 
     def splats(self, mask: BoolArray) -> IntArray:
         """Splats (K,) that ``mask`` (H, W) covers."""
         return self._screen().inside(mask)
 
-    def cancel(self) -> None:
-        """Cancel: everything is as before the gesture."""
-        self._document.history.preview(None)
-
-    def _chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
+    def chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
+        """What ``mask`` (H, W) selects (K,), and the title of that edit."""
         splats = self._screen().inside(mask)
         verb = "Deselect" if self.how == "remove" else "Select"
         if not self._whole:
@@ -293,79 +279,3 @@ def _is_near(corner: tuple[float, float], place: ViewportPoint) -> bool:
 def _pose(session: Session, width: int, height: int) -> bytes:
     """Return the pose of the picture: an outline belongs to one."""
     return session.rig.camera(width, height).cam_from_world.tobytes()
-
-
-# --- Paint over what is to be selected; the selection follows the brush.
-
-_SHARE = 0.5  # of the time that the preview of a stroke may take at most
-
-
-class BrushTool:
-    """A round brush; ``view.brush_radius`` pixels of the screen."""
-
-    name = ToolName.BRUSH
-    takes_drag = True
-
-    def __init__(self) -> None:
-        self._region: Region | None = None
-        self._mask: BoolArray = np.zeros((0, 0), np.bool_)
-        self._last = (0.0, 0.0)
-        self._at: tuple[float, float] | None = None  # where the resting brush is shown
-        self._radius = 0.0
-        self._next = 0.0  # when the preview may be made again
-
-    def click(self, session: Session, place: ViewportPoint) -> None:
-        """Select what the brush covers, once."""
-        self.press(session, place)
-        self.release(session, place)
-
-    def press(self, session: Session, place: ViewportPoint) -> None:
-        """Begin a stroke."""
-        self._region = Region(session, place)
-        self._mask = np.zeros(self._region.shape, np.bool_)
-        self._radius = session.view.brush_radius
-        self._last, self._next = (place.u, place.v), 0.0
-        self._paint(place)
-
-    def drag(self, session: Session, place: ViewportPoint) -> None:
-        """Continue the stroke, and show what it selects."""
-        if self._region is None:
-            return
-        self._paint(place)
-        start = perf_counter()
-        if start >= self._next:
-            self._region.preview(self._mask)
-            spent = perf_counter() - start
-            self._next = perf_counter() + spent / _SHARE
-
-    def release(self, session: Session, place: ViewportPoint) -> None:
-        """Select what was painted over, as one edit."""
-        region, self._region = self._region, None
-        if region is not None:
-            self._paint(place)
-            region.take(self._mask)
-
-    def cancel(self, session: Session) -> None:
-        """Cancel: everything is as before the stroke."""
-        region, self._region = self._region, None
-        if region is not None:
-            region.cancel()
-
-    def hover(self, session: Session, place: ViewportPoint | None) -> None:
-        """Show the brush at the mouse."""
-        self._radius = session.view.brush_radius
-        self._at = None if place is None else (place.u, place.v)
-
-    def overlay(self) -> PathShape | None:
-        """The brush."""
-        at = self._last if self._region is not None else self._at
-        how = self._region.how if self._region is not None else "set"
-        return None if at is None else PathShape((at,), how, radius=self._radius)
-
-    def hint(self, session: Session) -> str:
-        """What a drag does now."""
-        return region_hint(session, "Paint") + " [ and ] change the size."
-
-    def _paint(self, place: ViewportPoint) -> None:
-        by_screen.stroke(self._mask, self._last, (place.u, place.v), self._radius)
-        self._last = (place.u, place.v)

@@ -216,10 +216,9 @@ def _make_folder(dialog: FileDialog, folder: Path) -> None:
 
 def _enter_accepts(dialog: FileDialog) -> None:
     """Enter presses the button of the dialog also where no field has the keyboard."""
-    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
     is_free = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
     is_free = is_free and not imgui.is_any_item_active() and not dialog._had_keyboard
-    if is_free and any(imgui.is_key_pressed(key, False) for key in keys):
+    if is_free and widgets.enter_pressed():
         _accept(dialog)
     dialog._had_keyboard = imgui.is_any_item_active()
 

@@ -34,16 +34,11 @@ _REST = 0.35  # brightness of the masks that are not meant
 _TINT = 0.55  # share of the group's color over the photo
 
 
-def read_photo(path: Path, side: int) -> UInt8Array:
-    """The photo (H, W, 3), shrunk to ``side``."""
-    return read_rgb(path, side)
-
-
 def tint_masks(
     path: Path, load: Loader, groups: IntArray | None, side: int, own: Colors
 ) -> UInt8Array:
     """The photo with each mask tinted: in its group's color when ``groups`` knows it by mask id."""
-    picture = read_photo(path, side)
+    picture = read_rgb(path, side)
     labels = _fitting(load, picture)
     color = _colors(labels, groups, own)
     tinted = picture * (1 - _TINT) + color * (255 * _TINT)
@@ -53,7 +48,7 @@ def tint_masks(
 
 def outline_mask(path: Path, load: Loader, mask_id: int, side: int) -> UInt8Array:
     """The photo, darker around one mask, with that mask's outline."""
-    picture = read_photo(path, side)
+    picture = read_rgb(path, side)
     inside = _fitting(load, picture) == mask_id
     shaded = np.where(inside[..., None], picture, (picture * 0.55).astype(np.uint8))
     shaded[_edge(inside)] = _EDGE
@@ -112,17 +107,17 @@ Texture = tuple[int, int, int] | None  # OpenGL name, width, height; None while 
 
 def photo(session: Session, view: str, side: int = THUMBNAIL) -> Texture:
     """The photo of a view; None while it loads and when there is none."""
-    path = _photo_path(session, view)
+    path = photo_path(session, view)
     if path is None:
         return None
-    return _texture(session, f"photo {path} {side}", partial(read_photo, path, side))
+    return _texture(session, f"photo {path} {side}", partial(read_rgb, path, side))
 
 
 def photo_with_masks(
     session: Session, view: str, bank: MemoryBank | None, side: int = THUMBNAIL
 ) -> Texture:
     """The photo with its masks in the colors of their groups."""
-    path, load = _photo_path(session, view), session.masks.loaders.get(view)
+    path, load = photo_path(session, view), session.masks.loaders.get(view)
     if path is None or load is None:
         return photo(session, view, side)
     groups = groups_of_view(bank, view)
@@ -137,7 +132,7 @@ def photo_and_mask(
 ) -> tuple[Texture, Texture]:
     """The photo with one mask outlined, and the label map with that mask bright."""
     view, mask = decision.view, decision.mask
-    path, load = _photo_path(session, view), session.masks.loaders.get(view)
+    path, load = photo_path(session, view), session.masks.loaders.get(view)
     if load is None:
         return photo(session, view, LARGE), None
     side = LARGE
@@ -214,7 +209,8 @@ def _own_colors(session: Session) -> Colors:
     return session.scene.colors if session.scene is not None else {}
 
 
-def _photo_path(session: Session, view: str) -> Path | None:
+def photo_path(session: Session, view: str) -> Path | None:
+    """The file of a view's photo, by the name of the view; None where there is none."""
     folder = session.project.folder if session.project is not None else None
     return folder.image_paths.get(view) if folder is not None else None
 

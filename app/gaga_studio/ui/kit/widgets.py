@@ -387,6 +387,12 @@ def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> No
         imgui.end_popup()
 
 
+def enter_pressed() -> bool:
+    """Whether Enter, of the letters or of the numbers, went down in this frame."""
+    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
+    return any(imgui.is_key_pressed(key, False) for key in keys)
+
+
 def escape_closes() -> None:
     """Inside a popup: Escape closes it (without keyboard navigation nobody else sees to that)."""
     if imgui.is_key_pressed(imgui.Key.escape, False):

@@ -206,16 +206,11 @@ def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
         return
     if imgui.is_key_pressed(imgui.Key.escape, False):
         search.clear()
-    elif _enter():
+    elif widgets.enter_pressed():
         if imgui.get_io().key_shift:
             search_actions.take_all(session)
         else:
             search_actions.take_hit(session)
-
-
-def _enter() -> bool:
-    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
-    return any(imgui.is_key_pressed(key, False) for key in keys)
 
 
 def _menu(session: Session) -> None:

@@ -138,8 +138,7 @@ def _photo_side(
         is_there = _image(textures.photo(session, photo.name, _SIDE), place)
         return "" if is_there else "Reading the photo…"
     truth, scene, images = split_view.truth_folder(session), session.scene, session.images
-    folder = session.project.folder if session.project is not None else None
-    path = folder.image_paths.get(photo.name) if folder is not None else None
+    path = textures.photo_path(session, photo.name)
     if truth is None or scene is None or images is None:
         return "There are no true maps"
     if side is Side.TRUTH:
@@ -239,8 +238,7 @@ def _difference(
     session: Session, differences: dict[str, float], photo: Camera, place: PhotoPlacement
 ) -> str:
     """The heat map, once it is there; what it says in words."""
-    folder = session.project.folder if session.project is not None else None
-    path = folder.image_paths.get(photo.name) if folder is not None else None
+    path = textures.photo_path(session, photo.name)
     if path is None or session.scene is None or session.images is None:
         return "This photo cannot be read"
     key = f"difference {path} {photo_compare.content_mark(session.scene)}"
