@@ -225,7 +225,9 @@ class SceneBuffers:
         if splats_changed:
             kept = now.rows_kept_since(self._seen.splats) if is_same else 0
             if not self._append(scene.gaussians, min(kept, self.n_splats)):
-                self._replace(scene.gaussians, len(scene.placements))
+                self._allocate(scene.gaussians, len(scene.placements))
+                self.log_scale_range = log_scale_range(scene.gaussians.log_scales)
+                self._send_gaussians(scene.gaussians, 0)
                 is_same = False
             self._scene = scene
         shown = scene.labels if labels is None or len(labels) != len(scene) else labels
@@ -293,12 +295,6 @@ class SceneBuffers:
         self._sent.clear()
 
     # --- the splats themselves
-
-    def _replace(self, gaussians: Gaussians, n_placements: int) -> None:
-        """New textures for new splats."""
-        self._allocate(gaussians, n_placements)
-        self.log_scale_range = log_scale_range(gaussians.log_scales)
-        self._send_gaussians(gaussians, 0)
 
     def _allocate(self, gaussians: Gaussians, n_placements: int) -> None:
         """Textures with a texel for each of the splats."""

@@ -1,6 +1,7 @@
 """The sheets that ask how a film or a picture shall be written."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -88,11 +89,16 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     """Whichever sheet is open; ``files`` asks for the path."""
     if begin_modal(FILM, em(36)):
         if _film(session, choices):
-            _ask_film(session, choices, files)
+            dialog = writing("Save the film", session, f"{stem(session)}.mp4", (".mp4", ".webm"))
+            files.ask(dialog, lambda path: _export_film(session, path, choices))
         imgui.end_popup()
     if begin_modal(PICTURE, em(36)):
         if _picture(session, choices):
-            _ask_picture(session, choices, files)
+            name = f"{stem(session)}.png"
+            dialog = writing("Save the picture", session, name, (".png", ".jpg"))
+            size, clear = (choices.width, choices.height), choices.transparent
+            save = partial(camera_path.save_picture, size=size, transparent=clear)
+            files.ask(dialog, lambda path: save(session, path))
         imgui.end_popup()
 
 
@@ -197,12 +203,6 @@ def _ends(title: str) -> bool:
     return answer(f"{title}…", Face("Save as…", width=em(9), primary=True))
 
 
-def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None:
-    name = f"{stem(session)}.mp4"
-    dialog = writing("Save the film", session, name, (".mp4", ".webm"))
-    files.ask(dialog, lambda path: _export_film(session, path, choices))
-
-
 @notifies
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
     if choices.through_photos:
@@ -210,9 +210,3 @@ def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
         return camera_path.export_photo_film(session, path, shown, choices.views)
     config, before = choices.config(session), choices.left == "before"
     return camera_path.export_film(session, path, config, before=before)
-
-
-def _ask_picture(session: Session, choices: FilmChoices, files: FilePicker) -> None:
-    dialog = writing("Save the picture", session, f"{stem(session)}.png", (".png", ".jpg"))
-    size, clear = (choices.width, choices.height), choices.transparent
-    files.ask(dialog, lambda path: camera_path.save_picture(session, path, size, transparent=clear))

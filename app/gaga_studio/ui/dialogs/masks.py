@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.segmentation.choose import ProviderEntry
@@ -73,7 +72,9 @@ def draw_make_masks(session: Session, dialog: MaskDialog, files: FilePicker) -> 
         imgui.end_popup()
     if begin_modal(EXPORT, em(28)):
         if _export(dialog):
-            _ask_folder(session, dialog.form, files)
+            title, name = "Export masks into a folder", f"{stem(session)} masks"
+            chosen = partial(masks.export, session, dialog.form)
+            files.ask(new_folder(title, session, name), chosen)
         imgui.end_popup()
 
 
@@ -92,11 +93,6 @@ def _take_model(session: Session, dialog: MaskDialog, path: Path) -> None:
     dialog.own = (*(e for e in dialog.own if e.path != entry.path), entry)
     dialog.entries = ()
     _choose(dialog, entry)
-
-
-def _ask_folder(session: Session, form: MaskForm, files: FilePicker) -> None:
-    asked = new_folder("Export masks into a folder", session, f"{stem(session)} masks")
-    files.ask(asked, lambda path: masks.export(session, form, path))
 
 
 # --- making
@@ -314,7 +310,8 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
     path = folder.image_paths.get(preview.view)
     texture = None
     if path is not None and session.images is not None:
-        load = partial(_mixed, path, preview)
+        labels = np.asarray(preview.labels, np.int32)
+        load = partial(textures.tint_masks, path, lambda: labels, None, textures.LARGE, {})
         texture = session.images.texture(f"preview {dialog.n_previews}", load)
     seconds = f" in {preview.seconds:.1f} s" if preview.seconds else ""
     stale = ", with other settings" if preview.request != dialog.request else ""
@@ -323,11 +320,6 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
     if dialog.n_seen != dialog.n_previews:  # what was asked for is seen
         dialog.n_seen = dialog.n_previews
         imgui.set_scroll_here_y(1.0)
-
-
-def _mixed(path: Path, preview: MaskPreview) -> UInt8Array:
-    labels = np.asarray(preview.labels, np.int32)
-    return textures.tint_masks(path, lambda: labels, None, textures.LARGE, {})
 
 
 # --- the row of buttons

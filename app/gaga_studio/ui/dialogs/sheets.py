@@ -139,13 +139,10 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
 def matching(text: str) -> list[Command]:
     """Commands whose title has every word of ``text``, those that begin with it first."""
     words = text.casefold().split()
-    found = [c for c in COMMANDS if all(word in _searched(c) for word in words)]
+    texts = {c.id: f"{commands.menu_of(c)} {c.title} {c.id}".casefold() for c in COMMANDS}
+    found = [c for c in COMMANDS if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
     return sorted(found, key=lambda c: not c.title.casefold().startswith(first))
-
-
-def _searched(command: Command) -> str:
-    return f"{commands.menu_of(command)} {command.title} {command.id}".casefold()
 
 
 def _shortcuts(session: Session) -> None:

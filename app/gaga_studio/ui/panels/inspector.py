@@ -78,7 +78,7 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
 def _position(session: Session, state: PlacementState, start: Pose, extent: float) -> None:
     shown = state.target or start
     axes = start.axes if session.view.local_axes else np.eye(3)
-    unit = "metres" if _is_metric(session) else "scene units"
+    unit = "metres" if session.need().scene.frame.is_metric else "scene units"
     row("Position", f"Centre of the selection, in {unit}")
     values = axes.T @ shown.centre
     for axis, letter in enumerate("XYZ"):
@@ -133,10 +133,6 @@ def _after(session: Session, state: PlacementState, start: Pose, changed: bool) 
     if ended:
         history.commit_preview(session)
         state.clear()
-
-
-def _is_metric(session: Session) -> bool:
-    return session.scene is not None and session.scene.frame.is_metric
 
 
 def row(name: str, hint: str) -> None:
@@ -314,14 +310,6 @@ _WORST = 3  # views that are offered
 _BINS = 20
 
 
-def _quality(session: Session, document: Document) -> None:
-    """Both sections; each says what it knows in its header, so that it can stay closed."""
-    groups = session.selected_groups()
-    if len(groups) == 1 and not commands.command("object.quality").enabled(session):
-        _agreement(session, groups[0])
-    draw_confidence(session, document)
-
-
 def _agreement(session: Session, group: int) -> None:
     found = quality.of_group(session, group)
     _, is_now = quality.shown(session)
@@ -359,7 +347,7 @@ def _agreement(session: Session, group: int) -> None:
             command_buttons.fly_to(session, view.view)
 
 
-def draw_confidence(session: Session, document: Document) -> None:
+def _confidence(session: Session, document: Document) -> None:
     """How sure the selected splats are of their objects, and who is in doubt."""
     counts = document.read.confidence(_BINS)
     if counts is None:
@@ -428,11 +416,14 @@ def draw(session: Session, state: InspectorState) -> None:
         return
     _title(session, document, n_splats)
     if _cleaning(session):
-        draw_confidence(session, document)
+        _confidence(session, document)
         return
     _buttons(session)
     _properties(session, document, state)
-    _quality(session, document)
+    groups = session.selected_groups()
+    if len(groups) == 1 and not commands.command("object.quality").enabled(session):
+        _agreement(session, groups[0])
+    _confidence(session, document)
     _grade(session, state.grade)
 
 

@@ -307,7 +307,10 @@ def _line(
         _clicked(session, at)
     textures.draw(session, table, row, corner, high)
     textures.tooltip(session, table, row)
-    _color_edge(table, row, corner, high)
+    # The object's color, at the edge of its picture.
+    color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
+    edge = ImVec2(corner.x + em(0.22), corner.y + high)
+    imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
     left = corner.x + high + em(0.5)
     name = table.names[row]
     _words(hit, name, ImVec2(left, corner.y), corner.x + room - left, table.n_selected[row] > 0)
@@ -323,13 +326,6 @@ def _clicked(session: Session, at: int) -> None:
     search_actions.take_hit(
         session, at, flies=imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
     )
-
-
-def _color_edge(table: ObjectTable, row: int, corner: ImVec2, side: float) -> None:
-    """The object's color at the edge of its picture."""
-    color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
-    edge = ImVec2(corner.x + em(0.22), corner.y + side)
-    imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
 
 
 def _words(hit: SearchHit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:

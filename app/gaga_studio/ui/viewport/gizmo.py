@@ -207,7 +207,7 @@ def _faces(cube: DoubleArray, middle: ImVec2, scale: float, meant: Side | None) 
         shade = 0.35 + 0.65 * facing
         fill = theme.u32(_mixed(theme.BACK, theme.TEXT, 0.08 + 0.2 * shade), 0.92)
         _cell(cube, middle, scale, (side, axes, (-1, 1), (-1, 1)), fill)
-        if meant is not None and _is_on(side, meant):
+        if meant is not None and np.dot(side, meant) > 0:  # it lies on this face
             spans = [_span(meant[i]) for i in axes]
             color = theme.u32(theme.ACCENT, 0.75)
             _cell(cube, middle, scale, (side, axes, spans[0], spans[1]), color)
@@ -240,11 +240,6 @@ def _corners(cube: DoubleArray, middle: ImVec2, scale: float, cell: _Cell) -> li
         at = cube @ point
         corners.append(ImVec2(middle.x + scale * at[0], middle.y + scale * at[1]))
     return corners
-
-
-def _is_on(face: Side, meant: Side) -> bool:
-    """Whether the part that is meant lies on this face."""
-    return bool(np.dot(face, meant) > 0)
 
 
 def _span(where: int) -> tuple[float, float]:

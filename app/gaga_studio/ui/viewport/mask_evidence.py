@@ -165,7 +165,8 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
         if state.placed_for is not decision:
             state.placed_for = decision
             state.is_above = _is_low(session, document, decision.group, area)
-    room = area.width - _beside_cube(area)
+    # To its right a card at the top leaves room for the view cube.
+    room = area.width - em(1.6) - area.cube_height
     is_above = decision is not None and state.is_above and room >= em(_LEAST)
     width = min(width, room) if is_above else width
     top = max(area.head_bottom, area.chip_bottom + em(0.4))
@@ -195,11 +196,6 @@ def _growing_width(session: Session, area: PictureArea) -> float:
     aspect = textures.aspect(session, session.live.view) if session.live else 1.0
     most = min(_MOST_GROWING * area.width, _HIGH_GROWING * area.height * aspect + em(2))
     return min(em(17), max(most, em(9)), area.width - em(1.6))
-
-
-def _beside_cube(area: PictureArea) -> float:
-    """Room that a card at the top leaves to its right, for the view cube."""
-    return area.cube_height + em(1.6) if area.cube_height else em(1.6)
 
 
 def _is_low(session: Session, document: Document, group: int, area: PictureArea) -> bool:

@@ -129,7 +129,8 @@ def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec
     if session.tool is not ToolName.MEASURE or session.document is None:
         return
     imgui.set_cursor_screen_pos(ImVec2(corner.x + em(0.7), corner.y + em(0.7)))
-    imgui.push_style_color(imgui.Col_.child_bg, _see_through(theme.BACK))
+    back = theme.BACK
+    imgui.push_style_color(imgui.Col_.child_bg, ImVec4(back.x, back.y, back.z, 0.85))
     width = min(em(_WIDTH), size.x - em(1.4))
     flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
     if imgui.begin_child("Measure", ImVec2(width, 0), flags):
@@ -172,10 +173,6 @@ def _label(text: str, at: ImVec2) -> None:
     high = ImVec2(at.x + extent.x / 2 + pad, at.y + extent.y / 2 + pad / 2)
     drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.85), em(0.25))
     drawing.add_text(ImVec2(low.x + pad, low.y + pad / 2), theme.u32(theme.TEXT), text)
-
-
-def _see_through(color: ImVec4) -> ImVec4:
-    return ImVec4(color.x, color.y, color.z, 0.85)
 
 
 # --- What a tool draws over the picture: rectangles, outlines, the brush.

@@ -150,7 +150,8 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
         return
     recent = session.settings.recent[:_MOST_RECENT] if room.y > em(24) else ()
     card = ImVec2(min(em(14.5), (room.x - em(4)) / 3), em(8.6))
-    is_wide = room.x > em(40) and _widest_detail() <= card.x - theme.scaled(_CARD_EDGE)
+    widest = max(imgui.calc_text_size(detail).x for *_, detail in _CHOICES)
+    is_wide = room.x > em(40) and widest <= card.x - theme.scaled(_CARD_EDGE)
     if not is_wide:
         card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
     height = card.y + em(3.6) if is_wide else 3 * card.y + em(4.2)
@@ -171,11 +172,6 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
     widgets.wrapped("or drop a folder or a file into the window", theme.DIM)
     if recent:
         _recent(session, recent, corner.x + left, room.x - 2 * left)
-
-
-def _widest_detail() -> float:
-    """Width of the longest line under a title, pixels."""
-    return max(imgui.calc_text_size(detail).x for *_, detail in _CHOICES)
 
 
 def _card(title: str, icon: str, detail: str, size: ImVec2, is_wide: bool) -> bool:
@@ -327,7 +323,11 @@ class ViewportPanel:
         )
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
-        self._shapes(corner, density)
+        shape = self.controller.overlay
+        if isinstance(shape, RectShape):
+            overlays.rectangle(shape, corner, density)
+        elif shape is not None:
+            overlays.path(shape, corner, density)
         overlays.source_mark(self.controller.clone_source(session), camera, corner)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         overlays.ground(session, camera, corner, follows=follows)
@@ -374,24 +374,13 @@ class ViewportPanel:
             is_double=imgui.is_mouse_double_clicked(imgui.MouseButton_.left),
             is_over=is_over and not self._on_handle,
         )
-        keys = self._key_state(session)
+        held = self._fly_keys.held(is_flying=session.rig.is_flying)
+        keys = KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
         if session.settings.keys == "blender" and not session.rig.is_flying:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
         dt = min(io.delta_time, _TAP_S) if self._fly_keys.are_new else io.delta_time
         self.controller.update(session, pointer, keys, dt)
-
-    def _key_state(self, session: Session) -> KeyState:
-        io = imgui.get_io()
-        held = self._fly_keys.held(is_flying=session.rig.is_flying)
-        return KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
-
-    def _shapes(self, corner: ImVec2, density: ImVec2) -> None:
-        shape = self.controller.overlay
-        if isinstance(shape, RectShape):
-            overlays.rectangle(shape, corner, density)
-        elif shape is not None:
-            overlays.path(shape, corner, density)
 
 
 def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
