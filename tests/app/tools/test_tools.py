@@ -99,9 +99,8 @@ def test_double_click_turns_around_the_surface(associated: Session) -> None:
     _, at = _apart(associated)
     found = associated.pick(float(at[0]), float(at[1]), W, H)
     assert found is not None
-    hand.play(u=at[0], v=at[1])
-    hand.play(left=True, is_double=True)
-    hand.play(left=False)
+    hand.press(at[0], at[1], is_double=True)
+    hand.release()
     while associated.rig.update(0.05):
         pass
     np.testing.assert_allclose(associated.rig.pivot, found.point, atol=1e-6)
@@ -143,17 +142,16 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
     hand = Hand(associated)
     associated.tool = ToolName.RECT
     before = state(associated)
-    hand.play(u=10.0, v=20.0)
-    hand.play(left=True)
+    hand.press(10.0, 20.0)
     assert hand.controller.overlay is None
-    hand.play(u=400.0, v=300.0)
+    hand.move(400.0, 300.0)
     shape = hand.controller.overlay
     assert shape is not None
     assert (shape.u0, shape.v0, shape.u1, shape.v1) == (10, 20, 400, 300)
     assert hand.controller.cancel(associated)
     assert hand.controller.overlay is None
     hand.play(u=500.0)
-    hand.play(left=False)
+    hand.release()
     assert state(associated) == before
     assert titles(associated) == []
 
@@ -161,12 +159,11 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
 def test_another_tool_ends_the_gesture(associated: Session) -> None:
     hand = Hand(associated)
     associated.tool = ToolName.RECT
-    hand.play(u=10.0, v=20.0)
-    hand.play(left=True)
-    hand.play(u=400.0, v=300.0)
+    hand.press(10.0, 20.0)
+    hand.move(400.0, 300.0)
     associated.tool = ToolName.PICK
     hand.play(u=410.0)
-    hand.play(left=False)
+    hand.release()
     assert hand.controller.overlay is None
     assert titles(associated) == []
     hand.play(left=True)
@@ -243,7 +240,7 @@ def test_status_tells_what_is_under_the_mouse(associated: Session) -> None:
     group, at = _apart(associated)
     objects.rename(associated, group, "red mug")
     for _ in range(400):
-        hand.play(u=at[0], v=at[1])
+        hand.move(at[0], at[1])
         associated.tick(1 / 60)
         if associated.hovered_group:
             break
@@ -281,12 +278,11 @@ _SQUARE = np.array([[240, 180], [400, 180], [400, 300], [240, 300.0]])
 
 def test_a_lasso_selects_what_it_surrounds(associated: Session) -> None:
     hand, want = _region(associated, ToolName.LASSO)
-    hand.play(u=240, v=180)
-    hand.play(left=True)
+    hand.press(240, 180)
     for u, v in [*_SQUARE[1:], (240, 184)]:
-        hand.play(u=float(u), v=float(v))
+        hand.move(u, v)
     assert hand.controller.overlay is not None
-    hand.play(left=False)
+    hand.release()
     assert associated.selected_indices().tolist() == want.tolist()
     assert titles(associated) == [f"Select {len(want):,} splats"]
     assert hand.controller.overlay is None
@@ -305,7 +301,7 @@ def test_a_polygon_selects_what_its_corners_surround(associated: Session, ending
         assert run("edit.confirm", associated)
     elif ending == "double click":
         hand.play(left=True, is_double=True)
-        hand.play(left=False)
+        hand.release()
     else:
         hand.click(242, 178)
     assert associated.selected_indices().tolist() == want.tolist()
@@ -323,7 +319,7 @@ def test_a_polygon_ends_with_escape_or_when_the_camera_moves(associated: Session
         assert associated.view.outline is not None
         leave()
         associated.tick(1.0)
-        hand.play(u=300, v=300)
+        hand.move(300, 300)
         assert associated.view.outline is None
         assert associated.tool is ToolName.POLYGON
     assert titles(associated) == []
@@ -333,15 +329,14 @@ def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> No
     hand, _ = _region(associated, ToolName.BRUSH)
     before = state(associated)
     middle = np.array([W / 2, H / 2])
-    hand.play(u=320, v=200)
-    hand.play(left=True)
-    hand.play(u=320, v=240)
+    hand.press(320, 200)
+    hand.move(320, 240)
     assert associated.is_previewing
     assert len(associated.selected_indices())
     associated.need().history.preview(None)
     assert state(associated) == before
-    hand.play(u=320, v=280)
-    hand.play(left=False)
+    hand.move(320, 280)
+    hand.release()
     assert len(titles(associated)) == 1
     scene = associated.need().scene
     pixels, depth = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
@@ -357,12 +352,11 @@ def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> No
 def test_escape_in_a_stroke_leaves_nothing(associated: Session) -> None:
     hand, _ = _region(associated, ToolName.BRUSH)
     before = state(associated)
-    hand.play(u=320, v=200)
-    hand.play(left=True)
-    hand.play(u=320, v=240)
+    hand.press(320, 200)
+    hand.move(320, 240)
     assert hand.controller.cancel(associated)
     assert state(associated) == before
-    hand.play(left=False)
+    hand.release()
     assert titles(associated) == []
 
 
@@ -418,13 +412,13 @@ def test_a_press_does_not_wait_for_the_surface(associated: Session) -> None:
     busy = region._worker.submit(go_on.wait, 5)
     hand = _hand(associated, ToolName.ERASE)
     scene = associated.need().scene
-    hand.play(u=float(_FROM[0]), v=float(_FROM[1]))
+    hand.move(_FROM[0], _FROM[1])
     hand.play(left=True)
-    hand.play(u=float(_TO[0]), v=float(_TO[1]))
+    hand.move(_TO[0], _TO[1])
     assert not scene.has(State.DELETED).any()
     go_on.set()
     assert busy.result()
-    hand.play(left=False)
+    hand.release()
     assert scene.has(State.DELETED).any()
 
 
@@ -457,9 +451,8 @@ def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: S
     camera = associated.rig.camera(W, H)
     assert np.allclose(camera.project(source[None])[0], (320, 245), atol=1)
     before = snapshot(scene)
-    hand.play(u=250, v=300)
-    hand.play(left=True)
-    hand.play(u=270, v=300)
+    hand.press(250, 300)
+    hand.move(270, 300)
     moved = hand.controller.clone_source(associated)
     assert moved is not None
     assert np.linalg.norm(moved - source) > 1e-3, "it goes along with the stroke"
@@ -470,7 +463,7 @@ def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: S
     at_rest = hand.controller.clone_source(associated)
     assert at_rest is not None
     assert np.array_equal(at_rest, source)
-    hand.play(left=False)
+    hand.release()
     hand.drag(np.array([250.0, 300]), np.array([270.0, 300]))
     assert len(scene) > n
     assert titles(associated) == [f"Clone {len(scene) - n:,} splats"]
