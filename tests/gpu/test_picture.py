@@ -33,12 +33,6 @@ def test_random_splats_against_cpu(mean_error: Errors, sh_degree: int) -> None:
         assert mean_error(Scene.of(gaussians), gaussians, camera) < BAR
 
 
-def test_objects_against_cpu(mean_error: Errors) -> None:
-    synthetic = objects_scene(sh_degree=1)
-    for camera in synthetic.cameras[:3]:
-        assert mean_error(Scene.of(synthetic.gaussians), synthetic.gaussians, camera) < BAR
-
-
 def test_a_shifted_principal_point_and_unequal_focal_lengths(mean_error: Errors) -> None:
     camera = CAMERAS[0]
     K = camera.K.copy()

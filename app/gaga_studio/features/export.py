@@ -52,7 +52,7 @@ from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, SplatLook
-from gaga_studio.system import file_manager, paths
+from gaga_studio.system import paths
 
 What = Literal["scene", "selected", "objects"] | Literal["cameras"]
 Export = Literal["scene", "selected", "objects"]
@@ -124,7 +124,7 @@ def page_content(session: Session) -> PageContent:
 def show_in_folder(session: Session, path: Path) -> bool:
     """Show what was written in the file manager."""
     del session
-    file_manager.show(path)
+    paths.show(path)
     return True
 
 

@@ -306,30 +306,18 @@ class Region:
         """Whether the visible surface is there, if it counts: until then `splats` waits for it."""
         return self._depth is None or self._depth.done()
 
-    def preview(self, mask: BoolArray) -> None:
-        """Show what ``mask`` (H, W) would select; the surface as soon as it is known."""
-        if not self.is_known:
-            return
-        chosen, title = self._chosen(mask)
-        self._document.history.preview_with(
-            lambda base: edits.select(base, chosen, self.how, title)
-        )
-
     def take(self, mask: BoolArray) -> bool:
         """Select what ``mask`` (H, W) covers, as one edit."""
         self._document.history.preview(None)
-        chosen, title = self._chosen(mask)
+        chosen, title = self.chosen(mask)
         return self._document.select(chosen, self.how, title)
 
     def splats(self, mask: BoolArray) -> IntArray:
         """Splats (K,) that ``mask`` (H, W) covers."""
         return self._screen().inside(mask)
 
-    def cancel(self) -> None:
-        """Cancel: everything is as before the gesture."""
-        self._document.history.preview(None)
-
-    def _chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
+    def chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
+        """What ``mask`` (H, W) selects (K,), and the title of that edit."""
         splats = self._screen().inside(mask)
         verb = "Deselect" if self.how == "remove" else "Select"
         if not self._whole:

@@ -15,7 +15,7 @@ from gaga_studio.features.commands import (
     shortcut_of,
 )
 from gaga_studio.session.session import Session
-from gaga_studio.ui.dialogs.shortcuts import all_keys
+from gaga_studio.ui.dialogs.preferences import all_keys
 
 
 @pytest.mark.parametrize("profile", PROFILES)
