@@ -35,6 +35,7 @@ from gaga_studio.features.base import (
     no_scene,
     no_selection,
     not_one_object,
+    setting,
     watch,
 )
 from gaga_studio.session.notices import Level, Request, notifies
@@ -327,22 +328,11 @@ def _not_ready(session: Session) -> str:
     return no_selection(session) or (busy(session) if session.settings.clean_first else "")
 
 
-def toggle_clean_first(session: Session) -> None:
-    """Switch cleaning of objects before they are isolated, deleted or exported."""
-    settings = session.settings
-    session.change_settings(replace(settings, clean_first=not settings.clean_first))
-
-
 COMMANDS: tuple[Command, ...] = (
     Command("edit.delete", "Delete", delete_selected, "Delete", ("Backspace",), enabled=_not_ready),
     ask("edit.reduce", "Reduce splats…", Request.REDUCE, enabled=no_scene),
     Command("object.isolate", "Isolate", isolate_selected, "/", enabled=_not_ready),
     Command("object.clean", "Clean up", start, enabled=first_of(not_one_object, busy)),
     Command("object.clean_apply", "Apply the cleaning", apply, enabled=_no_cleaning),
-    Command(
-        "object.clean_first",
-        "Always clean first",
-        toggle_clean_first,
-        is_on=lambda s: s.settings.clean_first,
-    ),
+    setting("object.clean_first", "Always clean first", "clean_first"),
 )

@@ -18,6 +18,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
+from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
@@ -359,6 +360,10 @@ class Session:
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self.hovering.away()
+
+    def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
+        """Apply the edit that ``build`` makes of the open scene."""
+        return self.need().edit(build)
 
     # --- undo and redo, and the end of a drag whose edit is only shown
 

@@ -156,9 +156,6 @@ class ViewState:
     brush_color: tuple[float, float, float] = (0.8, 0.2, 0.2)  # of the color brush
     brush_strength: float = 1.0  # 0..1
     outline: "Outline | None" = None  # of the polygon tool
-    ground: tuple[Point, ...] = ()  # clicked so far with the ground tool
-    measured: tuple[Point, ...] = ()  # with the tool Measure, in the frame of the opened file
-    former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: Point | None = None  # what turns and scales are about; None: middle

@@ -18,7 +18,7 @@ def surface_point(session: Session, place: ViewportPoint) -> Point | None:
 
 
 class GroundTool(ClickTool):
-    """The points are kept in ``view.ground``: they are points in the world, so the camera may move.
+    """The points (``measure.ClickedPoints``) are points in the world, so the camera may move.
 
     The window marks them (``ui.viewport.ground_overlay``); the end of the tool forgets them.
     """

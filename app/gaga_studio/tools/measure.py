@@ -8,7 +8,7 @@ from gaga_studio.tools.ground import surface_point
 
 
 class MeasureTool(ClickTool):
-    """The points are kept in ``view.measured``; the window marks them (``measure_overlay``)."""
+    """The points are ``measure.ClickedPoints``; the window marks them (``measure_overlay``)."""
 
     name = ToolName.MEASURE
 

@@ -146,9 +146,9 @@ def test_eye_lock_and_solo_of_the_list(associated: Session) -> None:
     selection.select_groups(associated, (group,))
     assert associated.selected_groups() == ()
     objects.set_locked(associated, group, False)
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert set(np.unique(scene.labels[scene.visible])) == {other}
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert scene.visible.all()
 
 

@@ -11,6 +11,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.features import measure
 from gaga_studio.session.view import ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import objects_scene
@@ -44,7 +45,7 @@ def test_three_clicks_lay_the_scene_level(
             if found is not None and found.splat in floor:
                 break
         d.click_picture(float(u), float(v))
-        assert len(d.session.view.ground) == n
+        assert len(measure.clicked(d.session).points) == n
 
     def walk(d: Driver) -> None:
         session = d.session
@@ -57,13 +58,13 @@ def test_three_clicks_lay_the_scene_level(
         click_ground(d, (0.3, 0.45), 1)
         d.drag_picture((d.size[0] / 2, d.size[1] / 2), (40, 0))
         d.settle()
-        assert len(session.view.ground) == 1
+        assert len(measure.clicked(session).points) == 1
         empty = [(20, v) for v in range(70, 300) if session.pick(20, v, *d.size) is None]
         d.click_picture(*empty[0])
         assert "no surface" in session.hint
         click_ground(d, (0.7, 0.45), 2)
         d.keys(KEY.backspace)
-        assert len(session.view.ground) == 1
+        assert len(measure.clicked(session).points) == 1
         click_ground(d, (0.7, 0.45), 2)
         assert not session.unsaved
         click_ground(d, (0.5, 0.75), 0)

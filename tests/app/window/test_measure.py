@@ -40,12 +40,12 @@ def test_a_length_is_clicked_and_made_a_metre(
         first, second, third = spots[0], spots[-1], spots[len(spots) // 2]
         for n, spot in enumerate((first, second, third), 1):
             d.click_picture(*spot)
-            assert len(session.view.measured) == n
+            assert len(measure.clicked(session).points) == n
         d.settle()
         if _PICTURES:
             d.capture(Path(_PICTURES) / f"measure_{size[0]}.png")
         d.keys(KEY.backspace)
-        assert len(session.view.measured) == 2
+        assert len(measure.clicked(session).points) == 2
         d.type_into("**/##Known length", "2.5")
         d.click("**/###Set scale")
         d.settle()

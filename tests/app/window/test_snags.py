@@ -40,7 +40,7 @@ def _isolation(d: Driver) -> None:
     """A button in the picture shows all again, without a selection; the command is a switch."""
     session = d.session
     assert not d.exists("Viewport/Show all")
-    d.on_main(lambda: objects.isolate_group(session, 2))
+    d.on_main(lambda: objects.isolate_item(session, 2))
     d.on_main(lambda: commands.run("select.none", session))
     d.frames()
     assert objects.isolated(session) == session.need().name_of(2)

@@ -3,7 +3,7 @@
 from imgui_bundle import imgui
 
 from gaga_core.scene.folders import name_of
-from gaga_studio.features import folders
+from gaga_studio.features import folders, objects
 from gaga_studio.features.object_list import FolderSums, Line, ObjectListView
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -137,11 +137,11 @@ class FolderRow:
         )
         clicked = row_switches.draw(now, self.columns.height, self.columns.is_roomy)
         if clicked == "hide":
-            folders.set_hidden(self.session, self.path, not now.is_hidden)
+            objects.set_hidden(self.session, self.path, not now.is_hidden)
         elif clicked == "lock":
-            folders.set_locked(self.session, self.path, not now.is_locked)
+            objects.set_locked(self.session, self.path, not now.is_locked)
         elif clicked:
-            folders.isolate(self.session, self.path)
+            objects.isolate_item(self.session, self.path)
 
 
 def drop_target(session: Session, folder: str) -> None:

@@ -345,4 +345,4 @@ class _Row:
         elif clicked == "lock":
             objects.set_locked(self.session, self.group, not self.is_locked)
         elif clicked:
-            objects.isolate_group(self.session, self.group)
+            objects.isolate_item(self.session, self.group)

@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_studio.features import measure
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.ui.kit import theme
@@ -18,8 +19,9 @@ _FILLED, _LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
 
 def draw(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
     """The points as ``camera`` sees them; with ``follows`` the lines go on to the mouse."""
-    if session.tool is ToolName.GROUND and session.view.ground:
-        draw_points(np.array(session.view.ground), camera, corner, follows=follows, fills=True)
+    points = measure.clicked(session).points
+    if session.tool is ToolName.GROUND and points:
+        draw_points(np.array(points), camera, corner, follows=follows, fills=True)
 
 
 def draw_points(
