@@ -150,7 +150,7 @@ def _text(bank: MemoryBank | None, *, is_used: bool) -> str:
 def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
     """Make groups from the masks of ``provider`` (default: the first), as one edit.
 
-    With the settings of `Session.find_options`; then identities, where the preset has them.
+    With the settings of `FindState`; then identities, where the preset has them.
     """
     document, preset = session.need(), preset or session.settings.preset
     config = session.feature(FindState).options.association(preset)
