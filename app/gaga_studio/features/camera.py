@@ -24,8 +24,6 @@ from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES
 
-# --- Move the camera to: training views one after the other, an object, the whole scene.
-
 
 def go_to_view(session: Session, index: int) -> None:
     """Fly to the camera of a photo (its place in ``session.cameras``)."""
@@ -78,8 +76,7 @@ def _frame(session: Session, indices: IntArray | None) -> None:
     session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
 
 
-# --- Views that a person keeps by name; they are saved with the project.
-
+# --- bookmarks
 
 BOOKMARK_KEYS = tuple(range(1, 10))
 
@@ -180,8 +177,7 @@ def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
     return f"View {n}"
 
 
-# --- The camera's path: keyframes, its preview, and films and pictures that are written.
-
+# --- the path
 
 KEYFRAME_SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0

@@ -1,4 +1,4 @@
-"""Clean objects: with a preview to apply or cancel, or before isolate, delete and export."""
+"""Clean objects, with a preview or before isolate, delete and export; reduce splats."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -43,9 +43,6 @@ from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.scene.cleanup import CleanPreview
-
-# --- Clean objects: with a preview to apply or cancel, or before isolate, delete and export.
-
 
 _CLEANUP_CHANGED = (
     "The scene changed while the object was cleaned, so nothing is done. Try it again."
@@ -160,8 +157,7 @@ def to_clean(session: Session) -> tuple[int, ...]:
     return cleanup.whole_objects(folders.scene_along(session, with_locked=False))
 
 
-# --- Reduce splats: neighbours are merged, with the loss estimated before and measured after.
-
+# --- reduce splats
 
 ReduceWhat = Literal["selection", "objects", "scene"]
 REDUCE, ESTIMATE = "Reduce splats", "Estimate the loss"

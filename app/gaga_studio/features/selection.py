@@ -229,7 +229,7 @@ def _change(session: Session, title: str, change: Callable[[Scene, IntArray], In
     return document.select(change(document.settled().scene, splats), "set", title)
 
 
-# --- Selections with a name, to be selected again later.
+# --- selections with a name
 
 
 @notifies
@@ -260,8 +260,7 @@ def forget_named(session: Session, name: str) -> bool:
     return session.edit(lambda scene: edits.forget_selection(scene, name))
 
 
-# --- What a region gesture selects: splats or whole objects, everything or the visible surface.
-
+# --- regions of the picture
 
 _LONGEST = 480  # longest side, pixels, of the depth picture
 

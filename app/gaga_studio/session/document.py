@@ -1,4 +1,4 @@
-"""The open scene: its history, previews, its selection, and what panels read of it."""
+"""The open scene: its history, previews, its selection, what is unsaved, state of features."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -25,9 +25,6 @@ from gaga_studio.session.scene_cache import SceneCache
 if TYPE_CHECKING:
     from gaga_core.scene.lod.tree import LodTree
     from gaga_studio.session.session import Session
-
-# --- Whether there is something to save: which states of the history hold the same content.
-
 
 Content = tuple[int, int]
 
@@ -72,9 +69,6 @@ class SaveState:
     def is_unsaved(self, history: History) -> bool:
         """Whether the present state differs from what is on disk."""
         return self.content(history.state_id) != self._saved
-
-
-# --- The open scene: its history, previews, its selection, and what panels read of it.
 
 
 @runtime_checkable

@@ -48,9 +48,6 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
 
 
-# --- Which object is under the resting mouse, looked up in a thread.
-
-
 _LEAST_INTERVAL_S = 0.1
 _STILL_S = 0.05  # the mouse and the camera must rest this long
 _STILL_PIXELS = 2.0
@@ -127,10 +124,6 @@ def _group_at(
     rows = None if boxes is None else boxes.rows_at(camera, *at, len(scene))
     found = pick(scene, camera, *at, antialiased=antialiased, rows=rows)
     return found.group if found is not None else 0
-
-
-# --- The state of the program: the open document, the view, the jobs, the notices.
-# Pull, not push: panels read it every frame. Main thread only; works without a window.
 
 
 _MOST_NOTICES = 50

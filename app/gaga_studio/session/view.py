@@ -1,4 +1,4 @@
-"""How the scene is shown: what panels set and the viewport reads."""
+"""How the scene is shown: what panels set and the viewport reads, and pictures for jobs."""
 
 import queue
 import threading
@@ -14,8 +14,6 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
-
-# --- How the scene is shown: what panels set and the viewport reads.
 
 
 class Mode(StrEnum):
@@ -193,8 +191,7 @@ class ImageSource(Protocol):
         ...
 
 
-# --- Pictures that a job needs and only the thread with the OpenGL context can draw.
-
+# --- pictures that a job needs and only the thread with the OpenGL context can draw
 
 Draw = Callable[[Camera, ViewState], UInt8Array]  # (H, W, 3)
 _PATIENCE_S = 120.0  # for one picture: software OpenGL at a large size
