@@ -42,8 +42,7 @@ from gaga_studio.system import paths
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import Quality
 
-# --- The undo history of a document as a file, history.npz: it comes back after a crash.
-
+# --- the undo history as a file
 
 _LOG = logging.getLogger(__name__)
 FILE = "history.npz"
@@ -120,12 +119,7 @@ def resume_history(document: Document, copied: HistoryCopy) -> None:
     document.save_state.resume(copied.contents)
 
 
-# --- Autosave in a folder of its own, and what is left after a crash.
-# Every minute with unsaved edits the project is written to a folder under `paths.home`, with the
-# undo history and the measured quality; saving, discarding or closing removes it. A folder whose
-# program does not run any more was left by a crash. What was recovered from it stays there until
-# the edits are autosaved again, saved or discarded.
-
+# --- the autosaved project
 
 EVERY_S = 60.0  # at most this much work is lost in a crash
 _NOTE, _QUALITY = "recovery.json", "quality.json"

@@ -1,7 +1,7 @@
 """What a command is, the conditions that features compose, and the check at the end of a job."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Literal, TypeVar
 
 from gaga_core.errors import GagaError
@@ -29,6 +29,8 @@ ViewSwitch = Literal[
     "folder_colors",
     "uses_lod",
 ]  # fields of `ViewState` that are on or off
+
+SettingSwitch = Literal["children_go_along", "clean_first"]  # fields of `Settings`
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,17 @@ def switch(
     return Command(
         id_, title, run, shortcut, enabled=enabled, is_on=lambda s: getattr(s.view, name)
     )
+
+
+def setting(id_: str, title: str, name: SettingSwitch) -> Command:
+    """Build a command that switches a preference on and off."""
+
+    def run(session: Session) -> None:
+        is_on = getattr(session.settings, name)
+        changed = replace(session.settings, **{name: not is_on})  # type: ignore[arg-type]
+        session.change_settings(changed)
+
+    return Command(id_, title, run, is_on=lambda s: getattr(s.settings, name))
 
 
 # --- conditions: why a command cannot be run now

@@ -24,8 +24,6 @@ from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES
 
-# --- Move the camera to: training views one after the other, an object, the whole scene.
-
 
 def go_to_view(session: Session, index: int) -> None:
     """Fly to the camera of a photo (its place in ``session.cameras``)."""
@@ -48,22 +46,18 @@ def next_view(session: Session, step: int) -> None:
 
 def frame_all(session: Session) -> None:
     """Show everything that is visible."""
-    if session.scene is not None:
-        _frame(session, None)
+    _frame(session, None)
 
 
 def frame_selected(session: Session) -> None:
     """Show the selection; everything when nothing is selected."""
-    if session.document is None:
-        return
-    indices = session.document.read.selected_indices()
+    indices = session.selected_indices()
     _frame(session, indices if len(indices) else None)
 
 
 def frame_group(session: Session, group: int) -> None:
     """Show one object."""
-    if session.scene is not None:
-        _frame(session, group_indices(session.scene, group))
+    _frame(session, group_indices(session.need().scene, group))
 
 
 def focus_at(session: Session, u: float, v: float, width: int, height: int) -> bool:
@@ -75,15 +69,14 @@ def focus_at(session: Session, u: float, v: float, width: int, height: int) -> b
 
 
 def _frame(session: Session, indices: IntArray | None) -> None:
-    scene = session.scene
-    if scene is None or (indices is not None and len(indices) == 0):
+    scene = session.need().scene
+    if indices is not None and len(indices) == 0:
         return
     lo, hi = splat_box(scene, indices, 0.98 if indices is not None else 0.9)
     session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
 
 
-# --- Views that a person keeps by name; they are saved with the project.
-
+# --- bookmarks
 
 BOOKMARK_KEYS = tuple(range(1, 10))
 
@@ -102,7 +95,7 @@ def add_bookmark(session: Session, name: str = "", key: int = 0) -> None:
     """Keep the present view at the end of the list."""
     marks = bookmarks(session)
     mark = Bookmark(name or _fresh_name(marks), session.rig.shot(), key)
-    _bookmarks_keep(session, (*marks, mark))
+    _keep_bookmarks(session, (*marks, mark))
 
 
 def recall_bookmark(session: Session, index: int) -> None:
@@ -114,17 +107,17 @@ def recall_bookmark(session: Session, index: int) -> None:
 
 def bookmark_index(session: Session, key: int) -> int | None:
     """Return the index of the bookmark that has a key 1..9; None if none has it."""
-    found = [i for i, mark in enumerate(bookmarks(session)) if mark.key == key]
-    return found[0] if found else None
+    return next((i for i, mark in enumerate(bookmarks(session)) if mark.key == key), None)
 
 
 def set_bookmark_key(session: Session, key: int) -> None:
     """Keep the present view under a key 1..9: its bookmark moves here, or a new one is made."""
-    index = bookmark_index(session, key)
-    if index is None:
-        add_bookmark(session, f"View {key}" if not _has(session, f"View {key}") else "", key)
-    else:
+    index, name = bookmark_index(session, key), f"View {key}"
+    if index is not None:
         update_bookmark(session, index)
+    else:
+        is_taken = any(mark.name == name for mark in bookmarks(session))
+        add_bookmark(session, "" if is_taken else name, key)
 
 
 def recall_bookmark_key(session: Session, key: int) -> bool:
@@ -150,7 +143,7 @@ def rename_bookmark(session: Session, index: int, name: str) -> None:
 def remove_bookmark(session: Session, index: int) -> None:
     """Forget a bookmark."""
     marks = bookmarks(session)
-    _bookmarks_keep(session, (*marks[:index], *marks[index + 1 :]))
+    _keep_bookmarks(session, (*marks[:index], *marks[index + 1 :]))
 
 
 def move_bookmark(session: Session, index: int, by: int) -> None:
@@ -159,15 +152,15 @@ def move_bookmark(session: Session, index: int, by: int) -> None:
     to = index + by
     if 0 <= to < len(marks):
         marks.insert(to, marks.pop(index))
-        _bookmarks_keep(session, tuple(marks))
+        _keep_bookmarks(session, tuple(marks))
 
 
 def _change(session: Session, index: int, mark: Bookmark) -> None:
     marks = bookmarks(session)
-    _bookmarks_keep(session, (*marks[:index], mark, *marks[index + 1 :]))
+    _keep_bookmarks(session, (*marks[:index], mark, *marks[index + 1 :]))
 
 
-def _bookmarks_keep(session: Session, marks: tuple[Bookmark, ...]) -> None:
+def _keep_bookmarks(session: Session, marks: tuple[Bookmark, ...]) -> None:
     document = session.need()
     kept = document.project.bookmarks
     known = {now.shot: was.shot for now, was in zip(bookmarks(session), kept, strict=True)}
@@ -177,10 +170,6 @@ def _bookmarks_keep(session: Session, marks: tuple[Bookmark, ...]) -> None:
     document.save_state.note_outside_history()
 
 
-def _has(session: Session, name: str) -> bool:
-    return any(mark.name == name for mark in bookmarks(session))
-
-
 def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
     names, n = {mark.name for mark in marks}, len(marks) + 1
     while f"View {n}" in names:
@@ -188,8 +177,7 @@ def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
     return f"View {n}"
 
 
-# --- The camera's path: keyframes, its preview, and films and pictures that are written.
-
+# --- the path
 
 KEYFRAME_SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0
@@ -261,12 +249,12 @@ def set_total_seconds(session: Session, seconds: float) -> None:
 
 def set_closed_path(session: Session, closed: bool) -> None:
     """Close the path from the last keyframe to the first, or open it."""
-    _camera_path_keep(session, replace(path_of(session), is_closed=closed))
+    _keep_path(session, replace(path_of(session), is_closed=closed))
 
 
 def set_even_speed(session: Session, even: bool) -> None:
     """Use one speed along the path, or the times of the keyframes."""
-    _camera_path_keep(session, replace(path_of(session), even_speed=even))
+    _keep_path(session, replace(path_of(session), even_speed=even))
 
 
 def clear_path(session: Session) -> None:
@@ -277,7 +265,7 @@ def clear_path(session: Session) -> None:
 
 def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
     """Replace the path by a circle around the pivot, and play it."""
-    _camera_path_keep(session, turntable(session.rig.shot(), session.rig.up, seconds))
+    _keep_path(session, turntable(session.rig.shot(), session.rig.up, seconds))
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
     session.view.playback.is_playing = True
@@ -292,7 +280,7 @@ def save_path_file(session: Session, file: Path) -> None:
 @notifies
 def open_path_file(session: Session, file: Path) -> None:
     """Take the path of a JSON file in place of the present one."""
-    _camera_path_keep(session, load_path(file))
+    _keep_path(session, load_path(file))
     session.view.playback.chosen = 0
 
 
@@ -345,10 +333,10 @@ def choose_keyframe(session: Session, index: int, *, goes: bool = True) -> None:
 
 
 def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
-    _camera_path_keep(session, replace(path_of(session), keyframes=keys))
+    _keep_path(session, replace(path_of(session), keyframes=keys))
 
 
-def _camera_path_keep(session: Session, path: CameraPath) -> None:
+def _keep_path(session: Session, path: CameraPath) -> None:
     document = session.need()
     shown, kept = path_of(session).keyframes, document.project.film.keyframes
     known = {now.shot: was.shot for now, was in zip(shown, kept, strict=True)}

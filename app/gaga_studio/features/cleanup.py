@@ -1,4 +1,4 @@
-"""Clean objects: with a preview to apply or cancel, or before isolate, delete and export."""
+"""Clean objects, with a preview or before isolate, delete and export; reduce splats."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -35,6 +35,7 @@ from gaga_studio.features.base import (
     no_scene,
     no_selection,
     not_one_object,
+    setting,
     watch,
 )
 from gaga_studio.session.notices import Level, Request, notifies
@@ -42,9 +43,6 @@ from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.scene.cleanup import CleanPreview
-
-# --- Clean objects: with a preview to apply or cancel, or before isolate, delete and export.
-
 
 _CLEANUP_CHANGED = (
     "The scene changed while the object was cleaned, so nothing is done. Try it again."
@@ -159,8 +157,7 @@ def to_clean(session: Session) -> tuple[int, ...]:
     return cleanup.whole_objects(folders.scene_along(session, with_locked=False))
 
 
-# --- Reduce splats: neighbours are merged, with the loss estimated before and measured after.
-
+# --- reduce splats
 
 ReduceWhat = Literal["selection", "objects", "scene"]
 REDUCE, ESTIMATE = "Reduce splats", "Estimate the loss"
@@ -327,22 +324,11 @@ def _not_ready(session: Session) -> str:
     return no_selection(session) or (busy(session) if session.settings.clean_first else "")
 
 
-def toggle_clean_first(session: Session) -> None:
-    """Switch cleaning of objects before they are isolated, deleted or exported."""
-    settings = session.settings
-    session.change_settings(replace(settings, clean_first=not settings.clean_first))
-
-
 COMMANDS: tuple[Command, ...] = (
     Command("edit.delete", "Delete", delete_selected, "Delete", ("Backspace",), enabled=_not_ready),
     ask("edit.reduce", "Reduce splats…", Request.REDUCE, enabled=no_scene),
     Command("object.isolate", "Isolate", isolate_selected, "/", enabled=_not_ready),
     Command("object.clean", "Clean up", start, enabled=first_of(not_one_object, busy)),
     Command("object.clean_apply", "Apply the cleaning", apply, enabled=_no_cleaning),
-    Command(
-        "object.clean_first",
-        "Always clean first",
-        toggle_clean_first,
-        is_on=lambda s: s.settings.clean_first,
-    ),
+    setting("object.clean_first", "Always clean first", "clean_first"),
 )

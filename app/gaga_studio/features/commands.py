@@ -59,9 +59,7 @@ def cancel(session: Session) -> None:
         session.rig.is_flying = False
     elif session.view.outline is not None:
         session.view.outline = None
-    elif session.tool is ToolName.GROUND:
-        measure.leave_ground(session)
-    elif session.tool is ToolName.MEASURE:
+    elif _clicks_points(session):
         measure.leave(session)
     elif click_object.is_clicking(session):
         click_object.clear(session)
@@ -81,9 +79,7 @@ def no_cancel(session: Session) -> str:
 
 def remove_corner(session: Session) -> None:
     """Remove the last corner of the outline, or the last point that was clicked."""
-    if session.tool is ToolName.GROUND:
-        measure.take_back_ground_point(session)
-    elif session.tool is ToolName.MEASURE:
+    if _clicks_points(session):
         measure.take_back(session)
     elif session.view.outline is not None:
         session.view.outline = session.view.outline.without_last()
@@ -92,9 +88,9 @@ def remove_corner(session: Session) -> None:
 def no_corner(session: Session) -> str:
     """Needs an outline that is being drawn, or a point that was clicked."""
     if session.tool is ToolName.GROUND:
-        return "" if session.view.ground else "No point of the ground is marked yet."
+        return "" if measure.clicked(session).points else "No point of the ground is marked yet."
     if session.tool is ToolName.MEASURE:
-        return "" if session.view.measured else "No point is marked yet."
+        return "" if measure.clicked(session).points else "No point is marked yet."
     if session.view.outline is not None:
         return ""
     return no_scene(session) or "No outline is being drawn. Take the polygon tool first."

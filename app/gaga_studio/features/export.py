@@ -240,9 +240,6 @@ def up_of(session: Session) -> Point:
     return float(x), float(y), float(z)
 
 
-# --- writing
-
-
 def export(
     session: Session,
     what: Export,
@@ -251,12 +248,21 @@ def export(
     form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
 ) -> None:
-    """Export as it is; whole selected objects are cleaned first if that is wanted."""
+    """Write what is visible, the selection, or one file per (selected, else any) object.
+
+    Whole selected objects are cleaned first if that is wanted. ``path`` is a folder for "objects",
+    whose files are of ``form``; else its suffix is the form of the file.
+    """
+    if session.scene is None:
+        return
+    session.need().settled()
     groups = cleanup.to_clean(session) if what != "scene" else ()
     if not groups:
-        _export_as_is(session, what, path, form=form, options=options)
+        scene = folders.scene_along(session)
+        listed = selected_groups(scene).tolist()
+        start_export(session, path, export_stage(scene, what, path, listed, form, options))
         return
-    scene, also = replace(session.need().settled().scene), folders.locked_along(session)
+    scene, also = replace(session.scene), folders.locked_along(session)
     chosen = (*groups, *np.unique(scene.labels[also]).tolist())
 
     def stage() -> Stage[str]:
@@ -265,36 +271,9 @@ def export(
         state = copy.state.copy()
         state[also] |= np.uint8(State.SELECTED)  # written as they are
         copy.state = state
-        return (
-            yield from export_stage(copy, what, path, chosen=chosen, form=form, options=options)
-        )
+        return (yield from export_stage(copy, what, path, chosen, form, options))
 
     start_export(session, path, stage())
-
-
-def _export_as_is(
-    session: Session,
-    what: Export,
-    path: Path,
-    *,
-    groups: bool = False,
-    form: SplatFormat | MeshExport = SplatFormat.PLY,
-    options: ExportOptions = _AS_IS,
-) -> None:
-    """Write what is visible, the selection, or one file per (selected, else any) object.
-
-    ``path`` is a folder for "objects", whose files are of ``form``; else its suffix is the form of
-    the file. ``groups`` adds a column with the group to a .ply, ``options`` change what is written.
-    """
-    if session.scene is None:
-        return
-    session.need().settled()
-    scene = folders.scene_along(session)
-    chosen = selected_groups(scene).tolist()
-    stage = export_stage(
-        scene, what, path, chosen=chosen, groups=groups, form=form, options=options
-    )
-    start_export(session, path, stage)
 
 
 def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
@@ -311,43 +290,27 @@ def export_stage(
     scene: Scene,
     what: Export,
     path: Path,
-    *,
-    chosen: Sequence[int] = (),
-    groups: bool = False,
-    form: SplatFormat | MeshExport = SplatFormat.PLY,
-    options: ExportOptions = _AS_IS,
+    chosen: Sequence[int],
+    form: SplatFormat | MeshExport,
+    options: ExportOptions,
 ) -> Stage[str]:
     """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
     if what == "objects":
         stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
-
-        def objects() -> Stage[str]:
-            manifest = yield from stage
-            n_files = len(listed_files(manifest))
-            where = paths.shown(manifest.parent)
-            said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
-            missing = read_manifest(manifest).left_out
-            if missing:
-                said += f" Left out, without a surface: {', '.join(missing)}."
-            return said + _lost(least_psnr(manifest), "the object that lost most")
-
-        return objects()
-    kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
-    whole = export_scene_stage(scene, path, what=kind, groups=groups, options=options)
-
-    def splats() -> Stage[str]:
-        made = yield from whole
+        manifest = yield from stage
+        n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
+        said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+        if missing := read_manifest(manifest).left_out:
+            said += f" Left out, without a surface: {', '.join(missing)}."
+        psnr, of = least_psnr(manifest), "the object that lost most"
+    else:
+        kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
+        made = yield from export_scene_stage(scene, path, what=kind, options=options)
         said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
-        return said + _lost(made.psnr, "what was written")
-
-    return splats()
-
-
-def _lost(psnr: float | None, what: str) -> str:
-    """What a decimation lost, as a sentence; "" when there was none."""
+        psnr, of = made.psnr, "what was written"
     if psnr is None:
-        return ""
-    return f" Merged: pictures of {what} have {psnr:.1f} dB (PSNR) against those of before."
+        return said
+    return f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those of before."
 
 
 # --- films and pictures

@@ -171,11 +171,6 @@ def _use_model(session: Session, model: str) -> None:
         start(session, lighten=found.lighten)
 
 
-def _need_no_job(session: Session) -> None:
-    if (job := session.jobs.running) is not None:
-        raise GagaError(f"{job.title} is still running.")
-
-
 @notifies
 def apply(session: Session) -> bool:
     """Keep what the preview shows: one entry of the history."""

@@ -1,6 +1,6 @@
-"""Folders of the object list: make, fill, rename and delete them, and act on all that is in one."""
+"""Folders of the object list, and objects under other objects that are edited together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -8,23 +8,18 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.scene import edits
-from gaga_core.scene.edits import Edit
 from gaga_core.scene.folders import name_of, parent_of, parents_of, path_of
 from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import groups_under_selection, splats_under_selection
-from gaga_studio.features.base import Command, needs, no_groups, no_selection
+from gaga_studio.features.base import Command, first_of, needs, no_groups, no_selection, setting
 from gaga_studio.features.object_list import FolderSums, ObjectListView, folder_sums
-from gaga_studio.session.document import Document
+from gaga_studio.session.document import Build, Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
     from gaga_core.scene.edits import How
-
-# --- Folders of the object list: make, fill, rename and delete them, and act on all that is in
-# one.
-
 
 _NEW = "Folder"  # what a new one is called until it has a name
 
@@ -50,13 +45,12 @@ def choose(session: Session, folder: str, how: "How" = "set") -> bool:
 
 def chosen(session: Session) -> tuple[str, ...]:
     """Return the folders that were chosen, while the selection is still what that made."""
-    document = session.document
-    if document is None or not document.feature(ObjectListView).chosen:
+    if (document := session.document) is None:
         return ()
-    if document.feature(ObjectListView).chosen_with != _selection(document):
+    listing = document.feature(ObjectListView)
+    if not listing.chosen or listing.chosen_with != _selection(document):
         return ()
-    known = set(document.scene.folders.paths)
-    return tuple(path for path in document.feature(ObjectListView).chosen if path in known)
+    return tuple(path for path in listing.chosen if path in document.scene.folders.paths)
 
 
 def of_selection(session: Session) -> tuple[str, ...]:
@@ -65,16 +59,6 @@ def of_selection(session: Session) -> tuple[str, ...]:
         return ()
     homes = {session.scene.folders.places.get(g, "") for g in session.selected_groups()}
     return chosen(session) or (tuple(homes - {""}) if len(homes) == 1 else ())
-
-
-def can_take_out(session: Session) -> bool:
-    """Return whether a selected object or a chosen folder lies in a folder."""
-    if session.scene is None:
-        return False
-    folders, home = chosen(session), session.scene.folders.home
-    if folders:
-        return any(parent_of(path) for path in folders)
-    return any(group in home for group in session.selected_groups())
 
 
 def _selection(document: Document) -> object:
@@ -158,30 +142,20 @@ def take_out(session: Session) -> bool:
 @notifies
 def rename(session: Session, folder: str, name: str) -> bool:
     """Give a folder another name; an empty one leaves it as it is."""
-    document = session.need()
-    if not name.strip():
+    title, after = f"Rename {name_of(folder)}", path_of(parent_of(folder), " ".join(name.split()))
+    if not name.strip() or not session.edit(
+        lambda scene: edits.rename_folder(scene, folder, name, title)
+    ):
         return False
-    edit = edits.rename_folder(document.settled().scene, folder, name, f"Rename {name_of(folder)}")
-    if not document.do(edit):
-        return False
-    document.feature(ObjectListView).follow(
-        folder, path_of(parent_of(folder), " ".join(name.split()))
-    )
+    session.need().feature(ObjectListView).follow(folder, after)
     return True
 
 
 @notifies
 def delete(session: Session, *folders: str) -> bool:
     """Take folders away; their objects stay."""
-    document = session.need()
     what = f"folder {name_of(folders[0])}" if len(folders) == 1 else f"{len(folders)} folders"
-    scene = document.settled().scene
-    return document.do(edits.delete_folder(scene, *folders, title=f"Delete {what}"))
-
-
-def delete_chosen(session: Session) -> None:
-    """Take the chosen folders away, else the one that the selected objects lie in."""
-    delete(session, *of_selection(session))
+    return session.edit(lambda scene: edits.delete_folder(scene, *folders, title=f"Delete {what}"))
 
 
 # --- all that is in one
@@ -194,44 +168,10 @@ def sums(session: Session) -> dict[str, FolderSums]:
     return document.read.once("folder sums", (table, folders), lambda: folder_sums(table, folders))
 
 
-@notifies
-def set_hidden(session: Session, folder: str, hidden: bool) -> bool:
-    """Hide or show all objects in a folder."""
-    scene, splats = _inside(session, folder)
-    build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
-    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
-
-
-@notifies
-def set_locked(session: Session, folder: str, locked: bool) -> bool:
-    """Protect all objects in a folder from being selected, or let them be again."""
-    scene, splats = _inside(session, folder)
-    build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
-    return session.need().do(build(scene, splats, f"{verb} {name_of(folder)}"))
-
-
-@notifies
-def isolate(session: Session, folder: str) -> bool:
-    """Hide everything but a folder; show all again when that is so already."""
-    scene, splats = _inside(session, folder)
-    if len(splats) == 0:
-        return False
-    alone = edits.isolate(scene, splats, f"Isolate {name_of(folder)}")
-    return session.need().do(edits.show_all(scene) if alone is None else alone)
-
-
 def is_alone(table: ObjectTable, own: FolderSums) -> bool:
     """Return whether the objects of a folder with these sums, and nothing else, are shown."""
     n_shown = int((table.counts - table.n_hidden).sum())
     return 0 < own.n_splats == n_shown and not own.n_hidden
-
-
-def _inside(session: Session, folder: str) -> tuple[Scene, IntArray]:
-    scene = session.need().settled().scene
-    return scene, group_indices(scene, scene.folders.groups(folder))
-
-
-# --- Objects under other objects: put them there, take them out, select and edit them together.
 
 
 # --- which object lies under which
@@ -242,8 +182,7 @@ def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
     """Put objects under another one; what lies under them goes along."""
     document = session.need()
     scene = document.settled().scene
-    what = document.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
-    title = f"Put {what} under {document.name_of(parent)}"
+    title = f"Put {document.names_of(groups)} under {document.name_of(parent)}"
     if not document.do(edits.set_parent(scene, groups, parent, title)):
         return False
     document.feature(ObjectListView).reveal_group(scene.folders, groups[0])
@@ -256,39 +195,24 @@ def leave_parent(session: Session) -> bool:
     document = session.need()
     scene = document.settled().scene
     groups = [group for group in session.selected_groups() if group in scene.folders.parent]
-    what = document.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
     over = {scene.folders.parent[group] for group in groups}
     above = document.name_of(over.pop()) if len(over) == 1 else "what they lie under"
-    return document.do(edits.leave_parent(scene, groups, f"Take {what} out from under {above}"))
-
-
-def can_leave_parent(session: Session) -> bool:
-    """Return whether a selected object lies under another one."""
-    scene = session.scene
-    return scene is not None and any(g in scene.folders.parent for g in session.selected_groups())
-
-
-def has_children(session: Session) -> bool:
-    """Return whether something lies under a selected object."""
-    scene = session.scene
-    return scene is not None and bool(scene.folders.under(*session.selected_groups()))
+    return document.do(
+        edits.leave_parent(
+            scene, groups, f"Take {document.names_of(groups)} out from under {above}"
+        )
+    )
 
 
 @notifies
 def select_with_children(session: Session) -> bool:
     """Select the selected objects whole, and all that lies under them."""
-    document = session.need()
-    groups = session.selected_groups()
-    under = document.scene.folders.under(*groups)
+    document, groups = session.need(), session.selected_groups()
     if not groups:
         return False
+    under = document.scene.folders.under(*groups)
     title = f"Select {_and_under(document.name_of(groups[0]), len(groups), len(under))}"
     return document.select(group_indices(document.scene, (*groups, *under)), "set", title)
-
-
-def group_and_under(scene: Scene, group: int) -> IntArray:
-    """Return the splats (K,) of an object and of all that lies under it, deleted ones left out."""
-    return group_indices(scene, (group, *scene.folders.under(group)))
 
 
 # --- edits of the selection that children go along with
@@ -345,13 +269,7 @@ def scene_along(session: Session, *, with_locked: bool = True) -> Scene:
     return replace(scene, state=state)
 
 
-def edit_along(
-    session: Session,
-    verb: str,
-    build: Callable[[Scene, IntArray, str], Edit | None],
-    *,
-    with_locked: bool = False,
-) -> bool:
+def edit_along(session: Session, verb: str, build: Build, *, with_locked: bool = False) -> bool:
     """Apply the edit that ``build`` makes of the scene, `along`, and a title that names both."""
     document = session.need()
     scene = document.settled().scene
@@ -371,51 +289,45 @@ def _and_under(text: str, n: int, n_under: int) -> str:
     return f"{text} and {n_under} under {'it' if n == 1 else 'them'}"
 
 
+def _is_in_folder(session: Session) -> bool:
+    home = session.need().scene.folders.home
+    if folders := chosen(session):
+        return any(parent_of(path) for path in folders)
+    return any(group in home for group in session.selected_groups())
+
+
 no_folders = needs(
     lambda session: session.need().scene.folders.paths,
     "There are no folders yet. Select objects, then use New folder.",
 )
-
-
-def _no_folder(session: Session) -> str:
-    if reason := no_folders(session):
-        return reason
-    return (
-        "" if of_selection(session) else "Choose a folder in the list, or an object that is in one."
-    )
-
-
-def _not_in_folder(session: Session) -> str:
-    if reason := no_folders(session):
-        return reason
-    return "" if can_take_out(session) else "What is selected lies in no folder."
-
-
-def _under_nothing(session: Session) -> str:
-    if can_leave_parent(session):
-        return ""
-    return no_selection(session) or "What is selected lies under no object. Drag it onto one."
-
-
-def _nothing_under(session: Session) -> str:
-    if has_children(session):
-        return ""
-    return no_selection(session) or "Nothing lies under this object. Drag another one onto it."
-
-
-def toggle_children_go_along(session: Session) -> None:
-    """Switch whether what lies under an object is moved, deleted, copied and exported with it."""
-    settings = session.settings
-    session.change_settings(replace(settings, children_go_along=not settings.children_go_along))
-
-
+_no_folder = first_of(
+    no_folders,
+    needs(of_selection, "Choose a folder in the list, or an object that is in one."),
+)
+_not_in_folder = first_of(no_folders, needs(_is_in_folder, "What is selected lies in no folder."))
+_under_nothing = first_of(
+    no_selection,
+    needs(
+        lambda session: (
+            not session.need().scene.folders.parent.keys().isdisjoint(session.selected_groups())
+        ),
+        "What is selected lies under no object. Drag it onto one.",
+    ),
+)
+_nothing_under = first_of(
+    no_selection,
+    needs(
+        lambda session: session.need().scene.folders.under(*session.selected_groups()),
+        "Nothing lies under this object. Drag another one onto it.",
+    ),
+)
 COMMANDS: tuple[Command, ...] = (
     Command("object.folder", "New folder", new_folder, "Ctrl+Shift+G", enabled=no_groups),
     Command("object.folder_out", "Take out of the folder", take_out, enabled=_not_in_folder),
     Command(
         "object.folder_delete",
         "Delete the folder, keep its objects",
-        delete_chosen,
+        lambda session: delete(session, *of_selection(session)),
         enabled=_no_folder,
     ),
     Command(
@@ -424,12 +336,7 @@ COMMANDS: tuple[Command, ...] = (
         leave_parent,
         enabled=_under_nothing,
     ),
-    Command(
-        "object.children_go_along",
-        "Children go along",
-        toggle_children_go_along,
-        is_on=lambda s: s.settings.children_go_along,
-    ),
+    setting("object.children_go_along", "Children go along", "children_go_along"),
     Command(
         "select.children", "Select with children", select_with_children, enabled=_nothing_under
     ),

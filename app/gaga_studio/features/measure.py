@@ -1,6 +1,6 @@
-"""Measure between points of the surface, and set the scale from a length that is known."""
+"""Measure between points of the surface, set scale and origin, align to the ground."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +15,6 @@ from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Point, ToolName
 
-# --- Measure between points of the surface, and set the scale from a length that is known.
-
-
 _MOST = 3  # points: two lengths and the angle between them
 HELP = "Drag orbits, Backspace takes one back, Esc leaves."
 
@@ -31,19 +28,35 @@ class Reading:
     heights: tuple[float, ...]  # of the points over height 0, along up
 
 
+@dataclass
+class ClickedPoints:
+    """What was clicked in a document with the tool Measure, or Align to ground."""
+
+    points: tuple[Point, ...] = ()  # measured: in the frame of the opened file; ground: world
+    former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
+
+
+def clicked(session: Session) -> ClickedPoints:
+    """Return the points that were clicked; none when nothing is open."""
+    document = session.document
+    return ClickedPoints() if document is None else document.feature(ClickedPoints)
+
+
 def begin(session: Session) -> None:
     """Start the tool without a point."""
-    session.tool, session.view.measured = ToolName.MEASURE, ()
+    session.tool, clicked(session).points = ToolName.MEASURE, ()
 
 
 def leave(session: Session) -> None:
-    """End the tool and forget the points."""
-    session.tool, session.view.measured = ToolName.PICK, ()
+    """End the tool and forget the points; after the ground tool the former one returns."""
+    is_ground = session.tool is ToolName.GROUND
+    session.tool = clicked(session).former_tool if is_ground else ToolName.PICK
+    clicked(session).points = ()
 
 
 def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
-    n = len(session.view.measured)
+    n = len(clicked(session).points)
     what = ("a point", "a second point: a length", "a third point: an angle", "a first point again")
     return f"Click {what[n]}"
 
@@ -56,23 +69,24 @@ def add(session: Session, point: Point | None) -> None:
     session.hint = f"There is no surface here. {prompt(session)}." if point is None else ""
     if point is None:
         return
-    view, back = session.view, inverse(session.need().world)
+    state, back = clicked(session), inverse(session.need().world)
     x, y, z = (float(v) for v in back[:3, :3] @ np.array(point) + back[:3, 3])
-    former = () if len(view.measured) == _MOST else view.measured
-    view.measured = (*former, (x, y, z))
+    former = () if len(state.points) == _MOST else state.points
+    state.points = (*former, (x, y, z))
 
 
 def take_back(session: Session) -> None:
     """Remove the newest point."""
-    session.view.measured = session.view.measured[:-1]
+    state = clicked(session)
+    state.points = state.points[:-1]
 
 
 def points(session: Session) -> DoubleArray:
     """The points (K, 3), world."""
-    if session.document is None or not session.view.measured:
+    if session.document is None or not clicked(session).points:
         return np.zeros((0, 3))
     world = session.document.world
-    found: DoubleArray = np.array(session.view.measured) @ world[:3, :3].T + world[:3, 3]
+    found: DoubleArray = np.array(clicked(session).points) @ world[:3, :3].T + world[:3, 3]
     return found
 
 
@@ -109,24 +123,22 @@ def set_scale(session: Session, metres: float) -> bool:
 
     The origin stays, so the ground stays at height 0. A unit is a metre from then on.
     """
-    document, lengths = session.need(), reading(session).lengths
+    lengths = reading(session).lengths
     if not lengths:
         raise GagaError("Click two points first: the length between them is the known one.")
-    scene = document.settled().scene
-    return document.do(edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
+    return session.edit(lambda scene: edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
 
 
 @notifies
 def set_origin_here(session: Session) -> bool:
     """Move everything so that the point of the surface that was clicked becomes the origin."""
-    document, point = session.need(), session.view.pointed
+    point, session.view.pointed = session.view.pointed, None
     if point is None:
         return False
-    session.view.pointed = None
-    return document.do(edits.set_origin(document.settled().scene, np.array(point)))
+    return session.edit(lambda scene: edits.set_origin(scene, np.array(point)))
 
 
-# --- Align the scene to the ground that three clicks mark.
+# --- align to the ground that three clicks mark
 
 
 _N = 3  # points of a plane
@@ -135,20 +147,15 @@ GROUND_HELP = "Choose them far apart. Drag orbits, Backspace takes one back, Esc
 
 def begin_ground(session: Session) -> None:
     """Start the tool without a point; the former tool returns when it ends."""
-    view = session.view
+    state = clicked(session)
     if session.tool is not ToolName.GROUND:
-        view.former_tool = session.tool
-    session.tool, view.ground = ToolName.GROUND, ()
-
-
-def leave_ground(session: Session) -> None:
-    """Return to the former tool and forget the points."""
-    session.tool, session.view.ground = session.view.former_tool, ()
+        state.former_tool = session.tool
+    session.tool, state.points = ToolName.GROUND, ()
 
 
 def ground_prompt(session: Session) -> str:
     """Return what to do now, in words."""
-    return f"Click three points on the ground: {len(session.view.ground) + 1} of {_N}"
+    return f"Click three points on the ground: {len(clicked(session).points) + 1} of {_N}"
 
 
 def add_ground_point(session: Session, point: Point | None) -> bool:
@@ -156,25 +163,20 @@ def add_ground_point(session: Session, point: Point | None) -> bool:
 
     Three points on a line are all removed.
     """
-    view = session.view
+    state = clicked(session)
     what = ground_prompt(session)
     session.hint = f"There is no surface here. {what}." if point is None else ""
     if point is None:
         return False
-    view.ground = (*view.ground, point)
-    if len(view.ground) < _N:
+    state.points = (*state.points, point)
+    if len(state.points) < _N:
         return False
-    points, view.ground = np.array(view.ground), ()
+    points, state.points = np.array(state.points), ()
     if not align(session, points):
         return False
-    leave_ground(session)
+    leave(session)
     session.notify(Level.INFO, "The ground is level now, at height 0.")
     return True
-
-
-def take_back_ground_point(session: Session) -> None:
-    """Remove the newest point."""
-    session.view.ground = session.view.ground[:-1]
 
 
 @notifies
@@ -184,25 +186,18 @@ def align(session: Session, points: DoubleArray) -> bool:
     What is hidden or locked comes along, and so do the camera (see `CameraRig.follow`),
     photos, bookmarks and the camera path.
     """
-    document = session.need()
     moved = ground_map(points, session.rig.up, session.rig.seen_from)
-    return document.do(edits.move_scene(document.settled().scene, moved, "Align to ground"))
+    return session.edit(lambda scene: edits.move_scene(scene, moved, "Align to ground"))
+
+
+def _tool(tool: ToolName, title: str, run: Callable[[Session], None]) -> Command:
+    return Command(
+        f"tool.{tool}", title, run, enabled=no_scene, is_on=lambda session: session.tool is tool
+    )
 
 
 COMMANDS: tuple[Command, ...] = (
-    Command(
-        "tool.measure",
-        "Measure lengths, angles and heights",
-        begin,
-        enabled=no_scene,
-        is_on=lambda session: session.tool is ToolName.MEASURE,
-    ),
-    Command(
-        "tool.ground",
-        "Align to ground by three points",
-        begin_ground,
-        enabled=no_scene,
-        is_on=lambda session: session.tool is ToolName.GROUND,
-    ),
+    _tool(ToolName.MEASURE, "Measure lengths, angles and heights", begin),
+    _tool(ToolName.GROUND, "Align to ground by three points", begin_ground),
     Command("tool.origin_here", "Set the origin here", set_origin_here, enabled=nothing_pointed),
 )

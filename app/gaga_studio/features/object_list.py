@@ -1,4 +1,4 @@
-"""What the filter of the object list looks at, and which objects it keeps."""
+"""The object list: its filter, lines, parts of objects, and pictures of objects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,11 +27,7 @@ from gaga_studio.session.notices import notifies
 from gaga_studio.session.scene_cache import SortKey, natural
 from gaga_studio.session.session import Session
 
-# --- What the filter of the object list looks at, and which objects it keeps.
-
-
-# --- The parts of all objects of a scene whose association has levels, looked up when shown.
-
+# --- parts
 
 PartKey = tuple[int, ...]  # an object: (group,); its second part: (group, 1); the first in it ...
 
@@ -80,9 +76,7 @@ class PartIndex:
         )
 
 
-# --- What the object list shows of a document: which folders are open, what is left out, its
-# lines.
-
+# --- lines
 
 Measure = Literal["size", "splats", "confidence", "quality"]
 Measures = Mapping[Measure, DoubleArray]  # (G,) each, -1 = unknown
@@ -340,9 +334,6 @@ def folder_sums(table: ObjectTable, folders: Folders) -> dict[str, FolderSums]:
 # --- What the filter of the object list looks at, and which objects it keeps.
 
 
-# --- What the filter of the object list looks at, and which objects it keeps.
-
-
 _FULL: Range = (0.0, 1.0)  # of shares
 
 
@@ -396,7 +387,7 @@ def kept_groups(session: Session, table: ObjectTable) -> frozenset[int] | None:
     return session.need().read.once("kept groups", (table, rows.tobytes()), find)
 
 
-# --- The lines of the object list, made again only when something of them has changed.
+# --- lines of a session
 
 
 def lines(session: Session, table: ObjectTable, sort: SortKey, falls: bool) -> Lines:
@@ -453,13 +444,7 @@ def select_part(session: Session, part: Part, name: str, how: How = "set") -> bo
     return done
 
 
-# --- Pictures of single objects for the list: the object alone, on neutral ground, as large as
-# fits.
-# A request is a key that names what the picture shows, and a function for the image store's
-# thread. The digest of the object's splats is part of the key, so a picture that was drawn before
-# is shown again after an undo. Digests are measured in parallel (`actions.search`): until they are
-# those of the present scene, the former picture stays and nothing new is drawn.
-
+# --- pictures of objects
 
 SMALL, LARGE = 96, 320  # pixels, in the list and in its tooltip
 

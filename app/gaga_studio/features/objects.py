@@ -1,6 +1,6 @@
-"""Edits of objects: of the selected ones, and of one line of the list.
+"""Objects: hide, lock, delete, merge, split, name and color them, and their levels of detail.
 
-Each is one entry of the history.
+Each edit is one entry of the history.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
 from gaga_core.scene.edits.append import spread
+from gaga_core.scene.folders import name_of
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra
@@ -25,16 +26,15 @@ from gaga_studio.features.base import (
     no_scene,
     no_selection,
     not_one_object,
+    one_object,
 )
 from gaga_studio.features.object_list import levels_of
+from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
-# --- Edits of objects: of the selected ones, and of one line of the list.
-# Each is one entry of the history.
-
-
-_FEW = 3  # objects that are shown while the others are isolated from them
+_MOST_NAMED = 3  # objects that are named while all others are hidden
+Item = int | str  # an object with all that lies under it, or the path of a folder
 
 # --- the selected splats
 
@@ -49,15 +49,14 @@ def hide(session: Session) -> bool:
 def isolate(session: Session) -> bool:
     """Hide everything but the selected splats; show all again when that is so already."""
     done = folders.edit_along(session, "Isolate", edits.isolate, with_locked=True)
-    return done or show_all(session)
+    return done or session.edit(edits.show_all)
 
 
 @notifies
 def delete(session: Session) -> bool:
     """Delete the selected splats, and what lies under objects that are selected whole."""
-    document = session.need()
     under = folders.along(session).groups
-    said = folders.title_along(document, "Deleted", under)
+    said = folders.title_along(session.need(), "Deleted", under)
     if not folders.edit_along(session, "Delete", edits.delete):
         return False
     if under:
@@ -80,9 +79,8 @@ def separate(session: Session) -> bool:
 @notifies
 def merge(session: Session) -> bool:
     """Make the selected objects one."""
-    document = session.need()
-    groups = document.read.selected_groups()
-    return document.edit_selected(
+    groups = session.selected_groups()
+    return session.need().edit_selected(
         "Merge", lambda scene, _, title: edits.merge_groups(scene, groups, title)
     )
 
@@ -90,15 +88,12 @@ def merge(session: Session) -> bool:
 @notifies
 def split(session: Session) -> bool:
     """Split the selected object into the components that do not touch."""
-    document = session.need()
-    groups = document.read.selected_groups()
-    if len(groups) != 1:
-        raise GagaError("Select one object to split it.")
-    name = document.name_of(groups[0])
-    edit = edits.split(document.settled().scene, groups[0], title=f"Split {name}")
+    group = one_object(session, "Select one object to split it.")
+    name = session.need().name_of(group)
+    edit = edits.split(session.need().settled().scene, group, title=f"Split {name}")
     if edit is None:
         raise GagaError(f"{name} is in one piece. Paint a part of it and use Separate.")
-    return document.do(edit)
+    return session.need().do(edit)
 
 
 @notifies
@@ -111,9 +106,10 @@ def assign(session: Session, group: int, splats: IntArray | None = None) -> bool
     scene = document.settled().scene
     chosen = document.selected() if splats is None else splats
     title = f"Assign to {document.name_of(group)}"
-    whole = _whole_objects(scene, chosen)
-    if group and whole:
-        return document.do(edits.merge_groups(scene, (group, *whole), title))
+    groups = [int(there) for there in np.unique(scene.labels[chosen])]
+    is_whole = bool(groups) and groups[0] > 0 and len(group_indices(scene, groups)) == len(chosen)
+    if group and is_whole:
+        return document.do(edits.merge_groups(scene, (group, *groups), title))
     return document.do(edits.set_labels(scene, chosen, group, title))
 
 
@@ -122,15 +118,12 @@ def delete_floaters(session: Session) -> bool:
     """Delete splats that stand alone, of the selection or of everything."""
     from gaga_core.scene.selection.neighbourhood import floaters
 
-    document = session.need()
-    scene = document.settled().scene
-    chosen = document.read.selected_indices()
-    among = chosen if len(chosen) else algebra.everything(scene)
-    found = floaters(scene, among)
+    scene, chosen = session.need().settled().scene, session.selected_indices()
+    found = floaters(scene, chosen if len(chosen) else algebra.everything(scene))
     if len(found) == 0:
         session.notify(Level.HINT, "No splat stands alone here.")
         return False
-    return document.do(edits.delete(scene, found, f"Delete {len(found):,} floaters"))
+    return session.edit(lambda scene: edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 
 
 # --- everything
@@ -139,16 +132,15 @@ def delete_floaters(session: Session) -> bool:
 @notifies
 def show_all(session: Session) -> bool:
     """Show everything that is hidden."""
-    document = session.need()
-    return document.do(edits.show_all(document.settled().scene))
+    return session.edit(edits.show_all)
 
 
 @notifies
 def unlock_all(session: Session) -> bool:
     """Let everything be selected again."""
-    document = session.need()
-    scene = document.settled().scene
-    return document.do(edits.unlock(scene, np.ones(len(scene), np.bool_), "Unlock all"))
+    return session.edit(
+        lambda scene: edits.unlock(scene, np.ones(len(scene), np.bool_), "Unlock all")
+    )
 
 
 # --- one line of the list
@@ -157,16 +149,14 @@ def unlock_all(session: Session) -> bool:
 @notifies
 def rename(session: Session, group: int, name: str) -> bool:
     """Name an object; an empty name gives it its number back."""
-    document = session.need()
-    return document.do(edits.rename(document.settled().scene, group, name))
+    return session.edit(lambda scene: edits.rename(scene, group, name))
 
 
 @notifies
 def set_color(session: Session, group: int, rgb: Sequence[float] | None) -> bool:
     """Give an object a color in lists and group pictures, 0..1; None = the palette's."""
-    document = session.need()
-    title = f"Color {document.name_of(group)}"
-    return document.do(edits.set_color(document.settled().scene, group, rgb, title))
+    title = f"Color {session.need().name_of(group)}"
+    return session.edit(lambda scene: edits.set_color(scene, group, rgb, title))
 
 
 @notifies
@@ -178,34 +168,42 @@ def preview_color(session: Session, group: int, rgb: Sequence[float]) -> None:
 
 
 @notifies
-def set_hidden(session: Session, group: int, hidden: bool) -> bool:
-    """Hide or show one object with all that lies under it (the eye in the list)."""
-    document = session.need()
-    scene = document.settled().scene
+def set_hidden(session: Session, item: Item, hidden: bool) -> bool:
+    """Hide or show all of an object or a folder (the eye in the list)."""
     build, verb = (edits.hide, "Hide") if hidden else (edits.show, "Show")
-    title = f"{verb} {document.name_of(group)}"
-    return document.do(build(scene, folders.group_and_under(scene, group), title))
+    title = f"{verb} {_name(session.need(), item)}"
+    return session.edit(lambda scene: build(scene, _splats(scene, item), title))
 
 
 @notifies
-def set_locked(session: Session, group: int, locked: bool) -> bool:
-    """Protect one object and all under it from being selected, or let them be again (the lock in
-    the list)."""
-    document = session.need()
-    scene = document.settled().scene
+def set_locked(session: Session, item: Item, locked: bool) -> bool:
+    """Protect all of an object or a folder from being selected, or not (the lock in the list)."""
     build, verb = (edits.lock, "Lock") if locked else (edits.unlock, "Unlock")
-    title = f"{verb} {document.name_of(group)}"
-    return document.do(build(scene, folders.group_and_under(scene, group), title))
+    title = f"{verb} {_name(session.need(), item)}"
+    return session.edit(lambda scene: build(scene, _splats(scene, item), title))
 
 
 @notifies
-def isolate_group(session: Session, group: int) -> bool:
-    """Hide everything but one object and what lies under it; show all again when that is so."""
+def isolate_item(session: Session, item: Item) -> bool:
+    """Hide everything but an object or a folder; show all again when that is so already."""
     document = session.need()
     scene = document.settled().scene
-    title = f"Isolate {document.name_of(group)}"
-    alone = edits.isolate(scene, folders.group_and_under(scene, group), title)
-    return document.do(alone) if alone is not None else show_all(session)
+    splats = _splats(scene, item)
+    if len(splats) == 0:
+        return False
+    alone = edits.isolate(scene, splats, f"Isolate {_name(document, item)}")
+    return document.do(alone if alone is not None else edits.show_all(scene))
+
+
+def _name(document: Document, item: Item) -> str:
+    return name_of(item) if isinstance(item, str) else document.name_of(item)
+
+
+def _splats(scene: Scene, item: Item) -> IntArray:
+    """Splats (K,) of an item, deleted ones left out."""
+    if isinstance(item, str):
+        return group_indices(scene, scene.folders.groups(item))
+    return group_indices(scene, (item, *scene.folders.under(item)))
 
 
 def isolated(session: Session) -> str:
@@ -215,26 +213,17 @@ def isolated(session: Session) -> str:
     table = session.objects()
     shown = table.n_hidden < table.counts
     names = [name for name, is_shown in zip(table.names, shown, strict=True) if is_shown]
-    if not 0 < len(names) <= _FEW or not (table.n_hidden[~shown] > 0).any():
+    if not 0 < len(names) <= _MOST_NAMED or not (table.n_hidden[~shown] > 0).any():
         return ""
     return ", ".join(names)
 
 
-def _whole_objects(scene: Scene, splats: IntArray) -> tuple[int, ...]:
-    """The objects that ``splats`` (K,) are, if they are whole objects and nothing else."""
-    groups = np.unique(scene.labels[splats])
-    is_whole = len(groups) > 0 and groups[0] > 0
-    is_whole = is_whole and len(group_indices(scene, groups.tolist())) == len(splats)
-    return tuple(int(group) for group in groups) if is_whole else ()
-
-
-# --- Level of detail of objects that no model made: of all, seen while dragged, and of one object.
+# --- level of detail of objects that no model made: of all, seen while dragged, and of one
 
 
 def preview_level(session: Session, level: int) -> None:
-    """Show the groups of a level, in the list and the picture, until `choose` or `cancel`."""
-    bank = _bank(session)
-    session.live = BankSnapshot("", at_level(bank, level), 0, keeps_ids=True)
+    """Show the groups of a level, in the list and the picture, until chosen or cancelled."""
+    session.live = BankSnapshot("", at_level(_bank(session), level), 0, keeps_ids=True)
 
 
 def cancel_level(session: Session) -> None:
@@ -249,8 +238,7 @@ def choose_level(session: Session, level: int) -> None:
     levels keep their names.
     """
     cancel_level(session)
-    document = session.need()
-    scene = document.settled().scene
+    scene = session.need().settled().scene
     bank = at_level(_bank(session), level)
     labels = spread(scene, bank.levels.labels[level] if bank.levels else bank.group)
     there = set(labels.tolist())
@@ -259,38 +247,31 @@ def choose_level(session: Session, level: int) -> None:
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
     order = scene.folders.renumbered({group: group for group in there if group > 0})
-    document.do(edits.set_grouping(scene, labels, bank, names, "Change detail", sure, order))
+    session.edit(
+        lambda scene: edits.set_grouping(scene, labels, bank, names, "Change detail", sure, order)
+    )
 
 
 @notifies
 def split_here(session: Session) -> bool:
     """Make objects of the parts that the selected object has one level finer."""
-    document = session.need()
-    group = _selected_object(session)
-    name = document.name_of(group)
-    edit = edits.split_here(document.settled().scene, group, f"Split {name} here")
+    group = one_object(session)
+    name = session.need().name_of(group)
+    edit = edits.split_here(session.need().settled().scene, group, f"Split {name} here")
     if edit is None:
         raise GagaError(f"{name} has no parts at any level. Paint a part of it and use Separate.")
-    return document.do(edit)
+    return session.need().do(edit)
 
 
 @notifies
 def join_here(session: Session) -> bool:
     """Join the selected object with those that are one thing with it one level coarser."""
-    document = session.need()
-    group = _selected_object(session)
-    name = document.name_of(group)
-    edit = edits.join_here(document.settled().scene, group, f"Join {name} here")
+    group = one_object(session)
+    name = session.need().name_of(group)
+    edit = edits.join_here(session.need().settled().scene, group, f"Join {name} here")
     if edit is None:
         raise GagaError(f"{name} is one thing at all levels. Select others too, and use Merge.")
-    return document.do(edit)
-
-
-def _selected_object(session: Session) -> int:
-    groups = session.selected_groups()
-    if len(groups) != 1:
-        raise GagaError("Select one object.")
-    return int(groups[0])
+    return session.need().do(edit)
 
 
 def _bank(session: Session) -> MemoryBank:

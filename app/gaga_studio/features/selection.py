@@ -37,10 +37,6 @@ from gaga_studio.session.view import ViewportPoint
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
 
-# --- Select: by a click, whole objects, neighbours, similar encodings, numbers.
-# Numbers are ranges of columns, colors and boxes: what the "Select by" panel calls.
-
-
 # --- objects
 
 
@@ -62,10 +58,9 @@ def click(session: Session, u: float, v: float, width: int, height: int, how: Ho
 @notifies
 def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> bool:
     """Select whole objects, add or remove them; the first one comes into the inspector."""
-    document = session.need()
-    what = document.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
-    verb = "Deselect" if how == "remove" else "Select"
-    done = document.select(group_indices(document.scene, groups), how, f"{verb} {what}")
+    document, verb = session.need(), "Deselect" if how == "remove" else "Select"
+    title = f"{verb} {document.names_of(groups)}"
+    done = document.select(group_indices(document.scene, groups), how, title)
     if how != "remove" and groups:
         document.focus = int(groups[0])
     return done
@@ -194,11 +189,10 @@ def in_box(session: Session, lo: DoubleArray, hi: DoubleArray, how: How = "set")
 @notifies
 def crop(session: Session, lo: DoubleArray, hi: DoubleArray) -> bool:
     """Delete every splat outside an upright box that can be selected."""
-    document = session.need()
-    scene = document.settled().scene
+    scene = session.need().settled().scene
     inside = by_volume.in_box(scene, box_matrix(lo, hi))
     outside = np.setdiff1d(algebra.everything(scene), inside)
-    return document.do(edits.delete(scene, outside, "Crop"))
+    return session.edit(lambda scene: edits.delete(scene, outside, "Crop"))
 
 
 def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:
@@ -235,15 +229,14 @@ def _change(session: Session, title: str, change: Callable[[Scene, IntArray], In
     return document.select(change(document.settled().scene, splats), "set", title)
 
 
-# --- Selections with a name, to be selected again later.
+# --- selections with a name
 
 
 @notifies
 def keep_selection(session: Session, name: str) -> bool:
     """Keep the selection under a name."""
-    document = session.need()
-    splats = document.selected()
-    return document.do(edits.keep_selection(document.settled().scene, name, splats))
+    splats = session.need().selected()
+    return session.edit(lambda scene: edits.keep_selection(scene, name, splats))
 
 
 def keep_next_selection(session: Session) -> bool:
@@ -264,12 +257,10 @@ def select_named(session: Session, name: str, how: How = "set") -> bool:
 @notifies
 def forget_named(session: Session, name: str) -> bool:
     """Forget a named selection."""
-    document = session.need()
-    return document.do(edits.forget_selection(document.settled().scene, name))
+    return session.edit(lambda scene: edits.forget_selection(scene, name))
 
 
-# --- What a region gesture selects: splats or whole objects, everything or the visible surface.
-
+# --- regions of the picture
 
 _LONGEST = 480  # longest side, pixels, of the depth picture
 

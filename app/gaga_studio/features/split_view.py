@@ -1,4 +1,4 @@
-"""Compare a photo with the picture, at the photo's own camera."""
+"""Two pictures of the same view side by side, and a photo compared with the picture."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,9 +24,6 @@ from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ViewState
 
 if TYPE_CHECKING:
     from gaga_core.grouping.associate import Association
-
-# --- Compare a photo with the picture, at the photo's own camera.
-
 
 SIDE = 1024  # longest side of the difference, pixels
 _GAIN = 4.0  # of the difference: a quarter of the range is white
@@ -130,8 +127,7 @@ def go_to_a_photo(session: Session) -> None:
     session.rig.go_to(session.cameras[index], animated=False)
 
 
-# --- Two pictures of the same view side by side: photo, picture, groups, truth, errors, before.
-
+# --- two sides
 
 AT_A_PHOTO = frozenset({Side.PHOTO, Side.TRUTH, Side.ERRORS})  # only at the camera of a photo
 _CHANGED = "The objects changed while this ran, so nothing is compared. Try it again."

@@ -1,4 +1,4 @@
-"""Move, turn, scale, mirror and copy the selection, with what lies under it."""
+"""Edits of the selection: undo and redo, move, mirror and copy it, recolor and grade it."""
 
 from collections.abc import Sequence
 
@@ -13,53 +13,50 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.features import folders
 from gaga_studio.features.base import Command, no_selection
+from gaga_studio.session.document import Build
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 
-# --- Recolor and grade the selection.
+_AXES = "XYZ"
+
+# --- color
 
 
 @notifies
 def recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> bool:
     """Give the selection this mean color, 0..1, and multiply its opacity."""
-    return session.need().edit_selected(
-        "Recolor", lambda scene, i, title: _recolored(scene, i, title, rgb, opacity)
-    )
+    return session.need().edit_selected("Recolor", _recolored(rgb, opacity))
 
 
 @notifies
 def preview_recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> None:
     """Show the selection in this color, with its shading kept, while it is being chosen."""
-    document = session.need()
-    title = document.title_for("Recolor")
-    document.preview(lambda scene, i: _recolored(scene, i, title, rgb, opacity))
+    session.need().preview_selected("Recolor", _recolored(rgb, opacity))
 
 
 @notifies
 def grade(session: Session, wanted: Grade) -> bool:
     """Grade the colors of the selection."""
-    return session.need().edit_selected(
-        "Grade", lambda scene, i, title: _graded(scene, i, title, wanted)
-    )
+    return session.need().edit_selected("Grade", _graded(wanted))
 
 
 @notifies
 def preview_grade(session: Session, wanted: Grade) -> None:
     """Show the selection graded while a slider is dragged."""
-    document = session.need()
-    title = document.title_for("Grade")
-    document.preview(lambda scene, i: _graded(scene, i, title, wanted))
+    session.need().preview_selected("Grade", _graded(wanted))
 
 
-def _recolored(
-    scene: Scene, splats: IntArray, title: str, rgb: Sequence[float], opacity: float
-) -> Edit | None:
-    affine = tint_affine(mean_color(scene, splats), rgb)
-    return edits.recolor(scene, splats, affine, opacity, title)
+def _recolored(rgb: Sequence[float], opacity: float) -> Build:
+    def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
+        affine = tint_affine(mean_color(scene, splats), rgb)
+        return edits.recolor(scene, splats, affine, opacity, title)
+
+    return build
 
 
-def _graded(scene: Scene, splats: IntArray, title: str, wanted: Grade) -> Edit | None:
-    return edits.recolor(scene, splats, grade_affine(wanted), wanted.opacity, title)
+def _graded(wanted: Grade) -> Build:
+    affine = grade_affine(wanted)
+    return lambda scene, i, title: edits.recolor(scene, i, affine, wanted.opacity, title)
 
 
 class GradeSliders:
@@ -115,7 +112,7 @@ class GradeSliders:
         self.value, self._entry = Grade(), None
 
 
-# --- World maps from the numbers in the inspector's fields.
+# --- place
 
 
 def motion(
@@ -138,12 +135,6 @@ def motion(
 def shift(by: DoubleArray) -> DoubleArray:
     """Return the world map (3, 4) that moves by ``by`` (3,)."""
     return np.column_stack([np.eye(3), by])
-
-
-# --- Move, turn, scale, mirror and copy the selection, with what lies under it.
-
-
-_AXES = "XYZ"
 
 
 @notifies

@@ -1,4 +1,4 @@
-"""The open scene: its history, previews, its selection, and what panels read of it."""
+"""The open scene: its history, previews, its selection, what is unsaved, state of features."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,13 +26,11 @@ if TYPE_CHECKING:
     from gaga_core.scene.lod.tree import LodTree
     from gaga_studio.session.session import Session
 
-# --- Whether there is something to save: which states of the history hold the same content.
-
-
 Content = tuple[int, int]
 
 
 T = TypeVar("T")
+Build = Callable[[Scene, IntArray, str], Edit | None]  # of the scene, splats (K,) and a title
 
 
 class SaveState:
@@ -71,9 +69,6 @@ class SaveState:
     def is_unsaved(self, history: History) -> bool:
         """Whether the present state differs from what is on disk."""
         return self.content(history.state_id) != self._saved
-
-
-# --- The open scene: its history, previews, its selection, and what panels read of it.
 
 
 @runtime_checkable
@@ -197,10 +192,10 @@ class Document:
 
     # --- previews: the frames of a drag
 
-    def preview(self, build: Callable[[Scene, IntArray], Edit | None]) -> None:
+    def preview_selected(self, verb: str, build: Build) -> None:
         """Show the edit that ``build`` makes for the selected splats, without an entry."""
-        indices = self.selected()
-        self.history.preview_with(lambda scene: build(scene, indices))
+        indices, title = self.selected(), self.title_for(verb)
+        self.history.preview_with(lambda scene: build(scene, indices, title))
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
@@ -235,9 +230,11 @@ class Document:
             raise NothingSelectedError
         return indices
 
-    def edit_selected(
-        self, verb: str, build: Callable[[Scene, IntArray, str], Edit | None]
-    ) -> bool:
+    def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
+        """Apply the edit that ``build`` makes of the scene."""
+        return self.do(build(self.settled().scene))
+
+    def edit_selected(self, verb: str, build: Build) -> bool:
         """Apply the edit that ``build`` makes of the scene, the selected splats and a title."""
         scene = self.settled().scene
         return self.do(build(scene, self.selected(), self.title_for(verb)))
@@ -253,12 +250,14 @@ class Document:
         """Name of a group, as the object list shows it."""
         return group_name(self.scene, group)
 
+    def names_of(self, groups: Sequence[int]) -> str:
+        """Name of one object, or how many there are: "chair", "3 objects"."""
+        return self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
+
     def title_for(self, verb: str) -> str:
         """Title of an edit of the selection: "Move chair", "Delete 3 objects"."""
         groups = self.read.selected_groups()
-        if len(groups) == 1:
-            return f"{verb} {self.name_of(groups[0])}"
-        return f"{verb} {len(groups)} objects" if groups else f"{verb} splats"
+        return f"{verb} {self.names_of(groups) if groups else 'splats'}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:
         """Box lo, hi (3,) of the selection, world; None when nothing is selected.

@@ -18,6 +18,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
+from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
@@ -45,9 +46,6 @@ from gaga_studio.system import paths
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
-
-
-# --- Which object is under the resting mouse, looked up in a thread.
 
 
 _LEAST_INTERVAL_S = 0.1
@@ -126,10 +124,6 @@ def _group_at(
     rows = None if boxes is None else boxes.rows_at(camera, *at, len(scene))
     found = pick(scene, camera, *at, antialiased=antialiased, rows=rows)
     return found.group if found is not None else 0
-
-
-# --- The state of the program: the open document, the view, the jobs, the notices.
-# Pull, not push: panels read it every frame. Main thread only; works without a window.
 
 
 _MOST_NOTICES = 50
@@ -359,6 +353,10 @@ class Session:
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self.hovering.away()
+
+    def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
+        """Apply the edit that ``build`` makes of the open scene."""
+        return self.need().edit(build)
 
     # --- undo and redo, and the end of a drag whose edit is only shown
 

@@ -1,4 +1,4 @@
-"""How the scene is shown: what panels set and the viewport reads."""
+"""How the scene is shown: what panels set and the viewport reads, and pictures for jobs."""
 
 import queue
 import threading
@@ -14,8 +14,6 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits import How
 from gaga_core.scene.scene import Scene
-
-# --- How the scene is shown: what panels set and the viewport reads.
 
 
 class Mode(StrEnum):
@@ -156,9 +154,6 @@ class ViewState:
     brush_color: tuple[float, float, float] = (0.8, 0.2, 0.2)  # of the color brush
     brush_strength: float = 1.0  # 0..1
     outline: "Outline | None" = None  # of the polygon tool
-    ground: tuple[Point, ...] = ()  # clicked so far with the ground tool
-    measured: tuple[Point, ...] = ()  # with the tool Measure, in the frame of the opened file
-    former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
     snaps: bool = False  # handles move in steps
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: Point | None = None  # what turns and scales are about; None: middle
@@ -196,8 +191,7 @@ class ImageSource(Protocol):
         ...
 
 
-# --- Pictures that a job needs and only the thread with the OpenGL context can draw.
-
+# --- pictures that a job needs and only the thread with the OpenGL context can draw
 
 Draw = Callable[[Camera, ViewState], UInt8Array]  # (H, W, 3)
 _PATIENCE_S = 120.0  # for one picture: software OpenGL at a large size

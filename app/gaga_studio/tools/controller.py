@@ -131,10 +131,8 @@ def _menu(session: Session, place: ViewportPoint) -> None:
     if view.outline is not None:
         view.outline = view.outline.without_last()
         return
-    if session.tool is ToolName.GROUND and view.ground:
-        measure.take_back_ground_point(session)
-        return
-    if session.tool is ToolName.MEASURE and view.measured:
+    clicks_points = session.tool in (ToolName.GROUND, ToolName.MEASURE)
+    if clicks_points and measure.clicked(session).points:
         measure.take_back(session)
         return
     found = session.pick(place.u, place.v, place.width, place.height)

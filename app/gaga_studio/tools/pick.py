@@ -38,7 +38,7 @@ def surface_point(session: Session, place: ViewportPoint) -> Point | None:
 
 
 class GroundTool(ClickTool):
-    """The points are kept in ``view.ground``: they are points in the world, so the camera may move.
+    """The points (``measure.ClickedPoints``) are points in the world, so the camera may move.
 
     The window marks them (``ui.viewport.overlays``); the end of the tool forgets them.
     """
@@ -58,7 +58,7 @@ class GroundTool(ClickTool):
 
 
 class MeasureTool(ClickTool):
-    """The points are kept in ``view.measured``; ``ui.viewport.overlays`` marks them."""
+    """The points are ``measure.ClickedPoints``; ``ui.viewport.overlays`` marks them."""
 
     name = ToolName.MEASURE
 

@@ -16,6 +16,7 @@ from gaga_core.scene.objects import group_indices
 from gaga_studio.features import camera, export, selection
 from gaga_studio.features import files as files_actions
 from gaga_studio.features.export import ExportPlan
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from tests.pages import page_data
 from tests.scenes import random_gaussians
@@ -42,7 +43,7 @@ def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path)
     n = len(scene)
     files_actions.add_splats(session, tmp_path / "chair.ply")
     assert session.jobs.wait()
-    files_actions.associate(session)
+    association.associate(session)
     assert session.jobs.wait()
     assert (scene.labels[:n] > 0).any()
     group = int(scene.labels[-1])

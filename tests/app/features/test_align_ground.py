@@ -187,11 +187,11 @@ def test_the_points_stand_in_space_while_the_camera_orbits(associated: Session) 
     for number in range(3):
         at = _spots(session)[number]
         hand.click(*at)
-        before, points = session.rig.eye, session.view.ground
+        before, points = session.rig.eye, measure.clicked(session).points
         hand.drag(np.array([300.0, 200.0]), np.array([330.0, 190.0]))
         session.tick(1.0)
         assert not np.array_equal(before, session.rig.eye)
-        assert session.view.ground == points
+        assert measure.clicked(session).points == points
     assert session.tool is ToolName.PICK
     assert _slope(session) < 0.05
 
@@ -206,7 +206,7 @@ def test_points_nearly_on_a_line_are_taken_back_and_nothing_is_changed(
         hand.click(u, v)
     assert session.notices[-1].level is Level.ERROR
     assert "nearly on a line" in session.notices[-1].text
-    assert session.view.ground == ()
+    assert measure.clicked(session).points == ()
     assert session.tool is ToolName.GROUND
     assert snapshot(scene_of(session)) == before
     assert not session.need().history.entries()
@@ -220,11 +220,11 @@ def test_a_click_on_nothing_says_so_and_keeps_the_points(associated: Session) ->
     hand.click(2, 2)
     said = status_text(session, hand.controller.tool(session))
     assert said == "There is no surface here. Click three points on the ground: 2 of 3."
-    assert len(session.view.ground) == 1
+    assert len(measure.clicked(session).points) == 1
     second = _spots(session)[1]
     scene_of(session).placements.opacity[:] = 0.05
     hand.click(*second)
-    assert len(session.view.ground) == 1, "a haze is no surface"
+    assert len(measure.clicked(session).points) == 1, "a haze is no surface"
     scene_of(session).placements.opacity[:] = 1.0
     hand.click(*second)
     assert "no surface" not in status_text(session, hand.controller.tool(session))
@@ -238,16 +238,16 @@ def test_backspace_takes_one_back_and_never_deletes(associated: Session) -> None
     for u, v in _spots(session)[:2]:
         hand.click(u, v)
     for left in (1, 0, 0):
-        back, n = for_shortcut("Backspace", session), len(session.view.ground)
+        back, n = for_shortcut("Backspace", session), len(measure.clicked(session).points)
         assert back is not None
         assert run(back.id, session) is (n > left)
-        assert len(session.view.ground) == left
+        assert len(measure.clicked(session).points) == left
     assert "No point" in session.hint
     assert snapshot(scene_of(session)) == before
     hand.click(*_spots(session)[0])
     hand.play(right=True)
     hand.play(right=False)
-    assert session.view.ground == ()
+    assert measure.clicked(session).points == ()
     assert session.request is None
 
 
@@ -261,10 +261,10 @@ def test_escape_leaves_the_tool_for_the_former_one(associated: Session, former: 
     hand.click(*_spots(session)[0])
     assert run("edit.cancel", session)
     assert session.tool is former
-    assert session.view.ground == ()
+    assert measure.clicked(session).points == ()
     assert command("tool.remove_corner").enabled(session)
     run("tool.ground", session)
-    assert session.view.ground == ()
+    assert measure.clicked(session).points == ()
 
 
 def test_splats_of_several_files_are_laid_down_as_one(
@@ -292,7 +292,7 @@ def test_another_scene_begins_without_points(associated: Session) -> None:
     hand.click(*_spots(associated)[0])
     associated.close()
     assert associated.document is None
-    assert associated.view.ground == ()
+    assert measure.clicked(associated).points == ()
 
 
 def test_a_scene_that_was_laid_level_is_level_when_it_is_opened_again(

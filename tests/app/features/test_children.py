@@ -105,7 +105,7 @@ def test_eye_lock_and_circle_of_an_object_act_on_what_lies_under_it(laid: Sessio
     assert objects.set_locked(laid, 1, True)
     assert _groups(laid, State.LOCKED) == {1, 2, 3}
     assert objects.set_locked(laid, 1, False)
-    assert objects.isolate_group(laid, 2)
+    assert objects.isolate_item(laid, 2)
     scene = scene_of(laid)
     assert set(np.unique(scene.labels[scene.visible]).tolist()) == {2, 3}
 

@@ -41,7 +41,7 @@ def with_model(
     folder = fresh_models(tmp_path, monkeypatch)
     folder.mkdir(exist_ok=True)
     (folder / _TINY).symlink_to(random_model, target_is_directory=True)
-    looked.models.promptable = None
+    looked.feature(ModelsState).promptable = None
     return looked
 
 
@@ -132,7 +132,7 @@ def test_a_random_model_goes_all_the_way_or_says_that_it_finds_nothing(
     hand = Hand(with_model)
     hand.click_at(balls(with_model)[0][0])
     assert with_model.jobs.wait()
-    assert _TINY in with_model.models.prompters  # loaded once, kept
+    assert _TINY in with_model.feature(ModelsState).prompters  # loaded once, kept
     told = [notice.text for notice in with_model.notices if "finds nothing" in notice.text]
     assert (titles(with_model) == ["Click an object", _ASKED]) != bool(told)
 
@@ -154,6 +154,6 @@ def test_without_a_model_it_is_said_where_one_comes_from(
     looked: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fresh_models(tmp_path, monkeypatch)
-    looked.models.promptable = None
+    looked.feature(ModelsState).promptable = None
     assert click_object.chosen_model(looked) is None
     assert "Models…" in command("tool.click_model").enabled(looked)

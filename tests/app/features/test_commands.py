@@ -10,11 +10,10 @@ from PIL import ImageFont
 
 from gaga_core.assets import assets
 from gaga_studio.features import objects, selection
-from gaga_studio.features.base import Command
 from gaga_studio.features.commands import COMMANDS, MENUS, command, for_shortcut, run
-from gaga_studio.features.find import association
+from gaga_studio.features.find import association, masks
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName, ViewState
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons
 
@@ -169,33 +168,47 @@ _NEEDS_MORE = {
 }
 
 
-# Making the demo takes long: tests/core/demo/test_demo.py does it.
-@pytest.mark.parametrize("wanted", [c for c in COMMANDS if c.id != "file.demo"], ids=lambda c: c.id)
-def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Command) -> None:
-    session = associated
+def _start_again(session: Session) -> None:
+    """Two objects are selected, as the last entry; everything else is as it was opened."""
+    session.cancel_preview()
+    session.need().go_to(0)
+    session.tool, session.view, session.live = ToolName.PICK, ViewState(), None
+    session.rig.is_flying = False
+    if session.provider != "made":
+        masks.choose(session, "made")
     for group in session.objects().ids[1:3]:
         selection.select_groups(session, (int(group),), "add")
     objects.hide(session)
     session.undo()
-    if wanted.id in {"object.rename", "object.clean"}:
-        selection.select_groups(session, (int(session.objects().ids[1]),))
-    reason = wanted.enabled(session)
-    if reason:
-        assert wanted.id in _NEEDS_MORE
-        return
-    n_notices = len(session.notices)
-    assert run(wanted.id, session)
-    assert session.jobs.wait()
-    assert all(n.level != "error" for n in session.notices[n_notices:])
 
 
-@pytest.mark.parametrize("state", ["nothing open", "no objects", "objects"])
+# Making the demo takes long: tests/core/demo/test_demo.py does it.
+@pytest.mark.parametrize("menu", MENUS)
+def test_every_command_runs_on_an_open_scene(associated: Session, menu: str) -> None:
+    session = associated
+    ends = {"file.close": 1, "file.quit": 2}
+    for wanted in sorted(MENUS[menu], key=lambda c: ends.get(c.id, 0)):
+        if wanted.id == "file.demo":
+            continue
+        _start_again(session)
+        if wanted.id in {"object.rename", "object.clean"}:
+            selection.select_groups(session, (int(session.objects().ids[1]),))
+        if wanted.enabled(session):
+            assert wanted.id in _NEEDS_MORE, wanted.enabled(session)
+            continue
+        n_notices = len(session.notices)
+        assert run(wanted.id, session), wanted.id
+        assert session.jobs.wait()
+        assert all(n.level != "error" for n in session.notices[n_notices:]), wanted.id
+        if session.document is None:
+            break
+
+
+@pytest.mark.parametrize("state", ["session", "associated"])
 def test_every_disabled_command_has_a_reason_that_is_a_sentence(
-    state: str, request: pytest.FixtureRequest, new_session: Callable[[], Session]
+    state: str, request: pytest.FixtureRequest
 ) -> None:
-    fixtures = {"no objects": "session", "objects": "associated"}
-    name = fixtures.get(state)
-    open_now: Session = request.getfixturevalue(name) if name else new_session()
+    open_now: Session = request.getfixturevalue(state)
     reasons = {c.id: c.enabled(open_now) for c in COMMANDS}
     for id_, reason in reasons.items():
         assert not reason or (reason[0].isupper() and reason.endswith(".")), (id_, reason)

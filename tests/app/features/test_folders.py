@@ -9,7 +9,7 @@ from gaga_core.grouping.levels import Levels
 from gaga_core.scene import edits
 from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
-from gaga_studio.features import commands, folders, object_list, selection
+from gaga_studio.features import commands, folders, object_list, objects, selection
 from gaga_studio.features.object_list import Lines, ListFilter, ObjectListView
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -92,19 +92,19 @@ def test_eye_lock_and_solo_of_a_folder_act_on_all_in_it(associated: Session) -> 
     folders.put_in(associated, "A", (2,))
     folders.put_in(associated, "A/B", (3,))
     inside, all_groups = {2, 3}, set(objects_of(associated))
-    folders.set_hidden(associated, "A", True)
+    objects.set_hidden(associated, "A", True)
     assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == inside
-    folders.set_hidden(associated, "A", False)
+    objects.set_hidden(associated, "A", False)
     assert scene.visible.all()
-    folders.set_locked(associated, "A/B", True)
+    objects.set_locked(associated, "A/B", True)
     assert set(np.unique(scene.labels[scene.has(State.LOCKED)])) == {3}
-    folders.set_locked(associated, "A", False)
-    folders.isolate(associated, "A")
+    objects.set_locked(associated, "A", False)
+    objects.isolate_item(associated, "A")
     assert set(np.unique(scene.labels[scene.visible])) == inside
     sums = folders.sums(associated)
     assert folders.is_alone(associated.objects(), sums["A"])
     assert not folders.is_alone(associated.objects(), sums["A/B"])
-    folders.isolate(associated, "A")
+    objects.isolate_item(associated, "A")
     assert all_groups <= set(np.unique(scene.labels[scene.visible]))
 
 

@@ -25,14 +25,14 @@ def test_lengths_angle_and_heights_are_those_of_the_points(associated: Session) 
     np.testing.assert_allclose(found.heights, np.array(_CORNERS) @ session.rig.up, atol=1e-9)
     assert measure.length(session, 0.3) == "0.3 units"
     assert run("tool.remove_corner", session)
-    assert len(session.view.measured) == 2
+    assert len(measure.clicked(session).points) == 2
     measure.add(session, None)
     assert "no surface" in session.hint
     measure.add(session, _CORNERS[2])
     measure.add(session, _CORNERS[1])
-    assert len(session.view.measured) == 1, "after three points they begin again"
+    assert len(measure.clicked(session).points) == 1, "after three points they begin again"
     assert run("edit.cancel", session)
-    assert (session.tool, session.view.measured) == (ToolName.PICK, ())
+    assert (session.tool, measure.clicked(session).points) == (ToolName.PICK, ())
 
 
 def test_a_known_length_sets_the_scale_of_everything_and_the_picture_stays(

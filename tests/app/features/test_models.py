@@ -53,7 +53,7 @@ def test_terms_come_first_and_consent_downloads(with_hub: Session, hub: Hub) -> 
     assert not is_here(with_hub)
     masks.ask_model(with_hub, TINY)
     assert with_hub.jobs.wait()
-    listing = with_hub.models.offered
+    listing = with_hub.feature(ModelsState).offered
     assert listing is not None
     assert (listing.size, listing.licence_name) == (200_022, "Apache-2.0")
     assert hub.downloads() == []
@@ -80,7 +80,7 @@ def test_a_cancelled_download_is_told_as_partial(with_hub: Session, hub: Hub) ->
         with_hub.jobs.poll()
     with_hub.jobs.cancel()
     assert with_hub.jobs.wait()
-    entry = with_hub.models.entry(TINY.name)
+    entry = with_hub.feature(ModelsState).entry(TINY.name)
     assert entry is not None
     assert entry.path is None
     assert entry.partial_bytes > 50_000
@@ -90,7 +90,7 @@ def test_offline_and_trouble_are_notices(with_hub: Session, hub: Hub) -> None:
     hub.status = 503
     masks.ask_model(with_hub, TINY)
     assert with_hub.jobs.wait()
-    assert with_hub.models.offered is None
+    assert with_hub.feature(ModelsState).offered is None
     assert "answered 503" in with_hub.notices[-1].text
     hub.requests.clear()
     with_hub.change_settings(replace(with_hub.settings, works_offline=True))
@@ -112,7 +112,7 @@ def test_the_offer_names_size_and_time_and_asks_before(
     assert commands.run("object.masks_model", with_hub)
     assert with_hub.take_request() is Request.MODELS
     assert with_hub.jobs.wait()
-    assert with_hub.models.offered is not None
+    assert with_hub.feature(ModelsState).offered is not None
     assert hub.downloads() == []
     masks.accept_model(with_hub)
     while not is_here(with_hub):

@@ -8,7 +8,9 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray
 from gaga_core.color import rgb_from_dc
+from gaga_core.export.export import export_scene_stage
 from gaga_core.io.splats.ply import read_ply
+from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
@@ -87,8 +89,7 @@ def test_the_whole_walk(
     assert snapshot(scene) == final
 
     target = tmp_path / "out" / "scene.ply"
-    export.export(session, "scene", target, groups=True)
-    finish(session)
+    run_stage(export_scene_stage(scene, target, what="visible", groups=True))
     written = read_ply(target)
     assert len(written) == int(scene.visible.sum())
     groups = written.extra["group"]
@@ -146,9 +147,9 @@ def test_eye_lock_and_solo_of_the_list(associated: Session) -> None:
     selection.select_groups(associated, (group,))
     assert associated.selected_groups() == ()
     objects.set_locked(associated, group, False)
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert set(np.unique(scene.labels[scene.visible])) == {other}
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert scene.visible.all()
 
 

@@ -156,12 +156,12 @@ def test_a_length_is_clicked_and_made_a_metre(
         first, second, third = spots[0], spots[-1], spots[len(spots) // 2]
         for n, spot in enumerate((first, second, third), 1):
             d.click_picture(*spot)
-            assert len(session.view.measured) == n
+            assert len(measure.clicked(session).points) == n
         d.settle()
         if _PICTURES:
             d.capture(Path(_PICTURES) / f"measure_{size[0]}.png")
         d.keys(KEY.backspace)
-        assert len(session.view.measured) == 2
+        assert len(measure.clicked(session).points) == 2
         d.type_into("**/##Known length", "2.5")
         d.click("**/###Set scale")
         d.settle()
@@ -206,7 +206,7 @@ def test_three_clicks_lay_the_scene_level(display: str, tmp_path: Path) -> None:
             if found is not None and found.splat in floor:
                 break
         d.click_picture(float(u), float(v))
-        assert len(d.session.view.ground) == n
+        assert len(measure.clicked(d.session).points) == n
 
     def walk(d: Driver) -> None:
         session = d.session
@@ -219,13 +219,13 @@ def test_three_clicks_lay_the_scene_level(display: str, tmp_path: Path) -> None:
         click_ground(d, (0.3, 0.45), 1)
         d.drag_picture((d.size[0] / 2, d.size[1] / 2), (40, 0))
         d.settle()
-        assert len(session.view.ground) == 1
+        assert len(measure.clicked(session).points) == 1
         empty = [(20, v) for v in range(70, 300) if session.pick(20, v, *d.size) is None]
         d.click_picture(*empty[0])
         assert "no surface" in session.hint
         click_ground(d, (0.7, 0.45), 2)
         d.keys(KEY.backspace)
-        assert len(session.view.ground) == 1
+        assert len(measure.clicked(session).points) == 1
         click_ground(d, (0.7, 0.45), 2)
         assert not session.unsaved
         click_ground(d, (0.5, 0.75), 0)

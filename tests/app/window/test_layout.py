@@ -158,7 +158,7 @@ def _the_chosen_mask_is_in_sight(d: Driver, group: int) -> None:
 
 def _nothing_lies_over_the_choices_of_a_split_view(d: Driver, group: int) -> None:
     """The way out of isolation lay over them, and what the colors say next to them."""
-    d.on_main(partial(objects.isolate_group, d.session, group))
+    d.on_main(partial(objects.isolate_item, d.session, group))
     d.session.view.mode = Mode.GROUPS
     d.on_main(partial(commands.run, "camera.split_photo_groups", d.session))
     d.settle()
@@ -339,7 +339,7 @@ def _isolation(d: Driver) -> None:
     """A button in the picture shows all again, without a selection; the command is a switch."""
     session = d.session
     assert not d.exists("Viewport/Show all")
-    d.on_main(lambda: objects.isolate_group(session, 2))
+    d.on_main(lambda: objects.isolate_item(session, 2))
     d.on_main(lambda: commands.run("select.none", session))
     d.frames()
     assert objects.isolated(session) == session.need().name_of(2)

@@ -42,7 +42,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(display: str, grouped_co
         d.keys(KEY.escape)
         np.testing.assert_allclose(document.scene.colors[3], [1, 128 / 255, 0], atol=1e-3)
 
-        objects.isolate_group(session, 2)
+        objects.isolate_item(session, 2)
         assert session.objects().n_hidden.sum() > 0
         objects.show_all(session)
 

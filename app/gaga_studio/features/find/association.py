@@ -1,4 +1,4 @@
-"""Identity encodings of the groups, and whether labels are votes or theirs."""
+"""Find objects: associate masks with settings, identities, and the stage that comes next."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -32,7 +32,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
 
-# --- How objects are found: the preset, and the paper's switches that differ from it.
+# --- settings
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,7 @@ class FindState:
     options: FindOptions = field(default_factory=FindOptions)
 
 
-# --- Identity encodings of the groups, and whether labels are votes or theirs.
-
+# --- identities
 
 # --- Identity encodings of the groups, and whether labels are votes or theirs.
 
@@ -143,14 +142,14 @@ def _text(bank: MemoryBank | None, *, is_used: bool) -> str:
     return f"{n} groups have identities. {rest}"
 
 
-# --- Find objects: associate the masks of the open scene.
+# --- association
 
 
 @notifies
 def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
     """Make groups from the masks of ``provider`` (default: the first), as one edit.
 
-    With the settings of `Session.find_options`; then identities, where the preset has them.
+    With the settings of `FindState`; then identities, where the preset has them.
     """
     document, preset = session.need(), preset or session.settings.preset
     config = session.feature(FindState).options.association(preset)
@@ -310,8 +309,7 @@ COMMANDS: tuple[Command, ...] = (
 )
 
 
-# --- The stage that a scene needs next, with a button and a time estimate.
-
+# --- the stage that a scene needs next
 
 # Measured on two cores: a depth picture, a vote and the gate, per view and million splats.
 _SECONDS_PER_VIEW = {"paper": 0.6, "robust": 1.2}

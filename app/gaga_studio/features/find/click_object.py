@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from gaga_core.scene.selection.click import Answer, Click, ClickGraph
     from gaga_core.segmentation.sam import Prompter
 
-# --- What the tool Object knows of the open scene: its graph, and the answers to clicks so far.
-
 
 class ClickState:
     """The answers are kept by `History.state_id`: undo of a click brings the one before back."""
@@ -62,10 +60,7 @@ def key_of(scene: Scene) -> object:
     return revision.splats, revision.placement, revision.placements
 
 
-# --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
-# The answer that needs no model is shown at once; the model's takes its place when it is ready, as
-# an entry of its own in the history, so that undo brings the former one back.
-
+# --- a model is asked in the background
 
 # --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
 # The answer that needs no model is shown at once; the model's takes its place when it is ready, as
@@ -199,11 +194,7 @@ def _take(
     clicks.views[history.state_id] = camera
 
 
-# --- Select a thing by clicks on it and off it, and make it an object.
-# Before the first answer the scene is looked at once, as a job; clicks made meanwhile are answered
-# when it is done. Every click is one entry of the history, and a model's answer another one
-# (`click_model`).
-
+# --- clicks
 
 TITLE = "Prepare clicks"
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface

@@ -1,4 +1,4 @@
-"""The settings of a mask provider that have a slider, and their bounds."""
+"""Masks: who makes them and with which settings, making, importing, exporting; models."""
 
 import shutil
 import time
@@ -41,8 +41,6 @@ from gaga_studio.system import paths
 if TYPE_CHECKING:
     from gaga_core.segmentation.sam import Prompter
 
-# --- What the sheet of models shows: the known models here, terms that wait for an answer.
-
 
 @dataclass
 class ModelsState:
@@ -60,8 +58,7 @@ class ModelsState:
         return next((entry for entry in self.entries if entry.model.name == name), None)
 
 
-# --- The settings of a mask provider that have a slider, and their bounds.
-
+# --- settings with a slider
 
 # --- The settings of a mask provider that have a slider, and their bounds.
 
@@ -175,9 +172,6 @@ def _defaults(entry: ProviderEntry, settings: ProviderSettings) -> GeneratorConf
 
 def _model_type(entry: ProviderEntry) -> str:
     return weights_at(entry.path).model_type if entry.path is not None else ""
-
-
-# --- Masks of the open scene: providers, making, trying, importing, choosing, exporting.
 
 
 Views = Literal["train", "all"]
@@ -501,10 +495,7 @@ def _photos(n: int) -> str:
     return "1 photo" if n == 1 else f"{n:,} photos"
 
 
-# --- Masks of a slow model, and the objects that they give so far: live after each photo.
-# Photos that tell most come first, so the user may stop whenever the objects are good enough: what
-# is there is used, and a later run goes on there.
-
+# --- objects while masks are made
 
 LIVE_TITLE = "Make masks, find objects"
 _LEAST_VIEWS = 2  # an object is what two photos agree on
@@ -606,8 +597,7 @@ def _objects(
     yield replace(step, payload=snapshot, message=text)
 
 
-# --- Models: look which are here, get one after consent, remove one, make masks with the best.
-
+# --- models: got after consent, removed
 
 FIRST_MODEL = known_model("sam2.1-tiny")  # that is offered to whoever has no model
 

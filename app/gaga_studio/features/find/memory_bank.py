@@ -1,7 +1,4 @@
-"""Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
-
-Long work runs as a job on values taken at the call; its result is one entry of the history.
-"""
+"""The memory bank: repair, new views, replay, the splats of a mask, quality of objects."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -50,8 +47,6 @@ if TYPE_CHECKING:
     from gaga_core.grouping.repair.split_group import GroupSplit
     from gaga_core.grouping.repair.view_evidence import Evidence
 
-# --- The replay of the memory bank: what is shown, and the bank's growth once it is known.
-
 
 @dataclass
 class Timeline:
@@ -90,10 +85,6 @@ class ObjectQuality:
 
     def __init__(self) -> None:
         self.by_labels: dict[str, Quality] = {}  # by digest of the labels
-
-
-# --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
-# Long work runs as a job on values taken at the call; its result is one entry of the history.
 
 
 # --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
@@ -253,8 +244,7 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
     return watch(session, document, _CHANGED, is_same)
 
 
-# --- Let photos and masks that came later join the objects that there are, as one edit.
-
+# --- photos and masks that came later
 
 _NO_OBJECTS = "There are no objects that more photos could improve. Use Find objects first."
 _LEVELS = (
@@ -382,8 +372,7 @@ def _masks(session: Session) -> MaskSet:
     )
 
 
-# --- Replay how the memory bank grew, view by view, in the picture.
-
+# --- replay
 
 _ALL_S, _LEAST_S, _MOST_S = 16.0, 0.15, 0.8  # of a replay, and of one view
 
@@ -522,8 +511,7 @@ def bank_at(session: Session) -> MemoryBank | None:
     )
 
 
-# --- The splats of a mask of the memory bank, lit in the picture: with the depth gate and without.
-
+# --- the splats of a mask, lit in the picture
 
 # Red, green, blue and share 0..255 of a color over the splat's own.
 IN_GATE = (255, 176, 32, 235)
@@ -634,7 +622,7 @@ def _look_stage(evidence: "Evidence", camera: Camera) -> Stage[object]:
     return stages.prepared("Look at the view", gather)
 
 
-# --- Quality of the objects: measured on demand, cached for every state of the groups.
+# --- quality of the objects
 
 
 @notifies

@@ -50,12 +50,6 @@ from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.system import paths
 
-# --- What the search box holds: a text, what it means, and what was measured of the scene for it.
-# Measuring runs in parallel (`JobRunner.start_quiet`) on a snapshot, once for each state of the
-# scene; typing then needs milliseconds. Nouns that only an index knows are looked up that way,
-# too.
-
-
 Kept = Callable[[Session, ObjectTable], frozenset[int] | None]
 _WORD = (1 << 64) - 1
 _PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be complete
@@ -321,9 +315,6 @@ def _called(table: ObjectTable, text: str) -> list[int]:
         for group, name in zip(table.ids, table.names, strict=True)
         if wanted in name.casefold() or wanted == str(group)
     ]
-
-
-# --- Search the open scene: by words, by an index of pictures, by a detector; name objects.
 
 
 _LONGEST = 800  # longest side, pixels, of the picture for a detector

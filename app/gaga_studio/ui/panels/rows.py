@@ -586,7 +586,7 @@ class ObjectRow:
         elif clicked == "lock":
             objects.set_locked(self.session, self.group, not self.is_locked)
         elif clicked:
-            objects.isolate_group(self.session, self.group)
+            objects.isolate_item(self.session, self.group)
 
 
 # --- A folder of the object list: what is in it, its switches, what is dropped on it.
@@ -692,11 +692,11 @@ class FolderRow:
         )
         clicked = now.draw(self.columns)
         if clicked == "hide":
-            folders.set_hidden(self.session, self.path, not now.is_hidden)
+            objects.set_hidden(self.session, self.path, not now.is_hidden)
         elif clicked == "lock":
-            folders.set_locked(self.session, self.path, not now.is_locked)
+            objects.set_locked(self.session, self.path, not now.is_locked)
         elif clicked:
-            folders.isolate(self.session, self.path)
+            objects.isolate_item(self.session, self.path)
 
 
 def drop_target(session: Session, folder: str) -> None:

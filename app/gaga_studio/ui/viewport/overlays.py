@@ -22,8 +22,9 @@ _PLANE, _LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
 
 def ground(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
     """The points as ``camera`` sees them; with ``follows`` the lines go on to the mouse."""
-    if session.tool is ToolName.GROUND and session.view.ground:
-        draw_points(np.array(session.view.ground), camera, corner, follows=follows, fills=True)
+    points = measure.clicked(session).points
+    if session.tool is ToolName.GROUND and points:
+        draw_points(np.array(points), camera, corner, follows=follows, fills=True)
 
 
 def draw_points(
