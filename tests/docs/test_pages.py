@@ -48,6 +48,14 @@ def test_the_page_of_figures_is_made_from_the_record() -> None:
         with_tables(page.replace("## Speed", "## Speeds"), read_record(PATH))
 
 
+def test_the_scores_of_the_readme_are_on_the_page_of_figures() -> None:
+    def scores(page: Path) -> set[tuple[float, ...]]:
+        found = re.findall(r"([\d.]+) / ([\d.]+) / ([\d.]+)", page.read_text(encoding="utf-8"))
+        return {tuple(map(float, one)) for one in found}
+
+    assert scores(ROOT / "README.md") <= scores(PAGE)
+
+
 def test_a_benchmark_with_another_bar_than_the_page_is_named() -> None:
     name = "delete 500k of 1M", "4M: click, CPU of all threads"
     assert other_bars([Figure(n, 1.0, "", "<= 50") for n in name]) == []
