@@ -9,7 +9,7 @@ import numpy as np
 
 from tools.demo import objects
 from tools.demo.objects import plain, rgb
-from tools.demo.shapes import Item, Material, parts, pose, rounded_box
+from tools.demo.shapes import ALL_FACES, Item, Material, box, pose
 
 _CLOTH = ("2e4560", "b9553a", "2f6f7d", "d9a441", "8a9a6b", "7a4a5c")
 _CHAIRS = ((-0.05, -0.45, 160.0), (1.0, -0.55, -150.0))  # x, y, yaw
@@ -24,8 +24,7 @@ def contents_items(rng: np.random.Generator) -> list[Item]:
     ]
     for x, y in ((-0.85, 0.35), (0.65, 0.4)):
         height = rng.uniform(0.4, 0.6)
-        sides = list(rounded_box((1.1, 0.9, height), 0.01).values())
-        wood = parts(sides, Material(plain((0.6, 0.55, 0.5))), 0.011)
+        wood = box((1.1, 0.9, height), 0.01, Material(plain((0.6, 0.55, 0.5))), {ALL_FACES: 0.011})
         found.append(Item("table", tuple(wood), pose((x, y, height / 2))))
         for dx, dy in ((-0.32, -0.22), (0.3, -0.2)):
             found += _bowl(x + dx, y + dy, height + 0.001, rng)

@@ -108,7 +108,7 @@ def _table(rng: np.random.Generator) -> tuple[list[Item], _Profile]:
     half = rng.uniform(0.45, 0.6)
     slab = rounded_box((2 * half, 2 * half, 0.05), 0.01)
     paint = Material(_paint(rng), gloss=float(rng.choice([0.0, 0.2])), shine=14.0)
-    top = tuple(Part(patch, paint, (0.012, 0.012)) for patch in slab.values())
+    top = tuple(Part(patch, paint, (0.012, 0.012)) for patch in slab)
     return [
         Item("table", top, pose((0, 0, _TOP - 0.025), yaw=float(rng.uniform(0, 90)))),
         _floor(rng),
@@ -205,7 +205,7 @@ def _thing(rng: np.random.Generator) -> tuple[str, tuple[Part, ...], float]:
     paint = Material(_paint(rng, scale=0.3))
     step = (0.010, 0.010)
     if kind == "box":
-        patches = rounded_box((2 * a, 2 * b, tall), 0.006).values()
+        patches = rounded_box((2 * a, 2 * b, tall), 0.006)
         up = [replace(p, position=_raised(p, tall / 2)) for p in patches]
         return kind, tuple(Part(p, paint, step) for p in up), float(np.hypot(a, b))
     if kind == "ball":

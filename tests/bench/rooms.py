@@ -208,7 +208,7 @@ def solid(
     elif shape == "cylinder":
         patches = [revolve([(0, -c), (a, -c), (a, c), (0, c)], smooth=False)]
     else:
-        patches = list(rounded_box((2 * a, 2 * b, 2 * c), 0.01).values())
+        patches = rounded_box((2 * a, 2 * b, 2 * c), 0.01)
     parts = tuple(Part(patch, _FINISH, (0.011, 0.011)) for patch in patches)
     return Item(shape, parts, pose(centre, yaw=yaw))
 

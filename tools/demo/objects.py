@@ -11,13 +11,16 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from tools.demo.shapes import (
+    ALL_FACES,
     Discs,
     Item,
     Material,
     Paint,
     Part,
     Patch,
+    Steps,
     Surface,
+    box,
     cover,
     ellipsoid,
     joined,
@@ -28,7 +31,6 @@ from tools.demo.shapes import (
     rectangle,
     revolve,
     rod,
-    rounded_box,
     tube,
 )
 
@@ -152,28 +154,26 @@ OAK_UP = wood(rgb("c08b58"), rgb("80522d"), axis=2, seed=2)
 
 def table(length: float = 1.50, depth: float = 0.86) -> list[Part]:
     """A wooden table with rounded edges."""
-    top = rounded_box((length, depth, 0.036), 0.012)
-    varnish = Material(OAK, 0.30, 14.0)
-    place = pose((0, 0, TABLE_TOP - 0.018))
-    found = moved(parts([top["+z"]], varnish, (0.0140, 0.0088)), place)
-    found += moved(parts([top["-z"]], varnish, 0.04), place)
-    found += moved(parts([top["-x"], top["+x"]], varnish, (0.0125, 0.008)), place)
-    found += moved(parts([top["-y"], top["+y"]], varnish, (0.008, 0.014)), place)
-    legs = Material(OAK_UP, 0.15, 12.0)
-    leg = list(rounded_box((0.062, 0.062, TABLE_TOP - 0.036), 0.008).values())[:4]
+    steps: Steps = {
+        "+z": (0.0140, 0.0088),
+        "-z": 0.04,
+        "-x +x": (0.0125, 0.008),
+        "-y +y": (0.008, 0.014),
+    }
+    at = pose((0, 0, TABLE_TOP - 0.018))
+    found = box((length, depth, 0.036), 0.012, Material(OAK, 0.30, 14.0), steps, at)
+    high, legs = TABLE_TOP - 0.036, Material(OAK_UP, 0.15, 12.0)
     for x in (-1, 1):
         for y in (-1, 1):
-            at = pose((x * (length / 2 - 0.08), y * (depth / 2 - 0.08), (TABLE_TOP - 0.036) / 2))
-            found += moved(parts(leg, legs, 0.020), at)
-    rail = rounded_box((length - 0.2, 0.022, 0.085), 0.004)
-    side = rounded_box((0.022, depth - 0.2, 0.085), 0.004)
-    z = TABLE_TOP - 0.036 - 0.0425
+            at = pose((x * (length / 2 - 0.08), y * (depth / 2 - 0.08), high / 2))
+            found += box((0.062, 0.062, high), 0.008, legs, {"-x +x -y +y": 0.020}, at)
+    rail, side = (length - 0.2, 0.022, 0.085), (0.022, depth - 0.2, 0.085)
     for y in (-1, 1):
-        at = pose((0, y * (depth / 2 - 0.085), z))
-        found += moved(parts([rail[k] for k in ("-y", "+y", "-z")], Material(OAK), 0.022), at)
+        at = pose((0, y * (depth / 2 - 0.085), high - 0.0425))
+        found += box(rail, 0.004, Material(OAK), {"-y +y -z": 0.022}, at)
     for x in (-1, 1):
-        at = pose((x * (length / 2 - 0.085), 0, z))
-        found += moved(parts([side[k] for k in ("-x", "+x", "-z")], Material(OAK), 0.022), at)
+        at = pose((x * (length / 2 - 0.085), 0, high - 0.0425))
+        found += box(side, 0.004, Material(OAK), {"-x +x -z": 0.022}, at)
     return found
 
 
@@ -184,23 +184,20 @@ def chair(seat_color: Color) -> list[Part]:
     for x in (-0.185, 0.185):
         front = [(x, 0.19, 0.0), (x, 0.185, 0.2), (x, 0.18, 0.435)]
         back = [(1.04 * x, -0.24, 0.0), (x, -0.19, 0.42), (x, -0.20, 0.65), (x, -0.25, 0.93)]
-        found += parts([tube(front, [0.015, 0.018, 0.020])], frame, (0.015, 0.026))
-        found += parts([rod(back, [0.015, 0.020, 0.018, 0.014])], frame, (0.015, 0.026))
+        found += parts(tube(front, [0.015, 0.018, 0.020]), frame, (0.015, 0.026))
+        found += parts(rod(back, [0.015, 0.020, 0.018, 0.014]), frame, (0.015, 0.026))
         rung = [(x, 0.185, 0.20), (x, -0.21, 0.22)]
-        found += parts([tube(rung, [0.011, 0.011])], frame, (0.015, 0.026))
+        found += parts(tube(rung, [0.011, 0.011]), frame, (0.015, 0.026))
     for z, y in ((0.60, -0.197), (0.73, -0.214), (0.86, -0.237)):
         slat = [(-0.185, y, z), (-0.1, y - 0.022, z), (0.1, y - 0.022, z), (0.185, y, z)]
-        found += parts([tube(slat, [0.026] * 4, flat=0.3)], frame, (0.015, 0.026))
+        found += parts(tube(slat, [0.026] * 4, flat=0.3), frame, (0.015, 0.026))
     found += parts(
-        [tube([(-0.185, 0.185, 0.27), (0.185, 0.185, 0.27)], [0.011, 0.011])], frame, (0.015, 0.026)
+        tube([(-0.185, 0.185, 0.27), (0.185, 0.185, 0.27)], [0.011, 0.011]), frame, (0.015, 0.026)
     )
     cloth = weave(plain(seat_color, mottle=0.04), thread=0.022, depth=0.22)
-    seat = rounded_box((0.42, 0.41, 0.045), 0.02)
+    steps = {"+z": 0.0135, "-x +x -y +y": 0.014, "-z": 0.03}
     at = pose((0, -0.005, 0.445))
-    found += moved(parts([seat["+z"]], Material(cloth), 0.0135), at)
-    rest = [seat[k] for k in ("-x", "+x", "-y", "+y")]
-    found += moved(parts(rest, Material(cloth), 0.014), at)
-    return found + moved(parts([seat["-z"]], Material(cloth), 0.03), at)
+    return found + box((0.42, 0.41, 0.045), 0.02, Material(cloth), steps, at)
 
 
 def rug(length: float = 2.3, depth: float = 1.6) -> list[Part]:
@@ -217,13 +214,9 @@ def rug(length: float = 2.3, depth: float = 1.6) -> list[Part]:
         color = mix(color, ground, (inset < 0.125) & (inset > 0.10))
         return mix(color, accent, inset < 0.05)
 
-    def knotted(d: Discs) -> DoubleArray:
-        return weave(paint, thread=0.03, depth=0.16)(d)
-
-    slab = rounded_box((length, depth, 0.014), 0.006)
-    found = parts([slab["+z"]], Material(knotted), 0.0255)
-    sides = [slab[k] for k in ("-x", "+x", "-y", "+y")]
-    return moved(found + parts(sides, Material(knotted), 0.02), pose((0, 0, 0.007)))
+    steps = {"+z": 0.0255, "-x +x -y +y": 0.02}
+    cloth = Material(weave(paint, thread=0.03, depth=0.16))
+    return box((length, depth, 0.014), 0.006, cloth, steps, pose((0, 0, 0.007)))
 
 
 def runner(length: float, depth: float, top: float) -> list[Part]:
@@ -261,14 +254,14 @@ def runner(length: float, depth: float, top: float) -> list[Part]:
         x = (u - 0.5) * length * (1 + 0.01 * fall / hang)
         return np.stack([x, y + side * sway, z], axis=1)
 
-    return parts([Patch(position)], Material(paint, soft=0.2), (0.0068, 0.0115))
+    return parts(Patch(position), Material(paint, soft=0.2), (0.0068, 0.0115))
 
 
 def lamp(foot: Color, shade: Color) -> list[Part]:
     """A table lamp with a linen shade that glows."""
     base = outline("0 0, 60 0, 66 6, 60 20, 50 60, 62 110, 58 160, 30 200, 13 215, 12 250, 0 252")
     brass = Material(plain(rgb("b98b3e")), 0.9, 25.0)
-    rod = tube([(0, 0, 0.24), (0, 0, 0.33)], [0.007, 0.007])
+    stem = tube([(0, 0, 0.24), (0, 0, 0.33)], [0.007, 0.007])
     low, high, z0, z1 = 0.140, 0.095, 0.27, 0.46
 
     def linen(d: Discs) -> DoubleArray:
@@ -282,25 +275,25 @@ def lamp(foot: Color, shade: Color) -> list[Part]:
     inner = revolve([(high - 0.004, z1), (low - 0.004, z0)], smooth=False)
     bulb = ellipsoid((0.028, 0.028, 0.035), (0, 0, 0.36))
     return [
-        *parts([revolve(base)], Material(plain(foot, mottle=0.04), 0.9, 40.0), 0.0058),
-        *parts([rod], brass, 0.006),
-        *parts([outer], Material(linen, glow=0.55, soft=0.5), 0.0092),
-        *parts([inner], Material(plain(rgb("fff0d0")), glow=1.4), 0.014),
-        *parts([bulb], Material(plain(rgb("fff2d6")), glow=4.0), 0.008),
+        *parts(revolve(base), Material(plain(foot, mottle=0.04), 0.9, 40.0), 0.0058),
+        *parts(stem, brass, 0.006),
+        *parts(outer, Material(linen, glow=0.55, soft=0.5), 0.0092),
+        *parts(inner, Material(plain(rgb("fff0d0")), glow=1.4), 0.014),
+        *parts(bulb, Material(plain(rgb("fff2d6")), glow=4.0), 0.008),
     ]
 
 
 def shelf(length: float = 0.95) -> list[Part]:
     """A wall shelf 20 cm deep on two brackets; its back is at y = 0, its top at z = 0."""
-    plank = list(rounded_box((length, 0.20, 0.026), 0.006).values())
-    found = moved(parts(plank, Material(OAK, 0.15, 12.0), 0.015), pose((0, -0.10, -0.013)))
+    at, finish = pose((0, -0.10, -0.013)), Material(OAK, 0.15, 12.0)
+    found = box((length, 0.20, 0.026), 0.006, finish, {ALL_FACES: 0.015}, at)
     iron = Material(plain(rgb("3b3a3a")), 0.3, 15.0)
     for x in (-0.36, 0.36):
         arm = tube(
             [(x, -0.01, -0.15), (x, -0.02, -0.14), (x, -0.15, -0.04), (x, -0.155, -0.026)],
             [0.007] * 4,
         )
-        found += parts([arm], iron, 0.011)
+        found += parts(arm, iron, 0.011)
     return found
 
 
@@ -308,21 +301,16 @@ def picture(width: float, height: float, art: Paint, frame: Color) -> list[Part]
     """A framed picture that hangs in the xz-plane and faces -y."""
     rim = 0.026
     moulding = Material(wood(frame, tuple(0.7 * c for c in frame), axis=0, seed=9), 0.3, 16.0)
-    bars: list[Part] = []
+    found: list[Part] = []
     for z in (-1, 1):
-        bar = rounded_box((width + 2 * rim, 0.028, rim), 0.006)
-        bars += moved(
-            parts([bar[k] for k in ("-y", "-z", "+z", "-x", "+x")], moulding, 0.0135),
-            pose((0, 0, z * (height + rim) / 2)),
-        )
+        at = pose((0, 0, z * (height + rim) / 2))
+        steps = {"-y -z +z -x +x": 0.0135}
+        found += box((width + 2 * rim, 0.028, rim), 0.006, moulding, steps, at)
     for x in (-1, 1):
-        bar = rounded_box((rim, 0.028, height), 0.006)
-        bars += moved(
-            parts([bar[k] for k in ("-y", "-x", "+x")], moulding, 0.0135),
-            pose((x * (width + rim) / 2, 0, 0)),
-        )
+        at = pose((x * (width + rim) / 2, 0, 0))
+        found += box((rim, 0.028, height), 0.006, moulding, {"-y -x +x": 0.0135}, at)
     canvas = rectangle((-width / 2, -0.004, -height / 2), (width, 0, 0), (0, 0, height))
-    return bars + parts([canvas], Material(art, 0.06, 10.0), 0.0105)
+    return found + parts(canvas, Material(art, 0.06, 10.0), 0.0105)
 
 
 def clock(radius: float = 0.145) -> list[Part]:
@@ -349,7 +337,7 @@ def clock(radius: float = 0.145) -> list[Part]:
     face = revolve([(radius, 0.012), (0.0, 0.012)], smooth=False)
     brass = Material(plain(rgb("c0913f"), mottle=0.04), 0.9, 22.0)
     outer = revolve(rim[::-1])
-    flat = parts([face], Material(paint, 0.1, 20.0), 0.0072) + parts([outer], brass, 0.0072)
+    flat = parts(face, Material(paint, 0.1, 20.0), 0.0072) + parts(outer, brass, 0.0072)
     return moved(flat, pose(roll=90))
 
 
@@ -408,15 +396,15 @@ def mug(color: Color, inside: Color = CREAM) -> list[Part]:
     strap = outline("38 0 78, 58 0 82, 73 0 66, 72 0 42, 58 0 24, 38 0 22")
     handle = Material(glaze(color, color), 0.9, 50.0)
     return [
-        *parts([revolve(wall)], finish, 0.0050),
-        *parts([tube(strap, [0.0055] * 6, flat=1.5)], handle, 0.0050),
+        *parts(revolve(wall), finish, 0.0050),
+        *parts(tube(strap, [0.0055] * 6, flat=1.5), handle, 0.0050),
     ]
 
 
 def tea(radius: float, height: float) -> list[Part]:
     """The surface of a drink."""
     finish = Material(plain(rgb("5a2e14"), mottle=0.04), 0.8, 60.0)
-    return parts([revolve([(radius, height), (0.0, height)], smooth=False)], finish, 0.006)[::1]
+    return parts(revolve([(radius, height), (0.0, height)], smooth=False), finish, 0.006)[::1]
 
 
 def teapot(color: Color) -> list[Part]:
@@ -429,10 +417,10 @@ def teapot(color: Color) -> list[Part]:
     handle = outline("-70 0 115, -105 0 124, -138 0 104, -140 0 70, -118 0 45, -78 0 42")
     knob = Material(glaze(rgb("d9a441"), CREAM), 1.0, 45.0)
     return [
-        *parts([revolve(body)], finish, 0.0064),
-        *parts([revolve(lid)], knob, 0.0050),
-        *parts([tube(spout, [0.024, 0.019, 0.012, 0.011])], smooth, 0.0050),
-        *parts([tube(handle, [0.0085] * 6, flat=1.4)], smooth, 0.0050),
+        *parts(revolve(body), finish, 0.0064),
+        *parts(revolve(lid), knob, 0.0050),
+        *parts(tube(spout, [0.024, 0.019, 0.012, 0.011]), smooth, 0.0050),
+        *parts(tube(handle, [0.0085] * 6, flat=1.4), smooth, 0.0050),
     ]
 
 
@@ -442,7 +430,7 @@ def bowl(color: Color) -> list[Part]:
     wall = outline(
         "0 0, 55 0, 60 3, 58 14, 100 35, 136 70, 150 102, 146.5 106.5, 142 103, 127 77, 92 47, 0 32"
     )
-    return parts([revolve(wall)], finish, 0.0074)
+    return parts(revolve(wall), finish, 0.0074)
 
 
 def plate(color: Color, rim: Color) -> list[Part]:
@@ -454,7 +442,7 @@ def plate(color: Color, rim: Color) -> list[Part]:
         return mix(color, rim, band * (d.normals[:, 2] > 0.2))
 
     profile = outline("0 0, 45 0, 55 3, 90 16, 95 19, 94.5 22.5, 90 22.5, 58 11.5, 45 9, 0 9")
-    return parts([revolve(profile)], Material(paint, 0.8, 45.0), 0.0062)
+    return parts(revolve(profile), Material(paint, 0.8, 45.0), 0.0062)
 
 
 def bottle(glass: Color) -> list[Part]:
@@ -476,8 +464,8 @@ def bottle(glass: Color) -> list[Part]:
     )
     cork = outline("12.5 274, 12.5 294, 11 296, 0 296")
     return [
-        *parts([revolve(body)], Material(paint, 0.9, 60.0), 0.0048),
-        *parts([revolve(cork)], Material(plain(rgb("c49a6a"), mottle=0.12, scale=0.006)), 0.0048),
+        *parts(revolve(body), Material(paint, 0.9, 60.0), 0.0048),
+        *parts(revolve(cork), Material(plain(rgb("c49a6a"), mottle=0.12, scale=0.006)), 0.0048),
     ]
 
 
@@ -493,7 +481,7 @@ def vase(color: Color) -> list[Part]:
     wall = outline(
         "0 0, 40 0, 48 5, 66 60, 66 110, 45 175, 34 205, 40 232, 38.5 235.5, 36 233, 30 205, 40 170"
     )
-    return parts([revolve(wall)], Material(paint, 0.45, 18.0), 0.0062)
+    return parts(revolve(wall), Material(paint, 0.45, 18.0), 0.0062)
 
 
 def candle(wax: Color, height: float) -> list[Part]:
@@ -510,10 +498,10 @@ def candle(wax: Color, height: float) -> list[Part]:
     wick = tube([(0, 0, height - 0.004), (0, 0, height + 0.010)], [0.0014, 0.0012])
     flame = ellipsoid((0.0052, 0.0052, 0.0145), (0, 0, height + 0.016))
     return [
-        *parts([revolve(dish)], brass, 0.0042),
-        *parts([revolve(stick)], Material(plain(wax, mottle=0.02), 0.25, 12.0, 0.10, 0.7), 0.0048),
-        *parts([wick], Material(plain(rgb("3a3029"))), 0.003),
-        *parts([flame], Material(plain(rgb("ffd27a")), glow=6.0), 0.0034),
+        *parts(revolve(dish), brass, 0.0042),
+        *parts(revolve(stick), Material(plain(wax, mottle=0.02), 0.25, 12.0, 0.10, 0.7), 0.0048),
+        *parts(wick, Material(plain(rgb("3a3029"))), 0.003),
+        *parts(flame, Material(plain(rgb("ffd27a")), glow=6.0), 0.0034),
     ]
 
 
@@ -543,8 +531,8 @@ def apple(red: Color, yellow: Color, seed: int) -> list[Part]:
     profile = outline("0 6, 10 1, 22 3, 34 22, 38.5 43, 32 64, 18 71, 8 67, 0 58")
     stem = tube([(0, 0, 0.058), (0.002, 0, 0.070), (0.006, 0.002, 0.080)], [0.0016, 0.0014, 0.0020])
     return [
-        *parts([_bumpy(revolve(profile), 0.004, 0.04, seed)], Material(paint, 0.55, 28.0), 0.0048),
-        *parts([stem], Material(plain(rgb("5d4426"))), 0.004),
+        *parts(_bumpy(revolve(profile), 0.004, 0.04, seed), Material(paint, 0.55, 28.0), 0.0048),
+        *parts(stem, Material(plain(rgb("5d4426"))), 0.004),
     ]
 
 
@@ -561,7 +549,7 @@ def orange(seed: int) -> list[Part]:
 
     profile = outline("0 0, 16 2, 31 14, 38 36, 32 59, 16 71, 0 72.5")
     skin = _bumpy(revolve(profile), 0.002, 0.03, seed)
-    return parts([skin], Material(paint, 0.35, 12.0), 0.0048)
+    return parts(skin, Material(paint, 0.35, 12.0), 0.0048)
 
 
 def lemon(seed: int) -> list[Part]:
@@ -574,7 +562,7 @@ def lemon(seed: int) -> list[Part]:
 
     profile = outline("0 -46, 6 -43, 12 -35, 26 -18, 29 0, 26 18, 12 35, 7 42, 0 45")
     lying = pose((0, 0, 0.028), tilt=90)
-    return moved(parts([revolve(profile)], Material(paint, 0.4, 16.0), 0.0046), lying)
+    return parts(revolve(profile), Material(paint, 0.4, 16.0), 0.0046, lying)
 
 
 def bananas() -> list[Part]:
@@ -600,7 +588,7 @@ def bananas() -> list[Part]:
             (0.172, 0, 0.072 + lift),
         ]
         peel = tube(path, [0.006, 0.009, 0.0172, 0.0178, 0.0125, 0.0045])
-        found += moved(parts([peel], Material(paint, 0.2, 10.0), 0.0050), pose(yaw=yaw))
+        found += parts(peel, Material(paint, 0.2, 10.0), 0.0050, pose(yaw=yaw))
     return found
 
 
@@ -614,8 +602,8 @@ def doughnut(icing: Color, seed: int) -> list[Part]:
         for a in np.linspace(0, 2 * np.pi, 15)
     ]
     return [
-        *parts([revolve(ring)], dough, 0.0062),
-        *parts([_icing(big, small, seed)], glaze, 0.0054),
+        *parts(revolve(ring), dough, 0.0062),
+        *parts(_icing(big, small, seed), glaze, 0.0054),
         *_sprinkles(big, small, seed),
     ]
 
@@ -653,7 +641,7 @@ def _sprinkles(big: float, small: float, seed: int) -> list[Part]:
             tilt=tilt,
         )
         finish = Material(plain(colors[k % 4]), 0.3, 20.0)
-        found += moved(moved(parts([body], finish, (0.0055, 0.0036)), pose(yaw=yaw)), place)
+        found += moved(parts(body, finish, (0.0055, 0.0036), pose(yaw=yaw)), place)
     return found
 
 
@@ -668,19 +656,13 @@ def book(
     board = 0.0035
     cover = Material(_cloth(cloth, accent, size, seed), 0.10, 10.0)
     found: list[Part] = []
-    slab = rounded_box((w, d, board), 0.0012)
-    rims = [slab[k] for k in ("+x", "-y", "+y")]
     for z, outside, inside in ((h - board / 2, "+z", "-z"), (board / 2, "-z", "+z")):
-        place = pose((0, 0, z))
-        found += moved(parts([slab[outside]], cover, 0.0095), place)
-        found += moved(parts([slab[inside]], cover, 0.02), place)
-        found += moved(parts(rims, cover, (0.0045, 0.0095)), place)
+        steps: Steps = {outside: 0.0095, inside: 0.02, "+x -y +y": (0.0045, 0.0095)}
+        found += box((w, d, board), 0.0012, cover, steps, pose((0, 0, z)))
     found += _spine(size, cloth, accent)
-    pages = rounded_box((w - 0.009, d - 0.014, h - 2 * board), 0.0006)
-    leaves = Material(_leaves())
-    place = pose((0, 0, h / 2))
-    found += moved(parts([pages["+x"]], leaves, (0.0095, 0.0038)), place)
-    return found + moved(parts([pages["-y"], pages["+y"]], leaves, (0.0038, 0.0095)), place)
+    pages, leaves = (w - 0.009, d - 0.014, h - 2 * board), Material(_leaves())
+    steps = {"+x": (0.0095, 0.0038), "-y +y": (0.0038, 0.0095)}
+    return found + box(pages, 0.0006, leaves, steps, pose((0, 0, h / 2)))
 
 
 def _cloth(cloth: Color, accent: Color, size: tuple[float, float, float], seed: int) -> Paint:
@@ -718,7 +700,7 @@ def _spine(size: tuple[float, float, float], cloth: Color, accent: Color) -> lis
         x = -w / 2 - bulge * (1 - s * s) + 0.0015
         return np.stack([x, (v - 0.5) * d, half + s * half], axis=1)
 
-    return parts([Patch(position)], Material(paint, 0.12, 10.0), (0.0065, 0.0075))
+    return parts(Patch(position), Material(paint, 0.12, 10.0), (0.0065, 0.0075))
 
 
 def _leaves() -> Paint:
@@ -731,13 +713,11 @@ def _leaves() -> Paint:
 
 def die(color: Color, pip: Color, edge: float = 0.036) -> list[Part]:
     """A large wooden die; opposite faces sum to seven."""
-    layout = {"+z": 1, "-z": 6, "+x": 2, "-x": 5, "+y": 3, "-y": 4}
-    box = rounded_box((edge, edge, edge), 0.2 * edge)
     found: list[Part] = []
-    for face, patch in box.items():
-        finish = Material(_pips(layout[face], color, pip), 0.5, 30.0)
-        found += parts([patch], finish, 0.0030)
-    return moved(found, pose((0, 0, edge / 2)))
+    for face, count in {"-x": 5, "+x": 2, "-y": 4, "+y": 3, "-z": 6, "+z": 1}.items():
+        finish = Material(_pips(count, color, pip), 0.5, 30.0)
+        found += box((edge,) * 3, 0.2 * edge, finish, {face: 0.0030}, pose((0, 0, edge / 2)))
+    return found
 
 
 def _pips(count: int, color: Color, pip: Color) -> Paint:
@@ -769,8 +749,7 @@ def block(color: Color, edge: float = 0.05) -> list[Part]:
         return mix(rgb("e8c998"), color, np.maximum(frame, disc)) * grain[:, None]
 
     finish = Material(paint, 0.15, 14.0)
-    faces = list(rounded_box((edge, edge, edge), 0.1 * edge).values())
-    return moved(parts(faces, finish, 0.0038), pose((0, 0, edge / 2)))
+    return box((edge,) * 3, 0.1 * edge, finish, {ALL_FACES: 0.0038}, pose((0, 0, edge / 2)))
 
 
 def globe() -> list[Part]:
@@ -788,7 +767,7 @@ def globe() -> list[Part]:
         lines = np.minimum(np.abs(turn % 1 - 0.5) * ring, np.abs((q[:, 2] * 3) % 1 - 0.5))
         return mix(color, rgb("2f5c70"), 0.35 * (1 - step(lines, 0.015, 0.05)))
 
-    ball = parts([ellipsoid((radius,) * 3)], Material(paint, 0.55, 30.0), 0.0064)
+    ball = parts(ellipsoid((radius,) * 3), Material(paint, 0.55, 30.0), 0.0064)
     brass = Material(plain(rgb("c0913f"), mottle=0.04), 1.0, 25.0)
     wooden = Material(plain(rgb("6b4226"), mottle=0.10, scale=0.01), 0.4, 20.0)
     arc = [
@@ -797,8 +776,8 @@ def globe() -> list[Part]:
     foot = outline("0 0, 62 0, 66 5, 60 14, 22 22, 10 34, 9 58, 0 60")
     return [
         *moved(ball, pose((0, 0, height), tilt=23)),
-        *moved(parts([tube(arc, [0.0042] * 12)], brass, 0.0046), pose(yaw=35)),
-        *parts([revolve(foot)], wooden, 0.0050),
+        *parts(tube(arc, [0.0042] * 12), brass, 0.0046, pose(yaw=35)),
+        *parts(revolve(foot), wooden, 0.0050),
     ]
 
 
@@ -842,10 +821,10 @@ def _blossom(color: Color, heart: Color, size: float, petals: int, seed: int) ->
         petal = blade(size * scale, 0.62 * size, bend=0.7, fold=0.25)
         for k in range(petals):
             yaw = 360 / petals * (k + 0.5 * wheel)
-            found += moved(parts([petal], finish, 0.0085), pose(yaw=yaw, tilt=lift))
+            found += parts(petal, finish, 0.0085, pose(yaw=yaw, tilt=lift))
     core = ellipsoid((0.30 * size, 0.30 * size, 0.22 * size), (0, 0, 0.08 * size))
     middle = Material(plain(heart, mottle=0.25, scale=0.004), soft=0.3)
-    return found + parts([core], middle, 0.0040)
+    return found + parts(core, middle, 0.0040)
 
 
 def bouquet(seed: int = 4) -> list[Part]:
@@ -866,14 +845,14 @@ def bouquet(seed: int = 4) -> list[Part]:
         reach = 0.23 - 0.055 * (k / 8) + rng.uniform(-0.02, 0.02)
         tip = (reach * np.sin(lean), 0.0, reach * np.cos(lean))
         path = [(0.0, 0, -0.08), (0.008, 0, 0.0), (0.45 * tip[0], 0, 0.6 * tip[2]), tip]
-        found += moved(parts([tube(path, [0.0023] * 4)], green, (0.006, 0.008)), pose(yaw=yaw))
+        found += parts(tube(path, [0.0023] * 4), green, (0.006, 0.008), pose(yaw=yaw))
         color, heart, size, petals = kinds[k % 4]
         head = _blossom(color, heart, size, petals, k)
         head = moved(head, pose(tip, tilt=float(np.degrees(lean)) * 0.9))
         found += moved(head, pose(yaw=yaw))
     for k in range(8):
         yaw, lift = 45 * k + rng.uniform(-10, 10), rng.uniform(-62, -30)
-        frond = moved(parts([blade(0.15, 0.036, bend=1.1)], leaf, 0.0095), pose(tilt=lift))
+        frond = parts(blade(0.15, 0.036, bend=1.1), leaf, 0.0095, pose(tilt=lift))
         found += moved(frond, pose((0, 0, 0.004), yaw=yaw))
     return found
 
@@ -884,16 +863,16 @@ def rubber_plant(seed: int = 8) -> list[Part]:
     leaf = Material(_leaf_paint(rgb("6f9a4e"), rgb("2f5a34"), 6), 0.35, 12.0, 0.0, 0.45)
     bark = Material(plain(rgb("6a5138"), mottle=0.15, scale=0.02))
     trunk = outline("0 0 -50, 20 10 250, -10 20 550, 20 0 950")
-    found = parts([tube(trunk, [0.016, 0.013, 0.010, 0.006])], bark, (0.014, 0.02))
+    found = parts(tube(trunk, [0.016, 0.013, 0.010, 0.006]), bark, (0.014, 0.02))
     for k in range(17):
         height = 0.16 + 0.80 * k / 16
         lift = -8 - 58 * (k / 16) ** 2 + rng.uniform(-8, 8)
         length = 0.34 - 0.13 * (k / 16) + rng.uniform(-0.02, 0.02)
         yaw = 137.5 * k + rng.uniform(-10, 10)
         stalk = tube([(0, 0, 0), (0.04, 0, 0.004), (0.085, 0, 0.0)], [0.005, 0.004, 0.003])
-        surface = parts([blade(length, 0.42 * length, bend=0.9)], leaf, 0.0155)
+        surface = parts(blade(length, 0.42 * length, bend=0.9), leaf, 0.0155)
         one = moved(surface, pose((0.08, 0, 0)))
-        one += parts([stalk], bark, (0.012, 0.02))
+        one += parts(stalk, bark, (0.012, 0.02))
         found += moved(moved(one, pose(tilt=lift)), pose((0.012, 0.01, height), yaw=yaw))
     return found
 
@@ -908,7 +887,7 @@ def pot(color: Color, size: float = 1.0) -> list[Part]:
     points = [(size * r, size * z) for r, z in wall]
     soil = [(size * 0.152, size * 0.272), (size * 0.08, size * 0.278), (0.0, size * 0.276)]
     fine = 0.0145 * size**0.7
-    return [*parts([revolve(points)], clay, fine), *parts([revolve(soil)], earth, fine)]
+    return [*parts(revolve(points), clay, fine), *parts(revolve(soil), earth, fine)]
 
 
 def cactus() -> list[Part]:
@@ -929,7 +908,7 @@ def cactus() -> list[Part]:
 
     finish = Material(paint, 0.05, 8.0, 0.0, 0.2)
     bloom = _blossom(rgb("e86a8a"), rgb("f4d35e"), 0.024, 7, 3)
-    return parts([Patch(position, closed=True)], finish, 0.0040) + moved(bloom, pose((0, 0, 0.083)))
+    return parts(Patch(position, closed=True), finish, 0.0040) + moved(bloom, pose((0, 0, 0.083)))
 
 
 _OAK = Material(wood(rgb("b98a5c"), rgb("8a5f3b"), axis=0, board=0.16, seed=3), 0.10, 12.0)
@@ -990,9 +969,8 @@ def _behind() -> list[Part]:
 
 def _skirting() -> list[Part]:
     w, d = RIGHT - LEFT, BACK - FRONT
-    board = [p for k, p in rounded_box((w, 0.02, 0.11), 0.006).items() if k in ("-y", "+z")]
-    side = [p for k, p in rounded_box((0.02, d, 0.11), 0.006).items() if k in ("+x", "+z")]
+    at, at_left = ((LEFT + w / 2, BACK - 0.01, 0.055), (LEFT + 0.01, FRONT + d / 2, 0.055))
     return [
-        *moved(parts(board, _TRIM, (0.05, 0.022)), pose((LEFT + w / 2, BACK - 0.01, 0.055))),
-        *moved(parts(side, _TRIM, 0.03), pose((LEFT + 0.01, FRONT + d / 2, 0.055))),
+        *box((w, 0.02, 0.11), 0.006, _TRIM, {"-y +z": (0.05, 0.022)}, pose(at)),
+        *box((0.02, d, 0.11), 0.006, _TRIM, {"+x +z": 0.03}, pose(at_left)),
     ]

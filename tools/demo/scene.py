@@ -39,25 +39,16 @@ def _on_table(name: str, found: list[Part], x: float, y: float, yaw: float = 0.0
 
 
 def _furniture() -> list[Item]:
-    dusk = objects.landscape(rgb("eeb98a"), rgb("7f9db0"), 3)
-    dawn = objects.landscape(rgb("f0d9a8"), rgb("c98a7a"), 11)
     walnut = rgb("6b4a30")
+    dusk = objects.picture(0.62, 0.46, objects.landscape(rgb("eeb98a"), rgb("7f9db0"), 3), walnut)
+    dawn = objects.picture(0.40, 0.52, objects.landscape(rgb("f0d9a8"), rgb("c98a7a"), 11), walnut)
     return [
         _item("table", objects.table(), (0, 0, 0)),
         _item("rug", objects.rug(), (0.05, -0.15, 0.001)),
         _item("chair", objects.chair(TEAL), (1.13, 0.10, 0.014), 116),
         _item("chair", objects.chair(TEAL), (-1.03, 0.08, 0.014), -97),
-        _item(
-            "picture of hills at dusk",
-            objects.picture(0.62, 0.46, dusk, walnut),
-            (0.78, BACK - 0.016, 1.50),
-        ),
-        _item(
-            "picture of hills at dawn",
-            objects.picture(0.40, 0.52, dawn, walnut),
-            (LEFT + 0.016, -0.15, 1.42),
-            90,
-        ),
+        _item("picture of hills at dusk", dusk, (0.78, BACK - 0.016, 1.50)),
+        _item("picture of hills at dawn", dawn, (LEFT + 0.016, -0.15, 1.42), 90),
         _item("wall clock", objects.clock(), (1.46, BACK - 0.002, 1.62)),
         _item("plant pot", objects.pot(rgb("c07a55")), (1.42, 0.82, 0.001)),
         _item("rubber plant", objects.rubber_plant(), (1.42, 0.82, 0.26)),
@@ -105,21 +96,14 @@ def _fruit() -> list[Item]:
 def _left_end() -> list[Item]:
     x, y, z = -0.53, -0.17, TABLE_TOP + 0.001
     die = objects.die(rgb("f3ecdc"), rgb("8e2f2a"))
+    lowest = objects.book((0.17, 0.24, 0.036), PLUM, objects.GOLD, 1)
+    middle = objects.book((0.155, 0.22, 0.028), SAGE, rgb("efe3c8"), 2)
+    uppermost = objects.book((0.13, 0.19, 0.024), MUSTARD, NAVY, 3)
     return [
         _on_table("table lamp", objects.lamp(TEAL, rgb("f3dfb8")), -0.54, 0.22),
-        _item("book", objects.book((0.17, 0.24, 0.036), PLUM, objects.GOLD, 1), (x, y, z), 78),
-        _item(
-            "book",
-            objects.book((0.155, 0.22, 0.028), SAGE, rgb("efe3c8"), 2),
-            (x + 0.01, y, z + 0.036),
-            98,
-        ),
-        _item(
-            "book",
-            objects.book((0.13, 0.19, 0.024), MUSTARD, NAVY, 3),
-            (x, y + 0.005, z + 0.064),
-            70,
-        ),
+        _item("book", lowest, (x, y, z), 78),
+        _item("book", middle, (x + 0.01, y, z + 0.036), 98),
+        _item("book", uppermost, (x, y + 0.005, z + 0.064), 70),
         _on_table("die", die, -0.30, -0.345, 25),
         _item("die", moved(die, pose((0, 0, 0.036), roll=90)), (-0.225, -0.34, z - 0.018), 60),
     ]
@@ -147,8 +131,8 @@ def _shelf() -> list[Item]:
         _item("globe", objects.globe(), (x + 0.08, y - 0.105, z + 0.001), 200),
     ]
     for dx, dz, yaw, color in ((0.25, 0, 8, RUST), (0.315, 0, -6, TEAL), (0.28, 0.05, 22, MUSTARD)):
-        name = "toy block"
-        found.append(_item(name, objects.block(color), (x + dx, y - 0.09, z + 0.001 + dz), yaw))
+        at_block = (x + dx, y - 0.09, z + 0.001 + dz)
+        found.append(_item("toy block", objects.block(color), at_block, yaw))
     return found
 
 

@@ -5,7 +5,7 @@ direction of dP/du x dP/dv. Lengths are scene units, z is up. Discs lie on a pat
 rows: quasi-uniform, finer where the surface bends or ends.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,6 +14,8 @@ from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 
 Position = Callable[[DoubleArray, DoubleArray], DoubleArray]  # (N,), (N,) -> (N, 3)
 Coordinates = Sequence[float]
+Step = float | tuple[float, float]  # of discs: along u and v
+Steps = Mapping[str, Step]  # by faces of a box: {"+z": 0.01, "-x +x": (0.01, 0.02)}
 
 TURN = 0.62  # radians: the most that the normal may turn from one disc to the next
 FINEST = 0.45  # of a step: how close discs come at a bend or at an open edge
@@ -116,9 +118,12 @@ def rod(path: Sequence[Coordinates], radii: Sequence[float], *, flat: float = 1.
     )
 
 
-def rounded_box(size: Coordinates, radius: float) -> dict[str, Patch]:
-    """The six faces ``-x +x -y +y -z +z`` of a box around the origin, each with its half of the
-    rounded edges: a face of the sharp box is pulled onto the inner box grown by ``radius``."""
+ALL_FACES = "-x +x -y +y -z +z"
+
+
+def rounded_box(size: Coordinates, radius: float, faces: str = ALL_FACES) -> list[Patch]:
+    """Faces of a box around the origin, each with its half of the rounded edges: a face of the
+    sharp box is pulled onto the inner box grown by ``radius``."""
     half = np.asarray(size, np.float64) / 2
     inner = half - min(radius, float(half.min()) * 0.999)
 
@@ -132,19 +137,13 @@ def rounded_box(size: Coordinates, radius: float) -> dict[str, Patch]:
             q[:, axis] = sign * half[axis]
             core = np.clip(q, -inner, inner)
             out = q - core
-            result: DoubleArray = core + (half - inner).min() * out / np.linalg.norm(
-                out, axis=1, keepdims=True
-            )
+            reach = np.linalg.norm(out, axis=1, keepdims=True)
+            result: DoubleArray = core + (half - inner).min() * out / reach
             return result
 
         return Patch(position)
 
-    names = "xyz"
-    return {
-        ("+" if sign > 0 else "-") + names[axis]: face(axis, sign)
-        for axis in range(3)
-        for sign in (-1, 1)
-    }
+    return [face("xyz".index(name[1]), 1 if name[0] == "+" else -1) for name in faces.split()]
 
 
 def placed(patch: Patch, matrix: DoubleArray) -> Patch:
@@ -406,11 +405,31 @@ class Surface:
 
 
 def parts(
-    patches: Sequence[Patch], finish: Material, step: float | tuple[float, float]
+    patches: Patch | Sequence[Patch],
+    finish: Material,
+    step: Step,
+    place: DoubleArray | None = None,
 ) -> list[Part]:
-    """Several patches of one finish."""
+    """Patches of one finish, moved to ``place`` (3, 4) in their object's frame."""
     both = (step, step) if isinstance(step, float) else step
-    return [Part(patch, finish, both) for patch in patches]
+    several = [patches] if isinstance(patches, Patch) else patches
+    found = [Part(patch, finish, both) for patch in several]
+    return found if place is None else moved(found, place)
+
+
+def box(
+    size: Coordinates,
+    radius: float,
+    finish: Material,
+    steps: Steps,
+    place: DoubleArray | None = None,
+) -> list[Part]:
+    """Parts of a `rounded_box`: of the faces that ``steps`` names, in its order."""
+    return [
+        part
+        for faces, step in steps.items()
+        for part in parts(rounded_box(size, radius, faces), finish, step, place)
+    ]
 
 
 def moved(group: Sequence[Part], matrix: DoubleArray) -> list[Part]:

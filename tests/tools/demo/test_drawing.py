@@ -214,7 +214,7 @@ def test_an_outline_is_in_thousandths() -> None:
         (rectangle((0, 0, 0), (2, 0, 0), (0, 1, 0)), 2.0),
         (ellipsoid((0.5, 0.5, 0.5)), np.pi),
         (tube([(0, 0, 0), (0, 0, 1), (0, 0, 2)], [0.2, 0.2, 0.2]), 0.8 * np.pi),
-        (rounded_box((1, 1, 1), 0.1)["+z"], 0.97),
+        (rounded_box((1, 1, 1), 0.1, "+z")[0], 0.97),
     ],
 )
 def test_discs_tile_their_patch(patch: Patch, area: float) -> None:
@@ -232,7 +232,7 @@ def test_discs_tile_their_patch(patch: Patch, area: float) -> None:
     [
         ellipsoid((0.3, 0.4, 0.5)),
         rod([(0, 0, -0.3), (0, 0, 0.3)], [0.2, 0.2]),
-        *rounded_box((0.8, 0.6, 0.7), 0.1).values(),
+        *rounded_box((0.8, 0.6, 0.7), 0.1),
     ],
 )
 def test_normals_point_outwards(patch: Patch) -> None:
