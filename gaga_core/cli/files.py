@@ -35,7 +35,7 @@ class EditCommand:
         from gaga_core.scene.export import export_losses, export_scene_stage
         from gaga_core.scene.export_options import ExportOptions
         from gaga_core.scene.project import open_path_stage
-        from gaga_core.scene.script.run import parse_script, run_script
+        from gaga_core.scene.script import parse_script, run_script
         from gaga_core.scene.web_page import content_of
 
         form_of(self.output)  # a mistake is told before a large model is read

@@ -8,8 +8,7 @@ import numpy as np
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.edits.append import read_added_stage
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined, read_added_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.manifest import MANIFEST, ManifestEntry, read_manifest
 from gaga_core.scene.objects import group_colors

@@ -19,7 +19,7 @@ from gaga_core.identity.classifier_io import FILE, field_of_model
 from gaga_core.identity.colors import encoding_colors
 from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.io.arrays_file import read_arrays
-from gaga_core.scene.edits.groups import as_bytes
+from gaga_core.scene.edits.objects import as_bytes
 from gaga_core.scene.scene import Identities, Labelling, Scene
 
 

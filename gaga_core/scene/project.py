@@ -36,7 +36,7 @@ from gaga_core.io.streamed_sog import LOD_META, is_streamed_sog
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_json import bookmarks_entry, bookmarks_of, path_entry, path_of
 from gaga_core.scene.camera_path import Bookmark, CameraPath, carried_path
-from gaga_core.scene.edits.append import with_added_stage
+from gaga_core.scene.edits.splats import with_added_stage
 from gaga_core.scene.exported_objects import manifest_in, open_objects_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import carried_cameras

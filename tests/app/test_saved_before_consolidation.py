@@ -22,7 +22,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.project_file import saved_scene
 from gaga_core.scene.project_scene import scene_arrays
 from gaga_core.scene.scene import Revision, Scene
-from gaga_core.scene.script.run import OPERATIONS, run_script
+from gaga_core.scene.script import OPERATIONS, run_script
 from gaga_studio.actions import autosave, history
 from gaga_studio.session.history_copy import FILE, read_history
 from gaga_studio.session.session import Session

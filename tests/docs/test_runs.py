@@ -16,7 +16,8 @@ import pytest
 from gaga_core.cli.main import main
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.script.run import OPERATION_TYPES, run_script
+from gaga_core.scene.script import run_script
+from gaga_core.scene.script.operations import OPERATION_TYPES
 from tests.docs.pages import DOCS, ROOT, code_blocks, tables
 
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")])

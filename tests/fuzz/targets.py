@@ -34,7 +34,7 @@ from gaga_core.scene.export import export_objects_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 from tests.core.io.ksplat_parts import ksplat
 from tests.core.io.mask_forms import FORMS

@@ -22,7 +22,7 @@ from gaga_core.query.embed import Embedder, load_embedder
 from gaga_core.query.index import GroupIndex
 from gaga_core.query.models import KNOWN_DETECTORS, KNOWN_EMBEDDERS, find_any, where_to_put_all
 from gaga_core.query.search import Answer
-from gaga_core.scene.edits.groups import name_groups
+from gaga_core.scene.edits.objects import name_groups
 from gaga_studio.actions import list_filter, navigation, quality, selection
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document

@@ -13,7 +13,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
 from gaga_core.scene.confidence import confidence_histogram
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.pose import Pose, pose_of
 from gaga_core.scene.scene import Scene, State

@@ -24,7 +24,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.cleanup import criteria as steps
-from gaga_core.scene.edits.groups import set_labels
+from gaga_core.scene.edits.objects import set_labels
 from gaga_core.scene.edits.values import SetLabels
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices

@@ -12,9 +12,9 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.edits.groups import set_labels
+from gaga_core.scene.edits.objects import set_labels
 from gaga_core.scene.edits.placement import recolor
-from gaga_core.scene.edits.state import delete, isolate, select
+from gaga_core.scene.edits.splats import delete, isolate, select
 from gaga_core.scene.edits.values import Edit, together
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Revision, Scene, State

@@ -9,7 +9,7 @@ from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Frame, Rasterizer
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.fill.chart import OPAQUE, Chart, above_surface, tolerance_of
 from gaga_core.scene.fill.views import SeenView
 

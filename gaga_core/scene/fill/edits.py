@@ -6,9 +6,8 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.color import LUMA
-from gaga_core.scene.edits.append import append_made
 from gaga_core.scene.edits.placement import recolor
-from gaga_core.scene.edits.state import delete
+from gaga_core.scene.edits.splats import append_made, delete
 from gaga_core.scene.edits.values import Edit, together
 from gaga_core.scene.fill.fill import Filling
 from gaga_core.scene.scene import Revision, Scene, State

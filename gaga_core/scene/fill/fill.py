@@ -13,7 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.inpaint import Inpainter
 from gaga_core.scene.fill.views import seen_stage

@@ -9,7 +9,7 @@ from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Rasterizer
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.fill.chart import Chart, drawn
 
 _PIECE = 5.0  # side of a copied piece, spacings of the splats

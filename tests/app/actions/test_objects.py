@@ -11,7 +11,7 @@ from gaga_core.scene.export import export_scene_stage
 from gaga_core.scene.grade import Grade
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import shown_colors
 from gaga_studio.actions import (

@@ -24,7 +24,7 @@ from gaga_core.scene.frame import (
     scale_of,
 )
 from gaga_core.scene.project import open_path_stage, save_project
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
 from tests.scenes import orbit_cameras

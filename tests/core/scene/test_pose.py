@@ -12,7 +12,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.pose import degrees_of, motion_between, pose_of, with_degrees
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
 

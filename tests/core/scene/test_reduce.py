@@ -13,13 +13,13 @@ from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.scene import edits, reduce
 from gaga_core.scene.bake import bake
 from gaga_core.scene.decimate import EXACT, picture_loss_stage
-from gaga_core.scene.edits.append import append_made, spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made, spread
 from gaga_core.scene.pose import pose_of
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.reduce import LossCurve, estimate_stage, reduce_stage, reduced_edit
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.projects import assert_same, model_in, opened

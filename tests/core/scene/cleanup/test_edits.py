@@ -25,7 +25,7 @@ from gaga_core.scene.edits import hide, isolate, lock, select
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.app.looks import snapshot
 from tests.scenes import objects_scene
 

@@ -11,7 +11,7 @@ from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.folders import Folders, is_inside, name_of, parent_of
-from gaga_core.scene.identity_arrays import identity_arrays
+from gaga_core.scene.project_scene import identity_arrays
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import random_gaussians
 

@@ -12,12 +12,13 @@ from gaga_core.io.splat_files import write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.append import append_made, read_added_stage
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made
+from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.pose import degrees_of, pose_of
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from gaga_core.scene.selection.algebra import world_means
 from tests.core.scene.projects import assert_same
 from tests.scenes import random_gaussians

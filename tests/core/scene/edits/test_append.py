@@ -16,12 +16,13 @@ from gaga_core.io.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import append_made, ids_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made, ids_of_added, spread
+from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.core.scene.edits.edit_walk import columns, snapshot
 from tests.scenes import random_gaussians
 

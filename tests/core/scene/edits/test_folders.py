@@ -10,7 +10,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.folders import MOST_DEPTH, MOST_LETTERS, Folders
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.core.scene.edits.edit_walk import builders, snapshot, walk_scene
 
 _ON_ORDER = ("put_in_folder", "on_folder", "under", "merge_groups", "duplicate", "separate")

@@ -10,9 +10,9 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.levels import join_here, split_here
+from gaga_core.scene.edits.objects import join_here, split_here
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.scenes import random_gaussians
 

@@ -15,8 +15,8 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.fill.chart import Chart, chart_of, darker
 from gaga_core.scene.fill.check import accepted
 from gaga_core.scene.fill.config import FillConfig
@@ -27,7 +27,7 @@ from gaga_core.scene.fill.surfaces import surfaces_around
 from gaga_core.scene.fill.views import Seen, seen_stage
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.fill.tables import (
     BOX,

@@ -24,7 +24,7 @@ from gaga_core.scene.fill.fill import Filling, fill_stage
 from gaga_core.scene.fill.inpaint import Inpainter, trial_stage, why_no_model
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.run import run_script
+from gaga_core.scene.script import run_script
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.fill import models
 from tests.core.scene.fill.tables import BOX, HALF, STEP, Table, table_with_box

@@ -10,8 +10,8 @@ from gaga_core.color import dc_from_rgb, rgb_from_dc
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.fill.config import FillConfig
 from gaga_core.scene.fill.edits import filled_edit
 from gaga_core.scene.fill.fill import Filling, fill_stage

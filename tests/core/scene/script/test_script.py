@@ -13,7 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, selected_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.script.run import OPERATIONS, parse_script, run_script
+from gaga_core.scene.script import OPERATIONS, parse_script, run_script
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
