@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from functools import reduce
 from operator import or_
+from types import GenericAlias
 from typing import Any
 
 import msgspec
@@ -31,7 +32,7 @@ from tests.docs.pages import DOCS
 TYPES: Mapping[str, object] = {
     "camera_path": PathEntry,
     "cameras": list[CameraEntry],
-    "edit_script": list[reduce(or_, OPERATION_TYPES.values())],
+    "edit_script": GenericAlias(list, (reduce(or_, OPERATION_TYPES.values()),)),
     "groups": Manifest,
     "lod": LodFile,
     "lod_meta": LodMeta,

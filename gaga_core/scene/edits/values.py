@@ -33,7 +33,8 @@ from gaga_core.scene.index_set import IndexSet, PackedInts
 from gaga_core.scene.scene import RGB, Added, Identities, Placements, Scene, State
 
 _K = TypeVar("_K", int, str)
-_V, _T = TypeVar("_V"), TypeVar("_T")
+_V = TypeVar("_V")
+_T = TypeVar("_T")
 MOST_ROWS = (1 << 31) - 1  # rows are int32
 Row = Annotated[int, Meta(ge=0, le=MOST_ROWS)]
 Bits = Annotated[int, Meta(ge=0, le=255)]  # of `State`
@@ -302,9 +303,9 @@ class SetFolders(Edit, frozen=True, tag="folders"):
     parents: tuple[tuple[Row, Row | None, Row | None], ...] = ()
 
     def _write(self, scene: Scene, *, forth: bool) -> None:
-        now, side = scene.folders, 2 if forth else 1
-        home = with_entries(now.home, {entry[0]: entry[side] for entry in self.moved})
-        parent = with_entries(now.parent, {entry[0]: entry[side] for entry in self.parents})
+        now = scene.folders
+        home = with_entries(now.home, {g: (old, new)[forth] for g, old, new in self.moved})
+        parent = with_entries(now.parent, {g: (old, new)[forth] for g, old, new in self.parents})
         try:
             made = Folders(self.after if forth else self.before, home, parent)
         except ValueError as error:  # of a recording that was damaged: `Folders` holds its own laws

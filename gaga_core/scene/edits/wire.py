@@ -179,7 +179,7 @@ def of_json(
         return Kept(kept(wanted, msgspec.convert(value, Row)))
 
     try:
-        edit = msgspec.convert(content, AnyEdit, dec_hook=value_of)
+        edit: Edit = msgspec.convert(content, AnyEdit, dec_hook=value_of)
         for part in parts_of(edit):
             if isinstance(part, AppendSplats):
                 _check_added(part)

@@ -60,7 +60,8 @@ def test_a_recorded_walk_replays_to_the_same_scene(seed: int, budget: int) -> No
 
 
 def test_every_kind_of_edit_comes_back_from_a_file_as_it_was(tmp_path: Path) -> None:
-    rng, scene, kinds = np.random.default_rng(1), walk_scene(), set()
+    rng, scene = np.random.default_rng(1), walk_scene()
+    kinds: set[type[Edit]] = set()
     write_splats(tmp_path / "chair.ply", random_gaussians(20))
     splats, digest = run_stage(read_added_stage(tmp_path / "chair.ply"))
     added = partial(edits.append, splats=splats, path=tmp_path / "chair.ply", digest=digest)
