@@ -25,7 +25,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import MOST_ROWS, Append, Edit, parts_of
 from gaga_core.scene.edits.wire import of_json
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.script.operations import OPERATION_TYPES, Duplicate, Operation, Views
+from gaga_core.scene.script.operations import OPERATION_TYPES, Views, run_operation
 
 # What numpy raises on numbers that no scene can have.
 _IMPOSSIBLE = (ValueError, IndexError, OverflowError, MemoryError, np.linalg.LinAlgError)
@@ -41,7 +41,7 @@ class Step:
 
     at: int  # place in the script, from 1
     kind: str
-    operation: Operation | None  # None: of the kind "edit"
+    operation: msgspec.Struct | None  # None: of the kind "edit"
     recorded: Edit | None = None  # of the kind "edit": as recorded, where it was decoded
 
     def __str__(self) -> str:
@@ -62,7 +62,7 @@ def parse_script(content: object, n_rows: int | None = None) -> tuple[Step, ...]
         step = _parsed(i + 1, item, n_rows)
         steps.append(step)
         if n_rows is not None:
-            doubles = isinstance(step.operation, Duplicate)
+            doubles = step.kind == "duplicate"
             n_rows = min(n_rows + (n_rows if doubles else _rows_added(step.recorded)), MOST_ROWS)
     return tuple(steps)
 
@@ -95,7 +95,7 @@ def _run(step: Step, history: History, scene: Scene, views: Views) -> str:
     if step.operation is None:
         return _replay(step, history)
     try:
-        return step.operation.run(history, scene, views)
+        return run_operation(step.operation, history, scene, views)
     except GagaError as error:
         raise GagaError(f"{step}: {error}") from error
     except _IMPOSSIBLE as error:
@@ -129,7 +129,7 @@ def _parsed(at: int, item: object, n_rows: int | None) -> Step:
         raise GagaError(f'Operation {at} ("{kind}"): {why}.') from error
 
 
-def _why(error: Exception, kind: type[Operation], item: Mapping[str, object]) -> str:
+def _why(error: Exception, kind: type[msgspec.Struct], item: Mapping[str, object]) -> str:
     """What is wrong with an operation, by its field."""
     text = str(error)
     if missing := _MISSING.match(text):

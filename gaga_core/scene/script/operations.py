@@ -1,11 +1,13 @@
-"""The operations of edit scripts: each reads its fields from JSON and makes an edit of a scene."""
+"""The operations of edit scripts: functions whose parameters are the fields of a JSON object."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal, TypeVar
+from inspect import Parameter, signature
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
+import msgspec
 import numpy as np
-from msgspec import UNSET, Meta, Struct, UnsetType, field
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
@@ -29,6 +31,7 @@ from gaga_core.scene.selection.components import floaters
 from gaga_core.scene.tint import mean_color, tint_affine
 
 _T = TypeVar("_T")
+_F = TypeVar("_F", bound="Callable[..., Edit | str | None]")
 Views = Callable[[], Sequence[Camera]]  # of the photos, around the scene as it is now; world
 
 # --- fields -------------------------------------------------------------------------------------
@@ -74,49 +77,9 @@ Groups = Annotated[
     tuple[int | str, ...], Meta(min_length=1, description="a list of group ids or names")
 ]
 Path = Annotated[str, Meta(max_length=2000, description='a text such as "Kitchen/Cups"')]
+Chosen = Groups | UnsetType  # of the selection, where they are not given
 
-# --- what an operation is and acts on -----------------------------------------------------------
-
-
-def _snake(name: str) -> str:
-    """The ``op`` of a class: "SelectAll" is "select_all"."""
-    return "".join("_" + c.lower() if c.isupper() and i else c.lower() for i, c in enumerate(name))
-
-
-class Operation(Struct, frozen=True, forbid_unknown_fields=True, tag_field="op", tag=_snake):
-    """An operation of a script as it is read: its fields are those of the JSON object."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        """The edit of ``scene``; None when nothing would change.
-
-        Raises ``GagaError`` with a sentence for what this scene does not have.
-        """
-        raise NotImplementedError
-
-    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
-        """The edit, where it also asks what the cameras of the photos saw."""
-        return self.edit(scene)
-
-    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
-        """Apply it through ``history``; its title, "" when it changed nothing."""
-        edit = self.edit_seen(scene, views)
-        return edit.title if edit is not None and history.do(edit) else ""
-
-
-class OnSplats(Operation, frozen=True, kw_only=True):
-    """An operation on the splats of its groups, or on the selection."""
-
-    groups: Groups | UnsetType = UNSET
-
-    def splats(self, scene: Scene) -> IntArray:
-        """Splats (K,) of its groups, else the selected ones."""
-        return splats_of(scene, self.groups)
-
-
-class OnGroups(Operation, frozen=True, kw_only=True):
-    """An operation on its groups, or on those of the selection."""
-
-    groups: Groups | UnsetType = UNSET
+# --- what an operation acts on ------------------------------------------------------------------
 
 
 def given(value: _T | UnsetType, default: _T) -> _T:
@@ -124,7 +87,7 @@ def given(value: _T | UnsetType, default: _T) -> _T:
     return default if isinstance(value, UnsetType) else value
 
 
-def groups_of(scene: Scene, wanted: Groups | UnsetType) -> list[int]:
+def groups_of(scene: Scene, wanted: Chosen) -> list[int]:
     """Group ids, names looked up; those of the selection when none are given.
 
     "Kitchen/" are all groups that lie in the folder "Kitchen"; "teapot/", if there is no such
@@ -157,7 +120,7 @@ def _inside(scene: Scene, item: str, by_name: Mapping[str, int]) -> tuple[int, .
     return group, *scene.folders.under(group)
 
 
-def one_object_of(scene: Scene, wanted: Groups | UnsetType) -> int:
+def one_object_of(scene: Scene, wanted: Chosen) -> int:
     """The one object that an operation names, or that is selected."""
     groups = groups_of(scene, wanted)
     if len(groups) != 1 or groups[0] == 0:
@@ -165,7 +128,7 @@ def one_object_of(scene: Scene, wanted: Groups | UnsetType) -> int:
     return groups[0]
 
 
-def splats_of(scene: Scene, wanted: Groups | UnsetType) -> IntArray:
+def splats_of(scene: Scene, wanted: Chosen) -> IntArray:
     """Splats (K,) of the groups, else the selected ones."""
     if not isinstance(wanted, UnsetType):
         return group_indices(scene, groups_of(scene, wanted))
@@ -186,663 +149,9 @@ def centred(
     return np.column_stack([linear, centre - linear @ centre])
 
 
-# --- selecting, hiding, locking, deleting -------------------------------------------------------
-
-
-class Select(Operation, frozen=True):
-    """Select objects."""
-
-    groups: Groups
-    how: How = "set"
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.select(scene, group_indices(scene, groups_of(scene, self.groups)), self.how)
-
-
-class SelectAll(Operation, frozen=True):
-    """Select everything that is visible and not locked."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.select(scene, algebra.everything(scene))
-
-
-class SelectNone(Operation, frozen=True):
-    """Select nothing."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.select(scene, algebra.nothing())
-
-
-class Invert(Operation, frozen=True):
-    """Select what is not selected."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.select(scene, algebra.inverted(scene))
-
-
-class Hide(OnSplats, frozen=True):
-    """Hide."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.hide(scene, self.splats(scene))
-
-
-class Show(Operation, frozen=True):
-    """Show again."""
-
-    groups: Groups
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.show(scene, group_indices(scene, groups_of(scene, self.groups)))
-
-
-class ShowAll(Operation, frozen=True):
-    """Show everything."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.show_all(scene)
-
-
-class Isolate(OnSplats, frozen=True):
-    """Hide everything else."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.isolate(scene, self.splats(scene))
-
-
-class Lock(OnSplats, frozen=True):
-    """Keep from being selected."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.lock(scene, self.splats(scene))
-
-
-class Unlock(Operation, frozen=True):
-    """Allow to be selected again."""
-
-    groups: Groups
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.unlock(scene, group_indices(scene, groups_of(scene, self.groups)))
-
-
-class Delete(OnSplats, frozen=True):
-    """Delete."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.delete(scene, self.splats(scene))
-
-
-class Restore(Operation, frozen=True):
-    """Bring back everything that was deleted."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.restore(scene)
-
-
-# --- placing and coloring -----------------------------------------------------------------------
-
-
-class Move(OnSplats, frozen=True):
-    """Shift by a vector, scene units."""
-
-    by: Vector
-
-    def edit(self, scene: Scene) -> Edit | None:
-        shift = np.column_stack([np.eye(3), np.array(self.by, np.float64)])
-        return edits.transform(scene, self.splats(scene), shift, "Move")
-
-
-class Rotate(OnSplats, frozen=True):
-    """Turn about a point, else about the middle of the splats."""
-
-    axis: Vector
-    degrees: Number
-    about: Vector | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        axis = np.array(self.axis, np.float64)
-        length = np.linalg.norm(axis)
-        if length == 0:
-            raise GagaError('field "axis" must not be zero.')
-        half = np.radians(self.degrees) / 2
-        quat = np.concatenate([[np.cos(half)], np.sin(half) * axis / length])
-        splats = self.splats(scene)
-        turn = centred(scene, splats, self.about, quats_to_matrices(quat[None])[0])
-        return edits.transform(scene, splats, turn, "Rotate")
-
-
-class Scale(OnSplats, frozen=True):
-    """Scale by one factor or three about a point, else about the middle of the splats."""
-
-    factor: Factors
-    about: Vector | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        splats = self.splats(scene)
-        linear = np.diag(np.broadcast_to(np.array(self.factor, np.float64), (3,)))
-        return edits.transform(scene, splats, centred(scene, splats, self.about, linear), "Scale")
-
-
-class Transform(OnSplats, frozen=True):
-    """Apply any affine map of positions, 3 rows of 4 numbers."""
-
-    matrix: Matrix
-
-    def edit(self, scene: Scene) -> Edit | None:
-        world = np.array(self.matrix, np.float64)
-        if not np.linalg.det(world[:, :3]):
-            raise GagaError('field "matrix" flattens space.')
-        return edits.transform(scene, self.splats(scene), world, "Transform")
-
-
-class Place(OnSplats, frozen=True):
-    """Put to a position, a rotation and a scale; what is not given stays."""
-
-    position: Vector | UnsetType = UNSET  # of the middle of the box
-    rotation: Vector | UnsetType = UNSET  # degrees about the world's x, then y, then z
-    scale: Factors | UnsetType = UNSET  # along the object's own axes
-
-    def edit(self, scene: Scene) -> Edit | None:
-        splats = self.splats(scene)
-        lo, hi = splat_box(scene, splats, 0.98)
-        start = pose_of(scene, splats, (lo + hi) / 2)
-        stop = start
-        if not isinstance(self.rotation, UnsetType):
-            stop = with_degrees(stop, np.array(self.rotation, np.float64), local=False)
-        if not isinstance(self.position, UnsetType):
-            stop = replace(stop, centre=np.array(self.position, np.float64))
-        if not isinstance(self.scale, UnsetType):
-            scale = np.broadcast_to(np.array(self.scale, np.float64), (3,))
-            stop = replace(stop, scale=scale * np.sign(start.scale))
-        return edits.transform(scene, splats, motion_between(start, stop), "Place")
-
-
-class ResetPlacement(OnSplats, frozen=True):
-    """Put back to where the file has it."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.reset_placement(scene, self.splats(scene))
-
-
-class Recolor(OnSplats, frozen=True):
-    """Give a new mean color, a factor of opacity, or both."""
-
-    color: Color | UnsetType = UNSET
-    strength: Share = 1.0
-    opacity: Share | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        if self.color is UNSET and self.opacity is UNSET:
-            raise GagaError('give "color", "opacity" or both.')
-        splats, affine = self.splats(scene), np.eye(3, 4)
-        if not isinstance(self.color, UnsetType):
-            mean = mean_color(scene, splats)
-            affine = tint_affine(mean, np.array(self.color, np.float64), self.strength)
-        return edits.recolor(scene, splats, affine, given(self.opacity, 1.0))
-
-
-# --- objects ------------------------------------------------------------------------------------
-
-
-class Duplicate(OnSplats, frozen=True):
-    """Copy, as a new object unless ``new_group`` is false."""
-
-    by: Vector | UnsetType = UNSET
-    new_group: Flag = True
-
-    def edit(self, scene: Scene) -> Edit | None:
-        by = None
-        if not isinstance(self.by, UnsetType):
-            by = np.column_stack([np.eye(3), np.array(self.by, np.float64)])
-        return edits.duplicate(scene, self.splats(scene), by, self.new_group)
-
-
-class Rename(OnGroups, frozen=True):
-    """Name one object."""
-
-    name: Name
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.rename(scene, one_object_of(scene, self.groups), self.name)
-
-
-class Merge(OnGroups, frozen=True):
-    """Make one object of several."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.merge_groups(scene, groups_of(scene, self.groups))
-
-
-class SplitHere(OnGroups, frozen=True):
-    """Make objects of the parts that one object has a level of detail finer."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.split_here(scene, one_object_of(scene, self.groups))
-
-
-class JoinHere(OnGroups, frozen=True):
-    """Join one object with those that are one thing with it a level coarser."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.join_here(scene, one_object_of(scene, self.groups))
-
-
-class Labels(Operation, frozen=True):
-    """Take the groups from the votes of the masks, or from identities."""
-
-    source: LabelSource = field(name="from")
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.use_labels(scene, self.source)
-
-
-# --- folders and parents ------------------------------------------------------------------------
-
-
-class NewFolder(Operation, frozen=True):
-    """Make an empty folder."""
-
-    folder: Path
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.new_folder(scene, self.folder)
-
-
-class PutInFolder(Operation, frozen=True):
-    """Put objects into a folder, which is made if it is not there; "" takes them out of all."""
-
-    folder: Path
-    groups: Groups | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        groups = groups_of(scene, self.groups)
-        if not groups:
-            raise GagaError('no object is selected. Give "groups", or select first.')
-        return edits.put_in_folder(scene, groups, self.folder)
-
-
-class MoveFolder(Operation, frozen=True):
-    """Put a folder into another one; "" takes it out of all."""
-
-    folder: Path
-    into: Path = ""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.put_in_folder(scene, (), self.into, (self.folder,), "Move folder")
-
-
-class RenameFolder(Operation, frozen=True):
-    """Give a folder another name."""
-
-    folder: Path
-    name: Name
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.rename_folder(scene, self.folder, self.name)
-
-
-class DeleteFolder(Operation, frozen=True):
-    """Take a folder away; what is in it goes into the folder that it was in."""
-
-    folder: Path
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.delete_folder(scene, self.folder)
-
-
-class SetParent(Operation, frozen=True):
-    """Put objects under another object; what lies under them goes along."""
-
-    parent: OneGroup
-    groups: Groups | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        groups = groups_of(scene, self.groups)
-        if not groups:
-            raise GagaError('no object is selected. Give "groups", or select first.')
-        return edits.set_parent(scene, groups, one_object_of(scene, (self.parent,)))
-
-
-class LeaveParent(Operation, frozen=True):
-    """Take objects out from under the object that they lie under, to where that is."""
-
-    groups: Groups | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.leave_parent(scene, groups_of(scene, self.groups))
-
-
-# --- selecting by region and number -------------------------------------------------------------
-
-
-class Selecting(Operation, frozen=True, kw_only=True):
-    """An operation that changes the selection by what it finds."""
-
-    how: How = "set"
-
-    def found(self, scene: Scene) -> IntArray:
-        """Splats (K,) in order."""
-        raise NotImplementedError
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.select(scene, self.found(scene), self.how)
-
-
-class SelectSphere(Selecting, frozen=True):
-    """Splats whose centre lies in a ball."""
-
-    centre: Vector
-    radius: Number
-
-    def found(self, scene: Scene) -> IntArray:
-        return by_volume.in_sphere(scene, np.array(self.centre, np.float64), self.radius)
-
-
-class SelectBox(Selecting, frozen=True):
-    """Splats in a box of two corners, or in a map of the unit cube."""
-
-    lo: Vector | UnsetType = UNSET
-    hi: Vector | UnsetType = UNSET
-    matrix: Matrix | UnsetType = UNSET
-
-    def found(self, scene: Scene) -> IntArray:
-        return by_volume.in_box(scene, _box(self.lo, self.hi, self.matrix))
-
-
-class SelectRange(Selecting, frozen=True):
-    """Splats by a number of theirs."""
-
-    column: Name
-    low: Number | UnsetType = UNSET
-    high: Number | UnsetType = UNSET
-
-    def found(self, scene: Scene) -> IntArray:
-        low, high = given(self.low, -np.inf), given(self.high, np.inf)
-        return by_value.in_range(scene, self.column, low, high)
-
-
-class SelectColor(Selecting, frozen=True):
-    """Splats by their color."""
-
-    color: Color
-    tolerance: Share = 0.1
-
-    def found(self, scene: Scene) -> IntArray:
-        return by_value.like_color(scene, self.color, self.tolerance)
-
-
-class SelectSet(Selecting, frozen=True):
-    """A named selection."""
-
-    name: Name
-
-    def found(self, scene: Scene) -> IntArray:
-        return edits.named_selection(scene, self.name)
-
-
-class KeepSet(OnSplats, frozen=True):
-    """Keep the selection under a name."""
-
-    name: Name
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.keep_selection(scene, self.name, self.splats(scene))
-
-
-class Grow(OnSplats, frozen=True):
-    """Add what lies within a distance of the selection."""
-
-    reach: Number | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        splats = self.splats(scene)
-        reach = _reach(scene, splats, self.reach)
-        return edits.select(scene, neighbourhood.grown(scene, splats, reach), "set", "Grow")
-
-
-class Shrink(OnSplats, frozen=True):
-    """Remove what lies near the border of the selection."""
-
-    reach: Number | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        splats = self.splats(scene)
-        reach = _reach(scene, splats, self.reach)
-        return edits.select(scene, neighbourhood.shrunk(scene, splats, reach), "set", "Shrink")
-
-
-# --- deleting -----------------------------------------------------------------------------------
-
-
-class Crop(Operation, frozen=True):
-    """Delete everything outside a box of two corners, or of a map of the unit cube."""
-
-    lo: Vector | UnsetType = UNSET
-    hi: Vector | UnsetType = UNSET
-    matrix: Matrix | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        inside = by_volume.in_box(scene, _box(self.lo, self.hi, self.matrix))
-        outside = np.setdiff1d(algebra.everything(scene), inside)
-        return edits.delete(scene, outside, "Crop")
-
-
-class DeleteFloaters(OnSplats, frozen=True):
-    """Delete splats that stand alone: of the groups, else of everything."""
-
-    strength: Positive = 1.0
-
-    def edit(self, scene: Scene) -> Edit | None:
-        everything = self.groups is UNSET
-        among = algebra.everything(scene) if everything else self.splats(scene)
-        return edits.delete(scene, floaters(scene, among, self.strength), "Delete floaters")
-
-
-# --- setting straight ---------------------------------------------------------------------------
-
-
-class GradeColors(OnSplats, frozen=True, tag="grade"):
-    """Grade colors."""
-
-    tint: Vector = (1.0, 1.0, 1.0)
-    temperature: SignedShare = 0.0
-    green: SignedShare = 0.0
-    saturation: Number = 1.0
-    brightness: SignedShare = 0.0
-    black: SignedShare = 0.0
-    white: Number = 1.0
-    opacity: Share = 1.0
-
-    def edit(self, scene: Scene) -> Edit | None:
-        grade = Grade(
-            tint=self.tint,
-            temperature=self.temperature,
-            green=self.green,
-            saturation=self.saturation,
-            brightness=self.brightness,
-            black=self.black,
-            white=self.white,
-            opacity=self.opacity,
-        )
-        splats = self.splats(scene)
-        return edits.recolor(scene, splats, grade_affine(grade), grade.opacity, "Grade colors")
-
-
-class Mirror(OnSplats, frozen=True):
-    """Mirror across x, y or z about a point, else about the middle of the splats."""
-
-    axis: Axis
-    about: Vector | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        splats = self.splats(scene)
-        middle = centred(scene, splats, self.about, np.zeros((3, 3)))[:, 3]
-        mirrored = mirror_map("xyz".index(self.axis), middle)
-        return edits.transform(scene, splats, mirrored, "Mirror")
-
-
-class AlignToGround(Operation, frozen=True):
-    """Make the plane of three points level."""
-
-    points: Points
-    seen_from: Vector
-    up: Vector = (0.0, 0.0, 1.0)
-
-    def edit(self, scene: Scene) -> Edit | None:
-        up = np.array(self.up, np.float64)
-        if not up.any():
-            raise GagaError('field "up" must not be zero.')
-        points, eye = np.array(self.points, np.float64), np.array(self.seen_from, np.float64)
-        moved = ground_map(points, up, eye)
-        return edits.move_scene(scene, moved, "Align to ground")
-
-
-class SetScale(Operation, frozen=True):
-    """Scale everything so that the way between two points has a length in metres."""
-
-    points: Ends
-    metres: Positive
-
-    def edit(self, scene: Scene) -> Edit | None:
-        one, two = np.array(self.points, np.float64)
-        length = float(np.linalg.norm(two - one))
-        return edits.set_scale(scene, length, self.metres, np.zeros(3))
-
-
-class SetOrigin(Operation, frozen=True):
-    """Move everything so that a point becomes the origin."""
-
-    point: Vector
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.set_origin(scene, np.array(self.point, np.float64))
-
-
-# --- objects of regions -------------------------------------------------------------------------
-
-
-class Separate(Operation, frozen=True):
-    """Make the selection an object."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        chosen = selected_indices(scene)
-        if len(chosen) == 0:
-            raise GagaError("nothing is selected. Select first.")
-        return edits.separate(scene, chosen)
-
-
-class Split(Operation, frozen=True):
-    """Split one object into parts that do not touch."""
-
-    groups: Groups | UnsetType = UNSET
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return edits.split(scene, one_object_of(scene, self.groups))
-
-
-class Assign(Operation, frozen=True):
-    """Make the selection part of an object."""
-
-    groups: Groups
-
-    def edit(self, scene: Scene) -> Edit | None:
-        groups, chosen = groups_of(scene, self.groups), selected_indices(scene)
-        if len(groups) != 1 or len(chosen) == 0:
-            raise GagaError('give one object in "groups", and select splats first.')
-        return edits.set_labels(scene, chosen, groups[0])
-
-
-# --- computed from the splats: these take seconds -----------------------------------------------
-
-
-class Clean(OnGroups, frozen=True):
-    """Clean up, as in the window."""
-
-    def edit(self, scene: Scene) -> Edit | None:
-        groups = groups_of(scene, self.groups)
-        if not groups:
-            raise GagaError('no object is selected. Give "groups".')
-        return relabel(scene, run_stage(clean_objects_stage(scene, groups)))
-
-
-class Fill(OnSplats, frozen=True):
-    """Delete and fill what was hidden; without groups and selection: fill where was deleted."""
-
-    lighten: Flag = True  # take its shadow off what it stood on
-    model: FilePath = ""  # of an inpainting model that colors the hole
-    sha256: Digest = ""  # of that file; another one is refused
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return self.edit_seen(scene, tuple)
-
-    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
-        # SciPy's and numba's import takes long: only where something is filled.
-        from gaga_core.raster import choose
-        from gaga_core.scene.fill.config import FillConfig
-        from gaga_core.scene.fill.edits import filled_edit
-        from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
-
-        splats = fillable(scene) if self.groups is UNSET else self.splats(scene)
-        if self.sha256 and not self.model:
-            raise GagaError('"sha256" is that of a model: give "model", too.')
-        config = FillConfig(lighten=self.lighten, model=self.model, model_sha256=self.sha256)
-        found = run_stage(fill_stage(scene, splats, views(), choose(), config))
-        return filled_edit(scene, found, fill_title(scene, splats))
-
-
-class Reduce(OnSplats, frozen=True):
-    """Merge neighbours that are alike until a share of the splats is left."""
-
-    share: Share
-
-    def edit(self, scene: Scene) -> Edit | None:
-        return self.edit_seen(scene, tuple)
-
-    def edit_seen(self, scene: Scene, views: Views) -> Edit | None:
-        # SciPy's and numba's import takes long: only where something is merged.
-        from gaga_core.raster import choose
-        from gaga_core.scene.reduce import reduce_stage, reduce_title, reduced_edit
-
-        if self.share == 0:
-            raise GagaError('"share" must be above 0: it is the share of the splats that is kept.')
-        splats = self.splats(scene)
-        found = run_stage(reduce_stage(scene, splats, self.share, views(), choose()))
-        return reduced_edit(scene, found, reduce_title(scene, splats, found))
-
-
-# --- history ------------------------------------------------------------------------------------
-
-
-class Undo(Operation, frozen=True):
-    """Take back so many edits."""
-
-    times: Count = 1
-
-    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
-        titles = _until_none(history.undo, self.times)
-        return f"Undo {titles}" if titles else ""
-
-
-class Redo(Operation, frozen=True):
-    """Do so many edits again."""
-
-    times: Count = 1
-
-    def run(self, history: History, scene: Scene, views: Views = tuple) -> str:
-        titles = _until_none(history.redo, self.times)
-        return f"Redo {titles}" if titles else ""
-
-
-def _until_none(step: Callable[[], str | None], times: int) -> str:
-    """Titles of so many steps, or of as many as there are."""
-    done = []
-    for _ in range(times):
-        title = step()
-        if title is None:
-            break
-        done.append(title)
-    return ", ".join(done)
+def shift(by: Vector) -> DoubleArray:
+    """Map (3, 4) that moves by a vector."""
+    return np.column_stack([np.eye(3), np.array(by, np.float64)])
 
 
 def _box(lo: Vector | UnsetType, hi: Vector | UnsetType, matrix: Matrix | UnsetType) -> DoubleArray:
@@ -868,8 +177,544 @@ def _reach(scene: Scene, splats: IntArray, reach: Number | UnsetType) -> float:
     return reach
 
 
-OPERATION_TYPES: Mapping[str, type[Operation]] = {
-    str(kind.__struct_config__.tag): kind
-    for kind in list(globals().values())
-    if isinstance(kind, type) and issubclass(kind, Operation) and not kind.__subclasses__()
-}
+# --- what an operation is -----------------------------------------------------------------------
+
+# Parameters that stand for the field "groups", and those that are no field.
+_OF_GROUPS = {"splats": splats_of, "objects": groups_of, "group": one_object_of}
+_NO_FIELD = ("scene", "history", "views")
+_FUNCTIONS: dict[type[Struct], Callable[..., Edit | str | None]] = {}
+OPERATION_TYPES: dict[str, type[Struct]] = {}
+
+
+def operation(function: _F) -> _F:
+    """Make a function the operation of its name: the fields are its parameters.
+
+    It returns the edit of ``scene``, None when nothing would change, or a title when it has done
+    the work through ``history``. ``splats`` (K,), ``objects`` (ids) and ``group`` (one id) are
+    those of the field "groups", else of the selection; ``views`` gives what the cameras of the
+    photos saw. It raises ``GagaError`` with a sentence for what the scene does not have.
+    """
+    hints, op = get_type_hints(function, include_extras=True), function.__name__
+    fields: list[tuple[str, object, object]] = []
+    for name, parameter in signature(function).parameters.items():
+        if name in _OF_GROUPS:
+            fields.append(("groups", Chosen, UNSET))
+        elif name not in _NO_FIELD:
+            required = parameter.default is Parameter.empty
+            fields.append((name, hints[name], msgspec.NODEFAULT if required else parameter.default))
+    OPERATION_TYPES[op] = msgspec.defstruct(
+        op.title().replace("_", ""),
+        fields,
+        namespace={"__doc__": function.__doc__},
+        rename=lambda name: name.removesuffix("_"),  # of a word of Python
+        frozen=True,
+        kw_only=True,
+        forbid_unknown_fields=True,
+        tag_field="op",
+        tag=op,
+    )
+    _FUNCTIONS[OPERATION_TYPES[op]] = function
+    return function
+
+
+def run_operation(step: Struct, history: History, scene: Scene, views: Views) -> str:
+    """Apply an operation as it was read through ``history``; its title, "" when nothing changed."""
+    function, values = _FUNCTIONS[type(step)], msgspec.structs.asdict(step)
+    values |= {"scene": scene, "history": history, "views": views}
+    for name in signature(function).parameters:
+        if name in _OF_GROUPS:
+            values[name] = _OF_GROUPS[name](scene, values["groups"])
+    done = function(**{name: values[name] for name in signature(function).parameters})
+    if isinstance(done, str):
+        return done
+    return done.title if done is not None and history.do(done) else ""
+
+
+# --- selecting, hiding, locking, deleting -------------------------------------------------------
+
+
+@operation
+def select(scene: Scene, groups: Groups, how: How = "set") -> Edit | None:
+    """Select objects."""
+    return edits.select(scene, group_indices(scene, groups_of(scene, groups)), how)
+
+
+@operation
+def select_all(scene: Scene) -> Edit | None:
+    """Select everything that is visible and not locked."""
+    return edits.select(scene, algebra.everything(scene))
+
+
+@operation
+def select_none(scene: Scene) -> Edit | None:
+    """Select nothing."""
+    return edits.select(scene, algebra.nothing())
+
+
+@operation
+def invert(scene: Scene) -> Edit | None:
+    """Select what is not selected."""
+    return edits.select(scene, algebra.inverted(scene))
+
+
+@operation
+def hide(scene: Scene, splats: IntArray) -> Edit | None:
+    """Hide."""
+    return edits.hide(scene, splats)
+
+
+@operation
+def show(scene: Scene, groups: Groups) -> Edit | None:
+    """Show again."""
+    return edits.show(scene, group_indices(scene, groups_of(scene, groups)))
+
+
+@operation
+def show_all(scene: Scene) -> Edit | None:
+    """Show everything."""
+    return edits.show_all(scene)
+
+
+@operation
+def isolate(scene: Scene, splats: IntArray) -> Edit | None:
+    """Hide everything else."""
+    return edits.isolate(scene, splats)
+
+
+@operation
+def lock(scene: Scene, splats: IntArray) -> Edit | None:
+    """Keep from being selected."""
+    return edits.lock(scene, splats)
+
+
+@operation
+def unlock(scene: Scene, groups: Groups) -> Edit | None:
+    """Allow to be selected again."""
+    return edits.unlock(scene, group_indices(scene, groups_of(scene, groups)))
+
+
+@operation
+def delete(scene: Scene, splats: IntArray) -> Edit | None:
+    """Delete."""
+    return edits.delete(scene, splats)
+
+
+@operation
+def restore(scene: Scene) -> Edit | None:
+    """Bring back everything that was deleted."""
+    return edits.restore(scene)
+
+
+# --- placing and coloring -----------------------------------------------------------------------
+
+
+@operation
+def move(scene: Scene, splats: IntArray, by: Vector) -> Edit | None:
+    """Shift by a vector, scene units."""
+    return edits.transform(scene, splats, shift(by), "Move")
+
+
+@operation
+def rotate(
+    scene: Scene, splats: IntArray, axis: Vector, degrees: Number, about: Vector | UnsetType = UNSET
+) -> Edit | None:
+    """Turn about a point, else about the middle of the splats."""
+    along = np.array(axis, np.float64)
+    length = np.linalg.norm(along)
+    if length == 0:
+        raise GagaError('field "axis" must not be zero.')
+    half = np.radians(degrees) / 2
+    quat = np.concatenate([[np.cos(half)], np.sin(half) * along / length])
+    turn = centred(scene, splats, about, quats_to_matrices(quat[None])[0])
+    return edits.transform(scene, splats, turn, "Rotate")
+
+
+@operation
+def scale(
+    scene: Scene, splats: IntArray, factor: Factors, about: Vector | UnsetType = UNSET
+) -> Edit | None:
+    """Scale by one factor or three about a point, else about the middle of the splats."""
+    linear = np.diag(np.broadcast_to(np.array(factor, np.float64), (3,)))
+    return edits.transform(scene, splats, centred(scene, splats, about, linear), "Scale")
+
+
+@operation
+def transform(scene: Scene, splats: IntArray, matrix: Matrix) -> Edit | None:
+    """Apply any affine map of positions, 3 rows of 4 numbers."""
+    world = np.array(matrix, np.float64)
+    if not np.linalg.det(world[:, :3]):
+        raise GagaError('field "matrix" flattens space.')
+    return edits.transform(scene, splats, world, "Transform")
+
+
+@operation
+def place(
+    scene: Scene,
+    splats: IntArray,
+    position: Vector | UnsetType = UNSET,  # of the middle of the box
+    rotation: Vector | UnsetType = UNSET,  # degrees about the world's x, then y, then z
+    scale: Factors | UnsetType = UNSET,  # along the object's own axes
+) -> Edit | None:
+    """Put to a position, a rotation and a scale; what is not given stays."""
+    lo, hi = splat_box(scene, splats, 0.98)
+    start = stop = pose_of(scene, splats, (lo + hi) / 2)
+    if not isinstance(rotation, UnsetType):
+        stop = with_degrees(stop, np.array(rotation, np.float64), local=False)
+    if not isinstance(position, UnsetType):
+        stop = replace(stop, centre=np.array(position, np.float64))
+    if not isinstance(scale, UnsetType):
+        factors = np.broadcast_to(np.array(scale, np.float64), (3,))
+        stop = replace(stop, scale=factors * np.sign(start.scale))
+    return edits.transform(scene, splats, motion_between(start, stop), "Place")
+
+
+@operation
+def mirror(
+    scene: Scene, splats: IntArray, axis: Axis, about: Vector | UnsetType = UNSET
+) -> Edit | None:
+    """Mirror across x, y or z about a point, else about the middle of the splats."""
+    middle = centred(scene, splats, about, np.zeros((3, 3)))[:, 3]
+    return edits.transform(scene, splats, mirror_map("xyz".index(axis), middle), "Mirror")
+
+
+@operation
+def reset_placement(scene: Scene, splats: IntArray) -> Edit | None:
+    """Put back to where the file has it."""
+    return edits.reset_placement(scene, splats)
+
+
+@operation
+def recolor(
+    scene: Scene,
+    splats: IntArray,
+    color: Color | UnsetType = UNSET,
+    strength: Share = 1.0,
+    opacity: Share | UnsetType = UNSET,
+) -> Edit | None:
+    """Give a new mean color, a factor of opacity, or both."""
+    if color is UNSET and opacity is UNSET:
+        raise GagaError('give "color", "opacity" or both.')
+    affine = np.eye(3, 4)
+    if not isinstance(color, UnsetType):
+        affine = tint_affine(mean_color(scene, splats), np.array(color, np.float64), strength)
+    return edits.recolor(scene, splats, affine, given(opacity, 1.0))
+
+
+@operation
+def grade(  # noqa: PLR0913 - the fields of the operation
+    scene: Scene,
+    splats: IntArray,
+    tint: Vector = (1.0, 1.0, 1.0),
+    temperature: SignedShare = 0.0,
+    green: SignedShare = 0.0,
+    saturation: Number = 1.0,
+    brightness: SignedShare = 0.0,
+    black: SignedShare = 0.0,
+    white: Number = 1.0,
+    opacity: Share = 1.0,
+) -> Edit | None:
+    """Grade colors."""
+    light = brightness, black, white, opacity
+    wanted = grade_affine(Grade(tint, temperature, green, saturation, *light))
+    return edits.recolor(scene, splats, wanted, opacity, "Grade colors")
+
+
+# --- objects ------------------------------------------------------------------------------------
+
+
+@operation
+def duplicate(
+    scene: Scene, splats: IntArray, by: Vector | UnsetType = UNSET, new_group: Flag = True
+) -> Edit | None:
+    """Copy, as a new object unless ``new_group`` is false."""
+    moved = None if isinstance(by, UnsetType) else shift(by)
+    return edits.duplicate(scene, splats, moved, new_group)
+
+
+@operation
+def rename(scene: Scene, group: int, name: Name) -> Edit | None:
+    """Name one object."""
+    return edits.rename(scene, group, name)
+
+
+@operation
+def merge(scene: Scene, objects: list[int]) -> Edit | None:
+    """Make one object of several."""
+    return edits.merge_groups(scene, objects)
+
+
+@operation
+def split(scene: Scene, group: int) -> Edit | None:
+    """Split one object into parts that do not touch."""
+    return edits.split(scene, group)
+
+
+@operation
+def split_here(scene: Scene, group: int) -> Edit | None:
+    """Make objects of the parts that one object has a level of detail finer."""
+    return edits.split_here(scene, group)
+
+
+@operation
+def join_here(scene: Scene, group: int) -> Edit | None:
+    """Join one object with those that are one thing with it a level coarser."""
+    return edits.join_here(scene, group)
+
+
+@operation
+def separate(scene: Scene) -> Edit | None:
+    """Make the selection an object."""
+    chosen = selected_indices(scene)
+    if len(chosen) == 0:
+        raise GagaError("nothing is selected. Select first.")
+    return edits.separate(scene, chosen)
+
+
+@operation
+def assign(scene: Scene, groups: Groups) -> Edit | None:
+    """Make the selection part of an object."""
+    wanted, chosen = groups_of(scene, groups), selected_indices(scene)
+    if len(wanted) != 1 or len(chosen) == 0:
+        raise GagaError('give one object in "groups", and select splats first.')
+    return edits.set_labels(scene, chosen, wanted[0])
+
+
+@operation
+def labels(scene: Scene, from_: LabelSource) -> Edit | None:
+    """Take the groups from the votes of the masks, or from identities."""
+    return edits.use_labels(scene, from_)
+
+
+# --- folders and parents ------------------------------------------------------------------------
+
+
+@operation
+def new_folder(scene: Scene, folder: Path) -> Edit | None:
+    """Make an empty folder."""
+    return edits.new_folder(scene, folder)
+
+
+@operation
+def put_in_folder(scene: Scene, folder: Path, objects: list[int]) -> Edit | None:
+    """Put objects into a folder, which is made if it is not there; "" takes them out of all."""
+    if not objects:
+        raise GagaError('no object is selected. Give "groups", or select first.')
+    return edits.put_in_folder(scene, objects, folder)
+
+
+@operation
+def move_folder(scene: Scene, folder: Path, into: Path = "") -> Edit | None:
+    """Put a folder into another one; "" takes it out of all."""
+    return edits.put_in_folder(scene, (), into, (folder,), "Move folder")
+
+
+@operation
+def rename_folder(scene: Scene, folder: Path, name: Name) -> Edit | None:
+    """Give a folder another name."""
+    return edits.rename_folder(scene, folder, name)
+
+
+@operation
+def delete_folder(scene: Scene, folder: Path) -> Edit | None:
+    """Take a folder away; what is in it goes into the folder that it was in."""
+    return edits.delete_folder(scene, folder)
+
+
+@operation
+def set_parent(scene: Scene, parent: OneGroup, objects: list[int]) -> Edit | None:
+    """Put objects under another object; what lies under them goes along."""
+    if not objects:
+        raise GagaError('no object is selected. Give "groups", or select first.')
+    return edits.set_parent(scene, objects, one_object_of(scene, (parent,)))
+
+
+@operation
+def leave_parent(scene: Scene, objects: list[int]) -> Edit | None:
+    """Take objects out from under the object that they lie under, to where that is."""
+    return edits.leave_parent(scene, objects)
+
+
+# --- selecting by region and number -------------------------------------------------------------
+
+
+@operation
+def select_sphere(scene: Scene, centre: Vector, radius: Number, how: How = "set") -> Edit | None:
+    """Splats whose centre lies in a ball."""
+    found = by_volume.in_sphere(scene, np.array(centre, np.float64), radius)
+    return edits.select(scene, found, how)
+
+
+@operation
+def select_box(
+    scene: Scene,
+    lo: Vector | UnsetType = UNSET,
+    hi: Vector | UnsetType = UNSET,
+    matrix: Matrix | UnsetType = UNSET,
+    how: How = "set",
+) -> Edit | None:
+    """Splats in a box of two corners, or in a map of the unit cube."""
+    return edits.select(scene, by_volume.in_box(scene, _box(lo, hi, matrix)), how)
+
+
+@operation
+def select_range(
+    scene: Scene,
+    column: Name,
+    low: Number | UnsetType = UNSET,
+    high: Number | UnsetType = UNSET,
+    how: How = "set",
+) -> Edit | None:
+    """Splats by a number of theirs."""
+    found = by_value.in_range(scene, column, given(low, -np.inf), given(high, np.inf))
+    return edits.select(scene, found, how)
+
+
+@operation
+def select_color(
+    scene: Scene, color: Color, tolerance: Share = 0.1, how: How = "set"
+) -> Edit | None:
+    """Splats by their color."""
+    return edits.select(scene, by_value.like_color(scene, color, tolerance), how)
+
+
+@operation
+def select_set(scene: Scene, name: Name, how: How = "set") -> Edit | None:
+    """A named selection."""
+    return edits.select(scene, edits.named_selection(scene, name), how)
+
+
+@operation
+def keep_set(scene: Scene, splats: IntArray, name: Name) -> Edit | None:
+    """Keep the selection under a name."""
+    return edits.keep_selection(scene, name, splats)
+
+
+@operation
+def grow(scene: Scene, splats: IntArray, reach: Number | UnsetType = UNSET) -> Edit | None:
+    """Add what lies within a distance of the selection."""
+    grown = neighbourhood.grown(scene, splats, _reach(scene, splats, reach))
+    return edits.select(scene, grown, "set", "Grow")
+
+
+@operation
+def shrink(scene: Scene, splats: IntArray, reach: Number | UnsetType = UNSET) -> Edit | None:
+    """Remove what lies near the border of the selection."""
+    shrunk = neighbourhood.shrunk(scene, splats, _reach(scene, splats, reach))
+    return edits.select(scene, shrunk, "set", "Shrink")
+
+
+@operation
+def crop(
+    scene: Scene,
+    lo: Vector | UnsetType = UNSET,
+    hi: Vector | UnsetType = UNSET,
+    matrix: Matrix | UnsetType = UNSET,
+) -> Edit | None:
+    """Delete everything outside a box of two corners, or of a map of the unit cube."""
+    inside = by_volume.in_box(scene, _box(lo, hi, matrix))
+    return edits.delete(scene, np.setdiff1d(algebra.everything(scene), inside), "Crop")
+
+
+@operation
+def delete_floaters(scene: Scene, groups: Chosen = UNSET, strength: Positive = 1.0) -> Edit | None:
+    """Delete splats that stand alone: of the groups, else of everything."""
+    among = algebra.everything(scene) if groups is UNSET else splats_of(scene, groups)
+    return edits.delete(scene, floaters(scene, among, strength), "Delete floaters")
+
+
+# --- the scene as a whole -----------------------------------------------------------------------
+
+
+@operation
+def align_to_ground(
+    scene: Scene, points: Points, seen_from: Vector, up: Vector = (0.0, 0.0, 1.0)
+) -> Edit | None:
+    """Make the plane of three points level."""
+    corners, eye, above = (np.array(value, np.float64) for value in (points, seen_from, up))
+    if not above.any():
+        raise GagaError('field "up" must not be zero.')
+    return edits.move_scene(scene, ground_map(corners, above, eye), "Align to ground")
+
+
+@operation
+def set_scale(scene: Scene, points: Ends, metres: Positive) -> Edit | None:
+    """Scale everything so that the way between two points has a length in metres."""
+    one, two = np.array(points, np.float64)
+    return edits.set_scale(scene, float(np.linalg.norm(two - one)), metres, np.zeros(3))
+
+
+@operation
+def set_origin(scene: Scene, point: Vector) -> Edit | None:
+    """Move everything so that a point becomes the origin."""
+    return edits.set_origin(scene, np.array(point, np.float64))
+
+
+# --- computed from the splats: these take seconds -----------------------------------------------
+
+
+@operation
+def clean(scene: Scene, objects: list[int]) -> Edit | None:
+    """Clean up, as in the window."""
+    if not objects:
+        raise GagaError('no object is selected. Give "groups".')
+    return relabel(scene, run_stage(clean_objects_stage(scene, objects)))
+
+
+@operation
+def fill(
+    scene: Scene,
+    views: Views,
+    groups: Chosen = UNSET,
+    lighten: Flag = True,  # take its shadow off what it stood on
+    model: FilePath = "",  # of an inpainting model that colors the hole
+    sha256: Digest = "",  # of that file; another one is refused
+) -> Edit | None:
+    """Delete and fill what was hidden; without groups and selection: fill where was deleted."""
+    # SciPy's and numba's import takes long: only where something is filled.
+    from gaga_core.raster import choose
+    from gaga_core.scene.fill.config import FillConfig
+    from gaga_core.scene.fill.edits import filled_edit
+    from gaga_core.scene.fill.fill import fill_stage, fill_title, fillable
+
+    splats = fillable(scene) if groups is UNSET else splats_of(scene, groups)
+    if sha256 and not model:
+        raise GagaError('"sha256" is that of a model: give "model", too.')
+    config = FillConfig(lighten=lighten, model=model, model_sha256=sha256)
+    found = run_stage(fill_stage(scene, splats, views(), choose(), config))
+    return filled_edit(scene, found, fill_title(scene, splats))
+
+
+@operation
+def reduce(scene: Scene, views: Views, splats: IntArray, share: Share) -> Edit | None:
+    """Merge neighbours that are alike until a share of the splats is left."""
+    # SciPy's and numba's import takes long: only where something is merged.
+    from gaga_core.raster import choose
+    from gaga_core.scene.reduce import reduce_stage, reduce_title, reduced_edit
+
+    if share == 0:
+        raise GagaError('"share" must be above 0: it is the share of the splats that is kept.')
+    found = run_stage(reduce_stage(scene, splats, share, views(), choose()))
+    return reduced_edit(scene, found, reduce_title(scene, splats, found))
+
+
+# --- history ------------------------------------------------------------------------------------
+
+
+@operation
+def undo(history: History, times: Count = 1) -> str:
+    """Take back so many edits."""
+    return _repeated("Undo", history.undo, times)
+
+
+@operation
+def redo(history: History, times: Count = 1) -> str:
+    """Do so many edits again."""
+    return _repeated("Redo", history.redo, times)
+
+
+def _repeated(verb: str, step: Callable[[], str | None], times: int) -> str:
+    """So many steps, or as many as there are; their titles."""
+    titles: list[str] = []
+    while len(titles) < times and (title := step()) is not None:
+        titles.append(title)
+    return f"{verb} {', '.join(titles)}" if titles else ""
