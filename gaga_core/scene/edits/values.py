@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.errors import GagaError
@@ -459,7 +459,8 @@ class AppendSplats(Append, frozen=True):
         """What the scene notes of them."""
         raise NotImplementedError
 
-    def read(self) -> Gaussians:
+    @property
+    def splats(self) -> Gaussians:
         """The splats. Raises ``GagaError`` when the file that has them is gone or changed."""
         raise NotImplementedError
 
@@ -470,7 +471,7 @@ class AppendSplats(Append, frozen=True):
             rows = np.full(self.labels.count, self.n_rows, np.int32)
             source = np.arange(self.first, self.first + self.labels.count, dtype=np.int64)
             added, table = self.added, _resized(table, len(table) + 1)
-            self._extend(scene, self.read(), rows, source)
+            self._extend(scene, self.splats, rows, source)
             scene.added = (*scene.added, added)
         else:
             self._cut(scene, self.n)
@@ -485,19 +486,18 @@ class AppendSplats(Append, frozen=True):
 class AppendMade(AppendSplats, frozen=True, tag="made"):
     """Splats that an edit made: the project and scripts keep them themselves."""
 
-    splats: Kept[Gaussians]
+    made: Kept[Gaussians] = field(name="splats")
     frame: FrameRows = ()  # how the scene had been moved by then; older scripts lack it
     merged: bool = False  # made of splats that were deleted for it; older scripts lack it
 
     @property
     def added(self) -> Added:
-        """What the scene notes of them."""
         n = self.labels.count
         return Added("", "", self.first, n, frame=self.frame, is_merged=self.merged)
 
-    def read(self) -> Gaussians:
-        """The splats."""
-        return self.splats.value
+    @property
+    def splats(self) -> Gaussians:
+        return self.made.value
 
 
 class AppendFile(AppendSplats, frozen=True, dict=True, tag="append"):
@@ -510,24 +510,16 @@ class AppendFile(AppendSplats, frozen=True, dict=True, tag="append"):
 
     @cached_property
     def splats(self) -> Gaussians:
-        """The splats, read when they are first asked for."""
-        path = Path(self.path)
-        return run_stage(read_added_stage(path, self.fingerprint, self.axes))[0]
+        return run_stage(read_added_stage(Path(self.path), self.fingerprint, self.axes))[0]
 
     @property
     def nbytes(self) -> int:
-        """Bytes held: the splats, for redo."""
-        return _size(self.splats) + self.labels.nbytes
+        return _size(self.splats) + self.labels.nbytes  # kept for redo
 
     @property
     def added(self) -> Added:
-        """What the scene notes of them."""
         origin = self.path, self.fingerprint, self.first, self.labels.count
         return Added(*origin, self.axes, self.frame)
-
-    def read(self) -> Gaussians:
-        """The splats. Raises ``GagaError`` when the file is gone or changed."""
-        return self.splats
 
 
 AnyEdit = (

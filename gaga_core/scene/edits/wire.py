@@ -69,27 +69,21 @@ class SetEntry(Struct, frozen=True):
         """The set, of a scene of at most ``most`` splats; ``ValueError`` when it is damaged."""
         if self.n > most or self.count > self.n:
             raise ValueError(f"a set of {self.count:,} splats of {self.n:,}, at most {most:,}")
-        rows = self._rows()
-        is_sorted = bool((np.diff(rows) > 0).all())
-        inside = len(rows) == 0 or (rows[0] >= 0 and rows[-1] < self.n)
-        if len(rows) != self.count or not (is_sorted and inside):
-            raise ValueError(f"a set of {self.count} splats of {self.n}")
-        return IndexSet.of(rows, self.n)
-
-    def _rows(self) -> AnyArray:
+        damaged, rows = ValueError(f"a set of {self.count} splats of {self.n}"), np.zeros(0, int)
         if not isinstance(self.runs, UnsetType):
-            if sum(stop - start for start, stop in self.runs) != self.count or any(
-                start > stop or stop > self.n for start, stop in self.runs
-            ):
-                raise ValueError(f"a set of {self.count} splats of {self.n}")
-            pieces = [np.arange(start, stop) for start, stop in self.runs]
-            return np.concatenate([np.zeros(0, np.int64), *pieces])
-        if not isinstance(self.indices, UnsetType):
-            return _unpacked(self.indices, "int32", (self.count,)).astype(np.int64)
-        if isinstance(self.bits, UnsetType):
-            raise ValueError("a set without rows")
-        bits = _unpacked(self.bits, "uint8", (-(-self.n // 8),))
-        return np.flatnonzero(np.unpackbits(bits, count=self.n))
+            # Counted first, so that no more rows are made than there can be.
+            if sum(abs(stop - start) for start, stop in self.runs) != self.count:
+                raise damaged
+            rows = np.concatenate([rows, *(np.arange(*run) for run in self.runs)])
+        elif not isinstance(self.indices, UnsetType):
+            rows = _unpacked(self.indices, "int32", (self.count,)).astype(np.int64)
+        elif not isinstance(self.bits, UnsetType):
+            bits = _unpacked(self.bits, "uint8", (-(-self.n // 8),))
+            rows = np.flatnonzero(np.unpackbits(bits, count=self.n))
+        inside = len(rows) == 0 or (rows[0] >= 0 and rows[-1] < self.n)
+        if len(rows) != self.count or not (inside and (np.diff(rows) > 0).all()):
+            raise damaged
+        return IndexSet.of(rows, self.n)
 
 
 class IntsEntry(Struct, frozen=True):
@@ -192,7 +186,7 @@ def of_json(
 
 
 def _check_added(edit: AppendSplats) -> None:
-    splats, n = edit.read(), edit.added.n
+    splats, n = edit.splats, edit.added.n
     if n != len(splats):
         raise ValueError(f"{n} labels for {len(splats)} splats")
 
