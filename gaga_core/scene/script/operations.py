@@ -78,6 +78,9 @@ Groups = Annotated[
 ]
 Path = Annotated[str, Meta(max_length=2000, description='a text such as "Kitchen/Cups"')]
 Chosen = Groups | UnsetType  # of the selection, where they are not given
+MaybeNumber = Number | UnsetType
+MaybeVector = Vector | UnsetType
+MaybeMatrix = Matrix | UnsetType
 
 # --- what an operation acts on ------------------------------------------------------------------
 
@@ -138,9 +141,7 @@ def splats_of(scene: Scene, wanted: Chosen) -> IntArray:
     return chosen
 
 
-def centred(
-    scene: Scene, splats: IntArray, about: Vector | UnsetType, linear: DoubleArray
-) -> DoubleArray:
+def centred(scene: Scene, splats: IntArray, about: MaybeVector, linear: DoubleArray) -> DoubleArray:
     """Map (3, 4) that turns or scales about a point: ``about``, else the middle of the splats."""
     if isinstance(about, UnsetType):
         centre = algebra.world_means(scene, splats).mean(axis=0, dtype=np.float64)
@@ -154,7 +155,7 @@ def shift(by: Vector) -> DoubleArray:
     return np.column_stack([np.eye(3), np.array(by, np.float64)])
 
 
-def _box(lo: Vector | UnsetType, hi: Vector | UnsetType, matrix: Matrix | UnsetType) -> DoubleArray:
+def _box(lo: MaybeVector, hi: MaybeVector, matrix: MaybeMatrix) -> DoubleArray:
     """World from unit cube (4, 4) of two corners, or of a matrix."""
     full = np.eye(4)
     if not isinstance(matrix, UnsetType):
@@ -170,7 +171,7 @@ def _box(lo: Vector | UnsetType, hi: Vector | UnsetType, matrix: Matrix | UnsetT
     return full
 
 
-def _reach(scene: Scene, splats: IntArray, reach: Number | UnsetType) -> float:
+def _reach(scene: Scene, splats: IntArray, reach: MaybeNumber) -> float:
     """The distance that is given, else that between neighbours among the splats."""
     if isinstance(reach, UnsetType):
         return neighbourhood.spacing(scene, splats)
@@ -316,7 +317,7 @@ def move(scene: Scene, splats: IntArray, by: Vector) -> Edit | None:
 
 @operation
 def rotate(
-    scene: Scene, splats: IntArray, axis: Vector, degrees: Number, about: Vector | UnsetType = UNSET
+    scene: Scene, splats: IntArray, axis: Vector, degrees: Number, about: MaybeVector = UNSET
 ) -> Edit | None:
     """Turn about a point, else about the middle of the splats."""
     along = np.array(axis, np.float64)
@@ -331,7 +332,7 @@ def rotate(
 
 @operation
 def scale(
-    scene: Scene, splats: IntArray, factor: Factors, about: Vector | UnsetType = UNSET
+    scene: Scene, splats: IntArray, factor: Factors, about: MaybeVector = UNSET
 ) -> Edit | None:
     """Scale by one factor or three about a point, else about the middle of the splats."""
     linear = np.diag(np.broadcast_to(np.array(factor, np.float64), (3,)))
@@ -351,8 +352,8 @@ def transform(scene: Scene, splats: IntArray, matrix: Matrix) -> Edit | None:
 def place(
     scene: Scene,
     splats: IntArray,
-    position: Vector | UnsetType = UNSET,  # of the middle of the box
-    rotation: Vector | UnsetType = UNSET,  # degrees about the world's x, then y, then z
+    position: MaybeVector = UNSET,  # of the middle of the box
+    rotation: MaybeVector = UNSET,  # degrees about the world's x, then y, then z
     scale: Factors | UnsetType = UNSET,  # along the object's own axes
 ) -> Edit | None:
     """Put to a position, a rotation and a scale; what is not given stays."""
@@ -369,9 +370,7 @@ def place(
 
 
 @operation
-def mirror(
-    scene: Scene, splats: IntArray, axis: Axis, about: Vector | UnsetType = UNSET
-) -> Edit | None:
+def mirror(scene: Scene, splats: IntArray, axis: Axis, about: MaybeVector = UNSET) -> Edit | None:
     """Mirror across x, y or z about a point, else about the middle of the splats."""
     middle = centred(scene, splats, about, np.zeros((3, 3)))[:, 3]
     return edits.transform(scene, splats, mirror_map("xyz".index(axis), middle), "Mirror")
@@ -424,7 +423,7 @@ def grade(  # noqa: PLR0913 - the fields of the operation
 
 @operation
 def duplicate(
-    scene: Scene, splats: IntArray, by: Vector | UnsetType = UNSET, new_group: Flag = True
+    scene: Scene, splats: IntArray, by: MaybeVector = UNSET, new_group: Flag = True
 ) -> Edit | None:
     """Copy, as a new object unless ``new_group`` is false."""
     moved = None if isinstance(by, UnsetType) else shift(by)
@@ -547,9 +546,9 @@ def select_sphere(scene: Scene, centre: Vector, radius: Number, how: How = "set"
 @operation
 def select_box(
     scene: Scene,
-    lo: Vector | UnsetType = UNSET,
-    hi: Vector | UnsetType = UNSET,
-    matrix: Matrix | UnsetType = UNSET,
+    lo: MaybeVector = UNSET,
+    hi: MaybeVector = UNSET,
+    matrix: MaybeMatrix = UNSET,
     how: How = "set",
 ) -> Edit | None:
     """Splats in a box of two corners, or in a map of the unit cube."""
@@ -560,8 +559,8 @@ def select_box(
 def select_range(
     scene: Scene,
     column: Name,
-    low: Number | UnsetType = UNSET,
-    high: Number | UnsetType = UNSET,
+    low: MaybeNumber = UNSET,
+    high: MaybeNumber = UNSET,
     how: How = "set",
 ) -> Edit | None:
     """Splats by a number of theirs."""
@@ -590,14 +589,14 @@ def keep_set(scene: Scene, splats: IntArray, name: Name) -> Edit | None:
 
 
 @operation
-def grow(scene: Scene, splats: IntArray, reach: Number | UnsetType = UNSET) -> Edit | None:
+def grow(scene: Scene, splats: IntArray, reach: MaybeNumber = UNSET) -> Edit | None:
     """Add what lies within a distance of the selection."""
     grown = neighbourhood.grown(scene, splats, _reach(scene, splats, reach))
     return edits.select(scene, grown, "set", "Grow")
 
 
 @operation
-def shrink(scene: Scene, splats: IntArray, reach: Number | UnsetType = UNSET) -> Edit | None:
+def shrink(scene: Scene, splats: IntArray, reach: MaybeNumber = UNSET) -> Edit | None:
     """Remove what lies near the border of the selection."""
     shrunk = neighbourhood.shrunk(scene, splats, _reach(scene, splats, reach))
     return edits.select(scene, shrunk, "set", "Shrink")
@@ -605,10 +604,7 @@ def shrink(scene: Scene, splats: IntArray, reach: Number | UnsetType = UNSET) ->
 
 @operation
 def crop(
-    scene: Scene,
-    lo: Vector | UnsetType = UNSET,
-    hi: Vector | UnsetType = UNSET,
-    matrix: Matrix | UnsetType = UNSET,
+    scene: Scene, lo: MaybeVector = UNSET, hi: MaybeVector = UNSET, matrix: MaybeMatrix = UNSET
 ) -> Edit | None:
     """Delete everything outside a box of two corners, or of a map of the unit cube."""
     inside = by_volume.in_box(scene, _box(lo, hi, matrix))
