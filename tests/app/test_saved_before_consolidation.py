@@ -148,7 +148,8 @@ def test_every_operation_of_a_script_does_what_it_did(
     script = json.loads((saved / "operations.json").read_text())
     computed = next(i for i, item in enumerate(script) if item["op"] == "reduce")
     assert {item["op"] for item in script} | {"edit"} == set(OPERATIONS)
-    scene, titles = opened(saved / "project"), []
+    scene = opened(saved / "project")
+    titles: list[str] = []
     undo = History(scene)
     for operation in script[:computed]:
         before = digest(scene)

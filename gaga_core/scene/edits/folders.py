@@ -217,7 +217,11 @@ def leave_parent(
     home, parent = dict(now.home), dict(now.parent)
     for group in now.tops_of(groups):
         if group in now.parent:
-            _put_next_to(now, group, now.parent[group], home, parent)
+            above = parent.pop(group)
+            if above in now.parent:
+                parent[group] = now.parent[above]
+            else:
+                home[group] = now.home.get(above, "")
     return set_folders(scene, Folders.of(now.paths, home, parent), title)
 
 
@@ -243,14 +247,3 @@ def merge_places(
     elif top in now.home:
         home[into] = now.home[top]
     return set_folders(scene, Folders.of(now.paths, home, parent), title)
-
-
-def _put_next_to(
-    now: Folders, group: int, other: int, home: dict[int, str], parent: dict[int, int]
-) -> None:
-    """Note in ``home`` and ``parent`` that a group is where another one is."""
-    parent.pop(group, None)
-    if other in now.parent:
-        parent[group] = now.parent[other]
-    else:
-        home[group] = now.home.get(other, "")

@@ -329,7 +329,7 @@ def _free_ids(scene: Scene, levels: Levels, parts: LongArray) -> IntArray:
 # --- votes or identities ------------------------------------------------------------------------
 
 
-def use_labels(scene: Scene, source: LabelSource, title: str = "") -> Edit | None:
+def use_labels(scene: Scene, source: LabelSource) -> Edit | None:
     """Take the labels of the opened file's rows from ``source``; None when they are already.
 
     The labels in use are kept as they are, corrections by hand included, and come back when their
@@ -338,12 +338,12 @@ def use_labels(scene: Scene, source: LabelSource, title: str = "") -> Edit | Non
     """
     if source == scene.identities.source:
         return None
-    wanted, title = scene.identities.other, title or f"Labels by {source}"
+    wanted = scene.identities.other
     if wanted is None:
         raise GagaError(NO_IDENTITIES)
     kept = _in_use(scene, len(wanted.labels))
     after = replace(scene.identities, source=source, other=kept)
-    return _with_labels(scene, wanted, after, title)
+    return _with_labels(scene, wanted, after, f"Labels by {source}")
 
 
 def set_identities(
@@ -353,7 +353,6 @@ def set_identities(
     colors: UInt8Array,  # (M, 3)
     *,
     used: bool,
-    title: str = "Lift groups to identities",
 ) -> Edit | None:
     """The result of a lift: what its classifier says of each Gaussian (`identity.field`).
 
@@ -367,10 +366,10 @@ def set_identities(
     found, now = Labelling(labels, as_bytes(confidence)), scene.identities
     has_votes = now.source == "votes"
     votes = _in_use(scene, n) if has_votes else now.other
+    other, after = None if has_votes else votes, Identities("votes", found, colors)
     if used:
-        return _with_labels(scene, found, Identities("identities", votes, colors), title)
-    after = Identities("votes", found, colors)
-    return _with_labels(scene, None if has_votes else votes, after, title)
+        other, after = found, Identities("identities", votes, colors)
+    return _with_labels(scene, other, after, "Lift groups to identities")
 
 
 def _in_use(scene: Scene, n: int) -> Labelling:

@@ -104,7 +104,10 @@ def _place(
     if resets:
         sources = np.concatenate([in_place, parted])
         after = replace(after, matrix=_of_files(scene, splats, old, sources))
-    if _same(old, after):
+    columns = (
+        (getattr(old, name), getattr(after, name)) for name in ("matrix", "color", "opacity")
+    )
+    if all(np.array_equal(a, b) for a, b in columns):
         return None
     goes = np.isin(scene.placement[splats], parted)
     return SetPlacement(
@@ -144,14 +147,6 @@ def composed(
     )
 
 
-def _same(a: Placements, b: Placements) -> bool:
-    return (
-        np.array_equal(a.matrix, b.matrix)
-        and np.array_equal(a.color, b.color)
-        and np.array_equal(a.opacity, b.opacity)
-    )
-
-
 # --- the scene as a whole -----------------------------------------------------------------------
 
 
@@ -186,19 +181,15 @@ def set_scale(scene: Scene, length: float, metres: float, about: AnyArray) -> Ed
     factor = metres / length
     if not _LEAST_SCALE < factor < _MOST_SCALE:
         raise GagaError(f"The scene would become {factor:.3g} times as large. Check the lengths.")
-    return move_scene(scene, _about(factor, about), "Set scale", is_metric=True)
+    offset = (1 - factor) * np.asarray(about, np.float64)
+    grown = np.column_stack([factor * np.eye(3), offset])
+    return move_scene(scene, grown, "Set scale", is_metric=True)
 
 
 def set_origin(scene: Scene, point: AnyArray) -> Edit | None:
     """Move everything so that a point (3,), world, becomes the origin."""
     offset = -np.asarray(point, np.float64)
     return move_scene(scene, np.column_stack([np.eye(3), offset]), "Set origin")
-
-
-def _about(factor: float, point: AnyArray) -> DoubleArray:
-    """The map (3, 4) that scales about a point (3,)."""
-    centre = np.asarray(point, np.float64)
-    return np.column_stack([factor * np.eye(3), (1 - factor) * centre])
 
 
 # --- copies -------------------------------------------------------------------------------------

@@ -115,9 +115,7 @@ def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
 # --- splats of other files ----------------------------------------------------------------------
 
 
-def append(
-    scene: Scene, splats: Gaussians, path: Path, digest: str, title: str = ""
-) -> Edit | None:
+def append(scene: Scene, splats: Gaussians, path: Path, digest: str) -> Edit | None:
     """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
 
     Groups of the file (a column ``group``) become new groups, named after the file; splats without
@@ -125,8 +123,7 @@ def append(
     whole, and are drawn, sorted, picked and selected together with all others.
     """
     path = Path(path).absolute()
-    title = title or f"Add {path.name}"
-    stem = path.name.split(".")[0] or path.stem
+    title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
     first = free_group(scene)
     if scene.bank is not None:  # which may make groups of the next ids
         first = -(-first // _GAP) * _GAP

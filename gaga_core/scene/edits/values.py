@@ -8,7 +8,7 @@ shallow copy of the scene (``dataclasses.replace(scene)``) keeps a consistent sn
 also means that an edit that fails half-way has changed nothing.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -373,27 +373,30 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
             scene.revision.placement += 1
 
 
+def _of_columns(make: Callable[..., AnyArray], *tables: Placements) -> Placements:
+    """A table whose columns ``make`` makes of those of the others."""
+    names = ("matrix", "color", "opacity")
+    return Placements(*(make(*(getattr(table, name) for table in tables)) for name in names))
+
+
 def take_rows(table: Placements, rows: IntArray) -> Placements:
     """The chosen rows of a placement table, as a copy."""
-    return Placements(table.matrix[rows], table.color[rows], table.opacity[rows])
+    return _of_columns(lambda column: column[rows], table)
 
 
 def _resized(table: Placements, n_rows: int) -> Placements:
     """The first rows of a table; identities at its end where there are not as many."""
     fresh = Placements.identity(max(n_rows - len(table), 0))
-    return Placements(
-        np.concatenate([table.matrix[:n_rows], fresh.matrix]),
-        np.concatenate([table.color[:n_rows], fresh.color]),
-        np.concatenate([table.opacity[:n_rows], fresh.opacity]),
-    )
+    return _of_columns(lambda old, new: np.concatenate([old[:n_rows], new]), table, fresh)
 
 
 def _with_rows(table: Placements, rows: IntArray, values: Placements) -> Placements:
-    result = Placements(table.matrix.copy(), table.color.copy(), table.opacity.copy())
-    result.matrix[rows] = values.matrix
-    result.color[rows] = values.color
-    result.opacity[rows] = values.opacity
-    return result
+    def written(column: AnyArray, of_rows: AnyArray) -> AnyArray:
+        column = column.copy()
+        column[rows] = of_rows
+        return column
+
+    return _of_columns(written, table, values)
 
 
 # --- splats that are added ----------------------------------------------------------------------
