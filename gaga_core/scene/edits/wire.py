@@ -162,15 +162,15 @@ def of_json(
             return msgspec.convert(value, SetEntry).index_set(most_rows)
         if kind is PackedInts:
             return msgspec.convert(value, IntsEntry).ints(most_rows)
-        (wanted, *_), dtypes = get_args(kind), get_args(kind)[1:]
+        parameters = get_args(kind)  # of an array: shape and dtype; of what is kept: its type
         if get_origin(kind) is np.ndarray:
-            return _table(value, get_args(dtypes[0])[0])
-        if wanted is Gaussians:
+            return _table(value, get_args(parameters[1])[0])
+        if parameters == (Gaussians,):
             columns = msgspec.convert(value, list[ColumnEntry])
             return Kept(splats_of({c.name: _unpacked(c.data, c.dtype, c.shape) for c in columns}))
         if kept is None:
             raise ValueError("a value that only an undo history has")
-        return Kept(kept(wanted, msgspec.convert(value, Row)))
+        return Kept(kept(parameters[0], msgspec.convert(value, Row)))
 
     try:
         edit: Edit = msgspec.convert(content, AnyEdit, dec_hook=value_of)
