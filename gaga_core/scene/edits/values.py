@@ -200,8 +200,12 @@ class SetField(Edit, frozen=True):
     def _write(self, scene: Scene, *, forth: bool) -> None:
         value = self.after if forth else self.before
         value = value.value if isinstance(value, Kept) else value
-        setattr(scene, str(self.__struct_config__.tag), value)
-        scene.revision.labels += 1
+        field_name = str(self.__struct_config__.tag)
+        setattr(scene, field_name, value)
+        if field_name == "frame":
+            scene.revision.placements += 1
+        else:
+            scene.revision.labels += 1
 
 
 class SetBank(SetField, frozen=True, tag="bank"):
@@ -225,15 +229,11 @@ class SetIdentities(SetField, frozen=True, tag="identities"):
     after: Kept[Identities]
 
 
-class SetFrame(Edit, frozen=True, tag="frame"):
+class SetFrame(SetField, frozen=True, tag="frame"):
     """How the whole scene was moved."""
 
     before: Frame
     after: Frame
-
-    def _write(self, scene: Scene, *, forth: bool) -> None:
-        scene.frame = self.after if forth else self.before
-        scene.revision.placements += 1
 
 
 # --- tables by group or name --------------------------------------------------------------------
