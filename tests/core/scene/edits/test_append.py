@@ -23,7 +23,7 @@ from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.script import run_script
-from tests.core.scene.edits.edit_walk import columns, snapshot
+from tests.core.scene.edits.edit_walk import snapshot
 from tests.scenes import random_gaussians
 
 
@@ -71,25 +71,6 @@ def test_added_splats_are_splats_like_all_others(room: Path, chair: Path) -> Non
     assert group not in scene.labels[:200]
     assert np.array_equal(scene.has(State.SELECTED), np.arange(290) >= 200)
     assert scene.n_opened == 200
-
-
-def test_undo_takes_every_bit_back_and_redo_brings_it_again(room: Path, chair: Path) -> None:
-    scene = opened(room).scene
-    history = History(scene)
-    before = snapshot(scene)
-    add(history, scene, chair)
-    history.do(edits.duplicate(scene, np.arange(195, 205)))
-    add(history, scene, room)
-    after = snapshot(scene)
-    for _ in range(3):
-        history.undo()
-    assert snapshot(scene) == before
-    assert scene.added == ()
-    assert all(c.flags.c_contiguous for c in columns(scene).values())
-    for _ in range(3):
-        history.redo()
-    assert snapshot(scene) == after
-    assert scene.n_rows_of_files == 490
 
 
 def test_it_moves_as_a_whole_on_a_row_of_its_own(room: Path, chair: Path) -> None:
