@@ -22,7 +22,7 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from tests.bench.rooms import solid, surface_of
 
 _BEHIND = 0.003  # of the depth: what lies deeper is hidden
