@@ -1,49 +1,121 @@
-"""Builder of the edit that adds the splats of another file, and what reads such scenes."""
+"""Builders of edits that select, hide, lock and delete splats, and add those of other files."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, IntArray
+from gaga_core.arrays import AnyArray, BoolArray, IntArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
 from gaga_core.io.splats.spz import OURS
 from gaga_core.progress import Stage
-from gaga_core.scene.edits.append_values import AppendSplats, joined
-from gaga_core.scene.edits.duplicate import free_group
-from gaga_core.scene.edits.state import select
-from gaga_core.scene.edits.values import Edit, SetNames, together
+from gaga_core.scene.edits.objects import free_group
+from gaga_core.scene.edits.values import (
+    AppendFile,
+    AppendMade,
+    Edit,
+    FlipState,
+    Kept,
+    SetNames,
+    joined,
+    read_added_stage,
+    together,
+)
 from gaga_core.scene.frame import Frame
-from gaga_core.scene.index_set import PackedInts
+from gaga_core.scene.index_set import PackedInts, sorted_indices
 from gaga_core.scene.scene import Added, Scene, State
 from gaga_core.scene.selection.algebra import world_means
 
+How = Literal["set", "add", "remove", "intersect"]
+_NOTHING = State(0)
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 
 
-def read_added_stage(
-    path: Path, digest: str = "", axes: str = OURS
-) -> Stage[tuple[Gaussians, str]]:
-    """Splats of a file to be added, and its fingerprint; with ``digest``: it must be that one.
-
-    ``axes``: of an .spz that does not say its own.
-
-    Raises ``GagaError`` with one sentence when the file is gone, changed or damaged.
-    """
-    path = Path(path).absolute()
-    if digest and not path.is_file():
-        raise GagaError(f"The added splats are gone: {path}. Put the file back.")
-    found = model_fingerprint(path)
-    if digest and not is_same_model(path, digest):
-        raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
-    return (yield from read_splats_stage(path, axes)), found
+def set_state(
+    scene: Scene, indices: AnyArray, on: State, off: State, title: str
+) -> FlipState | None:
+    """Turn bits ``on`` and ``off`` for these splats."""
+    rows = sorted_indices(indices, len(scene))
+    old = scene.state[rows]
+    changed = np.zeros(len(scene), np.uint8)
+    changed[rows] = old ^ ((old | np.uint8(on)) & ~np.uint8(off))
+    return FlipState.of(title, changed)
 
 
-def append(
-    scene: Scene, splats: Gaussians, path: Path, digest: str, title: str = ""
-) -> Edit | None:
+def select(
+    scene: Scene, indices: AnyArray, how: How = "set", title: str = "Select"
+) -> FlipState | None:
+    """Change the selection; deleted and locked splats cannot be selected."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[sorted_indices(indices, len(scene))] = True
+    selected = scene.has(State.SELECTED)
+    if how == "set":
+        target = chosen
+    elif how == "add":
+        target = selected | chosen
+    elif how == "remove":
+        target = selected & ~chosen
+    elif how == "intersect":
+        target = selected & chosen
+    else:
+        raise ValueError(f"how: expected set, add, remove or intersect, got {how!r}")
+    target = target & ~scene.has(State.DELETED | State.LOCKED)
+    changed: UInt8Array = (target != selected).view(np.uint8) * np.uint8(State.SELECTED)
+    return FlipState.of(title, changed)
+
+
+def hide(scene: Scene, indices: AnyArray, title: str = "Hide") -> FlipState | None:
+    """Hide splats; what is not seen is not selected either."""
+    return set_state(scene, indices, State.HIDDEN, State.SELECTED, title)
+
+
+def show(scene: Scene, indices: AnyArray, title: str = "Show") -> FlipState | None:
+    """Show hidden splats."""
+    return set_state(scene, indices, _NOTHING, State.HIDDEN, title)
+
+
+def show_all(scene: Scene, title: str = "Show all") -> FlipState | None:
+    """Show everything that is hidden."""
+    return show(scene, scene.has(State.HIDDEN), title)
+
+
+def isolate(scene: Scene, indices: AnyArray, title: str = "Isolate") -> FlipState | None:
+    """Show these splats and hide all others."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[sorted_indices(indices, len(scene))] = True
+    hidden, selected = np.uint8(State.HIDDEN), np.uint8(State.SELECTED)
+    old = scene.state
+    new = np.where(chosen, old & ~hidden, (old | hidden) & ~selected)
+    new = np.where(scene.has(State.DELETED), old, new)
+    return FlipState.of(title, old ^ new)
+
+
+def lock(scene: Scene, indices: AnyArray, title: str = "Lock") -> FlipState | None:
+    """Protect splats from being selected."""
+    return set_state(scene, indices, State.LOCKED, State.SELECTED, title)
+
+
+def unlock(scene: Scene, indices: AnyArray, title: str = "Unlock") -> FlipState | None:
+    """Let splats be selected again."""
+    return set_state(scene, indices, _NOTHING, State.LOCKED, title)
+
+
+def delete(scene: Scene, indices: AnyArray, title: str = "Delete") -> FlipState | None:
+    """Delete splats (a bit: rows stay until export)."""
+    return set_state(scene, indices, State.DELETED, State.SELECTED, title)
+
+
+def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
+    """Bring back everything that was deleted."""
+    return set_state(scene, scene.has(State.DELETED), _NOTHING, State.DELETED, title)
+
+
+# --- splats of other files ----------------------------------------------------------------------
+
+
+def append(scene: Scene, splats: Gaussians, path: Path, digest: str) -> Edit | None:
     """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
 
     Groups of the file (a column ``group``) become new groups, named after the file; splats without
@@ -51,24 +123,16 @@ def append(
     whole, and are drawn, sorted, picked and selected together with all others.
     """
     path = Path(path).absolute()
-    title = title or f"Add {path.name}"
-    stem = path.name.split(".")[0] or path.stem
+    title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
     first = free_group(scene)
     if scene.bank is not None:  # which may make groups of the next ids
         first = -(-first // _GAP) * _GAP
     labels, names = _groups(splats, first, stem)
-    edit = AppendSplats(
-        title=title,
-        n=len(scene),
-        n_rows=len(scene.placements),
-        n_sh=scene.gaussians.sh.shape[1],
-        columns=tuple(scene.gaussians.extra),
-        splats=splats,
-        labels=PackedInts.of(labels),
-        added=Added(str(path), digest, scene.n_rows_of_files, len(splats), frame=scene.frame.rows),
-    )
-    named = SetNames("Rename", tuple((group, None) for group, _ in names), names)
-    return together(title, (select(scene, np.zeros(0, np.int32)), edit, named))
+    place = _at_end(scene, labels, State.SELECTED)
+    edit = AppendFile(title, *place, str(path), digest, OURS, scene.frame.rows)
+    edit.__dict__["splats"] = splats  # read already
+    unselect = select(scene, np.zeros(0, np.int32))
+    return together(title, (unselect, edit, SetNames.of(scene, names)))
 
 
 def append_made(
@@ -79,7 +143,7 @@ def append_made(
     state: State = State.SELECTED,
     *,
     merged_from: Frame | None = None,
-) -> AppendSplats | None:
+) -> AppendMade | None:
     """Add splats (K,), world, that no file has, with their groups ``labels`` (K,).
 
     They are kept in the project and in scripts themselves. ``merged_from``: they are made of splats
@@ -87,27 +151,20 @@ def append_made(
     """
     if len(splats) == 0:
         return None
-    origin = "", "", scene.n_rows_of_files, len(splats)
-    return AppendSplats(
-        title=title,
-        n=len(scene),
-        n_rows=len(scene.placements),
-        n_sh=scene.gaussians.sh.shape[1],
-        columns=tuple(scene.gaussians.extra),
-        splats=splats,
-        labels=PackedInts.of(labels.astype(np.int32)),
-        added=Added(
-            *origin,
-            frame=(merged_from or scene.frame).rows,
-            is_merged=merged_from is not None,
-        ),
-        state=state,
-    )
+    frame, is_merged = (merged_from or scene.frame).rows, merged_from is not None
+    return AppendMade(title, *_at_end(scene, labels, state), Kept(splats), frame, is_merged)
 
 
-def _groups(
-    splats: Gaussians, first: int, stem: str
-) -> tuple[IntArray, tuple[tuple[int, str | None], ...]]:
+def _at_end(
+    scene: Scene, labels: IntArray, state: State
+) -> tuple[PackedInts, int, int, int, int, int, tuple[str, ...]]:
+    """What `AppendSplats` has of the scene."""
+    sizes = scene.n_rows_of_files, len(scene), len(scene.placements), scene.gaussians.sh.shape[1]
+    packed = PackedInts.of(labels.astype(np.int32))
+    return packed, int(state), *sizes, tuple(scene.gaussians.extra)
+
+
+def _groups(splats: Gaussians, first: int, stem: str) -> tuple[IntArray, dict[int, str]]:
     """New labels (K,) from ``first`` on, and the names of the new groups."""
     column = splats.extra.get("group")
     if column is None or column.dtype.kind not in "iu":
@@ -115,7 +172,7 @@ def _groups(
     ids, places = np.unique(np.maximum(column.astype(np.int64), 0), return_inverse=True)
     names = [stem if group == 0 else f"{stem} {group}" for group in ids.tolist()]
     labels = (first + places).astype(np.int32)
-    return labels, tuple((first + i, name) for i, name in enumerate(names))
+    return labels, {first + i: name for i, name in enumerate(names)}
 
 
 def with_added_stage(
