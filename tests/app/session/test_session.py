@@ -20,9 +20,6 @@ from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
 _W, _H = 320, 240
 
 
-# --- opening
-
-
 def test_open_a_folder(session: Session) -> None:
     assert session.title == "table"
     assert len(session.cameras) == 8

@@ -9,11 +9,17 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from functools import partial
 from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as native
 
+from gaga_core.io.splats.splat_files import READ_SUFFIXES
+from gaga_core.placing.photos import VIDEO_SUFFIXES
+from gaga_studio.actions import camera_path, files, fill, masks
+from gaga_studio.session.requests import Request
+from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -157,12 +163,12 @@ def _path_row(dialog: FileDialog) -> None:
     imgui.same_line()
     if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
         imgui.open_popup("Places")
-    _places(dialog)
+    widgets.popup("Places", lambda: _places(dialog))
     imgui.same_line()
     if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
         dialog._new_name = "New folder"
         imgui.open_popup("New folder")
-    _new_folder(dialog)
+    widgets.popup("New folder", lambda: _new_folder(dialog))
     imgui.same_line()
     shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
@@ -171,13 +177,9 @@ def _path_row(dialog: FileDialog) -> None:
 
 def _places(dialog: FileDialog) -> None:
     """Folders of the person and of the system that are here, one click away."""
-    if not imgui.begin_popup("Places"):
-        return
     for i, place in enumerate(places()):
         if imgui.menu_item_simple(f"{icons.FOLDER_PLAIN}  {place.name or place}###place {i}"):
             _enter(dialog, place)
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 def places() -> list[Path]:
@@ -190,8 +192,6 @@ def places() -> list[Path]:
 
 def _new_folder(dialog: FileDialog) -> None:
     """Ask for a name and make the folder; it is entered at once."""
-    if not imgui.begin_popup("New folder"):
-        return
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(em(14))
@@ -200,8 +200,6 @@ def _new_folder(dialog: FileDialog) -> None:
     if entered and dialog._new_name.strip():
         _make_folder(dialog, dialog.folder / dialog._new_name.strip())
         imgui.close_current_popup()
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 def _make_folder(dialog: FileDialog, folder: Path) -> None:
@@ -261,8 +259,7 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
 
 def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
-        with theme.text_color(theme.WARN):
-            imgui.text_unformatted(widgets.elided(dialog.message, em(40)))
+        widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
     imgui.set_next_item_width(-1)
     hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
     flags = imgui.InputTextFlags_.enter_returns_true
@@ -344,3 +341,124 @@ def _list(dialog: FileDialog) -> None:
         wanted = dialog.suffixes
         files = [p for p in children if p.is_file() and (not wanted or p.suffix.lower() in wanted)]
     dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())
+
+
+# --- The file dialogs that commands ask for: what they are called, where they begin, what follows.
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a request asks for, and who gets the path."""
+
+    title: str
+    kind: PathKind
+    then: Callable[[Session, Path], object]
+    suffixes: tuple[str, ...] = ()
+    action: str = "Open"
+    ending: str = ""  # of the proposed name, after that of the scene
+    needs_scene: bool = True
+
+
+_ASKED = {
+    Request.OPEN_FOLDER: _Asked(
+        "Open a scene folder", PathKind.OPEN_FOLDER, Session.open, needs_scene=False
+    ),
+    Request.OPEN_FILE: _Asked(
+        "Open a splat file, a project or a video",
+        PathKind.OPEN_FILE,
+        Session.open,
+        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
+        needs_scene=False,
+    ),
+    Request.INPAINTING_MODEL: _Asked(
+        "Choose an inpainting model",
+        PathKind.OPEN_FILE,
+        fill.choose_model,
+        (".pt", ".pth", ".ts"),
+        "Use",
+        needs_scene=False,
+    ),
+    Request.ADD_SPLATS: _Asked(
+        "Add the splats of another file",
+        PathKind.OPEN_FILE,
+        files.add_splats,
+        READ_SUFFIXES,
+        "Add",
+    ),
+    Request.IMPORT_MASK_FOLDER: _Asked(
+        "Import masks from a folder", PathKind.OPEN_FOLDER, masks.import_from, action="Import"
+    ),
+    Request.IMPORT_MASK_FILE: _Asked(
+        "Import masks from a file",
+        PathKind.OPEN_FILE,
+        masks.import_from,
+        (".json", ".npz", ".npy"),
+        "Import",
+    ),
+    Request.SAVE_AS: _Asked(
+        "Save the project in a folder",
+        PathKind.NEW_FOLDER,
+        Session.save,
+        action="Save",
+        ending=".gaga",
+    ),
+    Request.SAVE_SCRIPT: _Asked(
+        "Save the edits as a script",
+        PathKind.SAVE_FILE,
+        files.save_script,
+        (".json",),
+        "Save",
+        " edits.json",
+    ),
+    Request.OPEN_PATH: _Asked(
+        "Open a camera path", PathKind.OPEN_FILE, camera_path.open_path_file, (".json",)
+    ),
+    Request.SAVE_PATH: _Asked(
+        "Save the camera's path",
+        PathKind.SAVE_FILE,
+        camera_path.save_path_file,
+        (".json",),
+        "Save",
+        " path.json",
+    ),
+}
+
+
+def openers(picker: FilePicker) -> dict[Request, Callable[[Session], object]]:
+    """What asks for a path, by request; but for opening there must be a scene."""
+    return {request: partial(_ask, picker, asked) for request, asked in _ASKED.items()}
+
+
+def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
+    if asked.needs_scene and session.document is None:
+        return
+    name = f"{stem(session)}{asked.ending}" if asked.ending else ""
+    start = start_folder(session)
+    dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
+    picker.ask(dialog, partial(asked.then, session))
+
+
+def start_folder(session: Session) -> Path:
+    """The folder of what is open, else of what was open last, else the user's own."""
+    places = []
+    if session.project is not None:
+        folder = session.project.folder
+        places.append(folder.root if folder is not None else session.project.model_path.parent)
+    places += [Path(name).parent for name in session.settings.recent[:1]]
+    return next((place for place in places if place.is_dir()), Path.home())
+
+
+def stem(session: Session) -> str:
+    """The name of the open scene without a suffix: what file names begin with."""
+    return Path(session.document.name).stem if session.document is not None else ""
+
+
+def new_folder(title: str, session: Session, name: str, action: str = "Export") -> FileDialog:
+    """A dialog for a folder that is made."""
+    return FileDialog(title, PathKind.NEW_FOLDER, start_folder(session), name, action=action)
+
+
+def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:
+    """A dialog for a file that is written."""
+    start = start_folder(session)
+    return FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")

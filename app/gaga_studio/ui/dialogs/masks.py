@@ -1,4 +1,4 @@
-"""Dialogs of masks: who makes them and how, a try on one photo, the form of an export."""
+"""The sheets that make masks, find objects from them, and add new photos and masks."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -9,20 +9,28 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.weights import models_folder
-from gaga_studio.actions import mask_settings, masks, models
+from gaga_studio.actions import add_views, files, identities, mask_settings, masks, models
 from gaga_studio.actions.masks import MaskForm, MaskPreview, MaskRequest, Views
-from gaga_studio.session.next_stage import duration_text
+from gaga_studio.session.find_options import FindOptions, lift_mode
+from gaga_studio.session.next_stage import duration_text, training_text
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
-from gaga_studio.ui.dialogs.open_and_save import new_folder, start_folder, stem
-from gaga_studio.ui.kit import icons, mask_images, photo_textures, theme, widgets
+from gaga_studio.session.settings import Settings
+from gaga_studio.ui.dialogs.files import (
+    FileDialog,
+    FilePicker,
+    PathKind,
+    new_folder,
+    start_folder,
+    stem,
+)
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -53,13 +61,7 @@ class MaskDialog:
     form: MaskForm = "dataset"  # of the export
 
 
-def register(table: RequestTable) -> None:
-    """Answer the requests for both dialogs."""
-    table.register_popup(Request.MAKE_MASKS, MAKE)
-    table.register_popup(Request.EXPORT_MASKS, EXPORT)
-
-
-def draw(session: Session, dialog: MaskDialog, files: FilePicker) -> None:
+def draw_make_masks(session: Session, dialog: MaskDialog, files: FilePicker) -> None:
     """Whatever is open of them; ``files`` asks for paths."""
     if dialog.reopens and files.dialog is None:
         dialog.reopens = False
@@ -117,7 +119,7 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
     if imgui.begin_child("How", ImVec2(0, height if is_wide else height * 0.5)):
         _details(session, dialog, entry)
     imgui.end_child()
-    _actions(session, dialog, entry)
+    _make_row(session, dialog, entry)
     return wants_model
 
 
@@ -132,12 +134,9 @@ def _entry(dialog: MaskDialog) -> ProviderEntry | None:
 
 
 def _introduction(session: Session, dialog: MaskDialog) -> None:
-    imgui.push_text_wrap_pos(0.0)
-    if not masks.has_model(dialog.entries) and not dialog.own:
-        widgets.dim(masks.first_steps(), wrap=True)
-    else:
-        widgets.dim("Each photo is cut into masks; Find objects then joins them in 3D.", wrap=True)
-    imgui.pop_text_wrap_pos()
+    joins = "Each photo is cut into masks; Find objects then joins them in 3D."
+    has_model = masks.has_model(dialog.entries) or dialog.own
+    widgets.dim(joins if has_model else masks.first_steps(), wrap=True)
     folders = masks.mask_folders(session)
     if folders:
         imgui.align_text_to_frame_padding()
@@ -204,7 +203,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     if entry is None:
         widgets.dim("Choose who makes the masks.")
         return
-    imgui.push_text_wrap_pos(0.0)
     with theme.face(strong=True):
         imgui.text_wrapped(entry.title)
     facts = _facts(entry)
@@ -213,7 +211,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
     if not entry.is_available:
         imgui.dummy(ImVec2(0, em(0.2)))
         imgui.text_wrapped(entry.reason)
-        imgui.pop_text_wrap_pos()
         if entry.page and widgets.button("Get", Face("Get it…", primary=True)):
             imgui.close_current_popup()
             session.request = Request.MODELS
@@ -222,7 +219,6 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         if entry.page and widgets.button("Copy the address", Face("Copy the address of its page")):
             imgui.set_clipboard_text(entry.page)
         return
-    imgui.pop_text_wrap_pos()
     _settings(session, dialog, entry)
     _preview(session, dialog)
 
@@ -236,10 +232,10 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         imgui.text_wrapped(str(error))
         return
     if mask_settings.has_profile(entry):
-        is_paper = settings.profile == "paper"
-        changed, is_paper = widgets.checkbox("As in the paper", is_paper)
-        widgets.tooltip("SAM: 64 points a side, predicted IoU 0.7; EntitySeg: no mask is dropped")
-        if changed:
+        was = settings.profile == "paper"
+        hint = "SAM: 64 points a side, predicted IoU 0.7; EntitySeg: no mask is dropped"
+        is_paper = widgets.tick("As in the paper", was, hint)
+        if is_paper != was:
             settings = mask_settings.with_profile(settings, paper=is_paper)
     for slider in mask_settings.SLIDERS[kind]:
         value = mask_settings.value_of(settings, slider, entry)
@@ -248,12 +244,12 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         if changed:
             settings = mask_settings.with_value(settings, slider, entry, value)
     views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
-    _, redo = widgets.checkbox("Make them again", request.redo)
-    widgets.tooltip("Also where masks of the same settings are there already")
+    hint = "Also where masks of the same settings are there already"
+    redo = widgets.tick("Make them again", request.redo, hint)
     use_depth = request.use_depth
     if kind == "regions":
-        _, use_depth = widgets.checkbox("Use the depth of the splats", use_depth)
-        widgets.tooltip("Tells an object from what it stands on; takes a little longer")
+        hint = "Tells an object from what it stands on; takes a little longer"
+        use_depth = widgets.tick("Use the depth of the splats", use_depth, hint)
     dialog.request = replace(
         request, settings=settings, views=views, redo=redo, use_depth=use_depth
     )
@@ -310,10 +306,10 @@ def _preview(session: Session, dialog: MaskDialog) -> None:
 
 def _picture(session: Session, dialog: MaskDialog) -> None:
     preview, folder = dialog.preview, session.need().project.folder
-    aspect = photo_textures.aspect(session, dialog.view)
+    aspect = textures.aspect(session, dialog.view)
     width = min(imgui.get_content_region_avail().x, em(24))
     if preview is None or preview.view != dialog.view or folder is None:
-        photo_textures.place(photo_textures.photo(session, dialog.view), width, aspect)
+        textures.place(textures.photo(session, dialog.view), width, aspect)
         return
     path = folder.image_paths.get(preview.view)
     texture = None
@@ -323,7 +319,7 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
     seconds = f" in {preview.seconds:.1f} s" if preview.seconds else ""
     stale = ", with other settings" if preview.request != dialog.request else ""
     widgets.dim(f"{preview.n_masks} masks{seconds}{stale}")
-    photo_textures.place(texture, width, aspect)
+    textures.place(texture, width, aspect)
     if dialog.n_seen != dialog.n_previews:  # what was asked for is seen
         dialog.n_seen = dialog.n_previews
         imgui.set_scroll_here_y(1.0)
@@ -331,13 +327,13 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
 
 def _mixed(path: Path, preview: MaskPreview) -> UInt8Array:
     labels = np.asarray(preview.labels, np.int32)
-    return mask_images.photo_with_masks(path, lambda: labels, None, mask_images.LARGE, {})
+    return textures.tint_masks(path, lambda: labels, None, textures.LARGE, {})
 
 
 # --- the row of buttons
 
 
-def _actions(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
+def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
     n = len(masks.photos_of(session, dialog.request.views))
@@ -381,3 +377,171 @@ def _export(dialog: MaskDialog) -> bool:
     if widgets.button("Close") or goes:
         imgui.close_current_popup()
     return goes
+
+
+# --- The sheet Find objects: the preset, and the switches of the paper, folded away.
+
+FIND_OBJECTS = "Find objects"
+_NAMES = 11.0  # width of the names of fields, ems
+_PRESETS = (
+    ("robust", "", "Robust", "Groups by the agreement of all views"),
+    ("paper", "", "Paper", "The published method: memory bank view by view, trained identities"),
+)
+_IDENTITIES = {
+    "preset": "As the preset has it",
+    "none": "None",
+    "vote": "By vote, in seconds",
+    "refine": "By vote, then a few training steps",
+    "paper": "Trained from zeros, as published",
+}
+_DEPTHS = {"expected": "Expected", "median": "Median", "none": "None: all behind the mask"}
+_ORDERS = {"name": "By name", "coverage": "Widest views first"}
+_PSEUDO = {"masks": "Masks with their groups", "bank": "The splatted bank"}
+_VOID = {False: "Left out", True: "Trained as no group"}
+_MOST_ITERATIONS = 100_000
+
+
+def draw_find_objects(session: Session) -> None:
+    """The sheet, while it is open."""
+    if not begin_modal(FIND_OBJECTS, em(32), is_possible=session.document is not None):
+        return
+    _head(session)
+    most = ImVec2(1e6, body_height(em(24)))
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), most)  # grows as sections are unfolded
+    imgui.begin_child("Switches", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
+    _association(session)
+    _identities(session)
+    imgui.end_child()
+    _find_row(session)
+    imgui.end_popup()
+
+
+def _head(session: Session) -> None:
+    widgets.dim("Masks of single photos are joined in 3D: a thing is one object.", wrap=True)
+    settings = session.settings
+    preset = widgets.segmented("Preset", _PRESETS, settings.preset, why_not={})
+    if preset != settings.preset:
+        session.change_settings(replace(settings, preset=preset))
+    imgui.same_line(0, em(1))
+    draw_choice(session, -1)
+
+
+def _association(session: Session) -> None:
+    """Switches of section 3.2 of the paper; what they show at first is what the preset has."""
+    if not widgets.section("Memory bank (section 3.2)"):
+        return
+    options, preset = session.find_options, AssociateConfig.of(session.settings.preset)
+    threshold = options.threshold or preset.threshold
+    changed, threshold = _number("Overlap threshold", threshold, 0.01, 1.0)
+    widgets.tooltip("Least share of a mask's splats in a group that it joins; published: 0.1")
+    if changed:
+        options = replace(options, threshold=threshold)
+    f = preset.gate.iqr_factor if options.inlier_factor is None else options.inlier_factor
+    changed, f = _number("Inlier factor f", f, 0.0, 4.0)
+    widgets.tooltip("Depths up to Q3 + f times the IQR of a mask's depths count; published: 1")
+    if changed:
+        options = replace(options, inlier_factor=f)
+    for name, label, named in (
+        ("depth", "Depth of a pixel", _DEPTHS),
+        ("order", "Order of the views", _ORDERS),
+    ):
+        now = getattr(options, name) or getattr(preset, name)
+        chosen = widgets.choice(label, named, now, em(_NAMES))
+        if chosen != now:
+            options = replace(options, **{name: chosen})
+    session.find_options = options
+
+
+def _identities(session: Session) -> None:
+    """Switches of section 3.3."""
+    if not widgets.section("Identity encodings (section 3.3)"):
+        return
+    settings, options = session.settings, session.find_options
+    chosen = widgets.choice("Identities", _IDENTITIES, settings.identities, em(_NAMES))
+    if chosen != settings.identities:
+        session.change_settings(replace(settings, identities=chosen))
+    lift, paper = options.lift, options.lift.paper
+    widgets.field_name("Training steps", em(_NAMES))
+    changed, n = imgui.input_int("##Training steps", paper.iterations, 1000)
+    widgets.tooltip("Of identities that are trained from zeros; published: 10,000")
+    n = min(max(n, 2), _MOST_ITERATIONS)
+    hint = "What identities are trained on: figure 2 and the published code, or the text"
+    pseudo = widgets.choice("Pseudo labels", _PSEUDO, lift.pseudo, em(_NAMES), hint=hint)
+    void = widgets.choice("Pixels without a mask", _VOID, paper.rows.train_void, em(_NAMES))
+    switched = lift.switched(n if changed else None, train_void=void)
+    session.find_options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
+
+
+def _find_row(session: Session) -> None:
+    imgui.dummy(ImVec2(0, em(0.2)))
+    job = session.jobs.running
+    busy = "" if job is None else f"{job.title} is still running."
+    no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
+    mode = lift_mode(session.settings)
+    then = " and train" if mode == "paper" else ""
+    hint = training_text(session.find_options.lift) if then else ""
+    face = Face(f"Find objects{then}", icons.RUN, primary=True)
+    if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
+        imgui.close_current_popup()
+        files.associate(session)
+    imgui.same_line()
+    bank = session.need().scene.bank
+    why_not = busy or no_masks or ("" if bank else "There are no groups of masks yet.")
+    hint = "Identities of the groups that are here; the groups stay"
+    if widgets.button("Lift", Face("Lift only"), why_not=why_not, hint=hint):
+        imgui.close_current_popup()
+        identities.lift(session)
+    imgui.same_line()
+    as_preset = session.find_options == FindOptions()
+    as_preset &= session.settings.identities == Settings().identities
+    same = "All is as the preset has it." if as_preset else ""
+    if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
+        session.find_options = FindOptions()
+        session.change_settings(replace(session.settings, identities="preset"))
+    imgui.same_line()
+    if widgets.button("Close"):
+        imgui.close_current_popup()
+
+
+def _number(text: str, value: float, low: float, high: float) -> tuple[bool, float]:
+    widgets.field_name(text, em(_NAMES))
+    flags = imgui.SliderFlags_.always_clamp
+    return imgui.slider_float(f"##{text}", value, low, high, "%.2f", flags)
+
+
+# --- The sheet Add new photos and masks: what joins, and what happens to what a person did.
+
+ADD_VIEWS = "Add new photos and masks"
+_NAMED = 4  # photos
+
+
+def draw_add_views(session: Session) -> None:
+    """The sheet, while it is open."""
+    if not begin_modal(ADD_VIEWS, em(30), is_possible=session.document is not None):
+        return
+    draw_choice(session, -1)
+    names, bare = add_views.new_views(session), add_views.bare_text(session)
+    n = len(names)
+    shown = ", ".join(names[:_NAMED]) + (", …" if n > _NAMED else "")
+    if names:
+        took = "has masks that took" if n == 1 else "have masks that took"
+        widgets.dim(f"{n:,} photo{'' if n == 1 else 's'} {took} no part yet: {shown}", wrap=True)
+    if bare:
+        widgets.dim(bare, wrap=True)
+    widgets.dim(
+        "Only these are looked at: their masks join the objects, or make new ones.", wrap=True
+    )
+    imgui.dummy(ImVec2(0, em(0.2)))
+    for sentence in add_views.consequences(session):
+        widgets.dim(f"•  {sentence}", wrap=True)
+    imgui.dummy(ImVec2(0, em(0.2)))
+    job = session.jobs.running
+    busy = "" if job is None else f"{job.title} is still running."
+    face = Face("Add", icons.RUN, primary=True)
+    if widgets.button("Add views", face, why_not=busy or add_views.why_not(session)):
+        imgui.close_current_popup()
+        add_views.start(session)
+    imgui.same_line()
+    if widgets.button("Close"):
+        imgui.close_current_popup()
+    imgui.end_popup()
