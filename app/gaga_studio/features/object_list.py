@@ -11,6 +11,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, IntArray, UInt8Array
 from gaga_core.grouping.levels import Levels
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
+from gaga_core.scene.edits.objects import parting
 from gaga_core.scene.folders import Folders, is_inside, parent_of, parents_of
 from gaga_core.scene.object_picture import (
     MOST_DRAWN,
@@ -18,7 +19,7 @@ from gaga_core.scene.object_picture import (
     object_picture,
     object_view,
 )
-from gaga_core.scene.objects import ObjectTable, confidence_of_groups, group_indices, parting
+from gaga_core.scene.objects import ObjectTable, confidence_of_groups, group_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.features.find.memory_bank import quality_column
 from gaga_studio.features.find.search import SearchState

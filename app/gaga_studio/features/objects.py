@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.folders import name_of
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State

@@ -11,8 +11,8 @@ from gaga_core.camera import Camera
 from gaga_core.evaluate.photo_film import TRUTH
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.masks import resize_labels
-from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
 from gaga_studio.features.base import Command, busy, no_photos, watch

@@ -4,7 +4,7 @@ and brush, and the window's own commands."""
 from collections.abc import Callable
 from dataclasses import replace
 
-from gaga_core.scene.edits.identities import NO_IDENTITIES
+from gaga_core.scene.edits.objects import NO_IDENTITIES
 from gaga_studio.features.base import (
     Command,
     Reason,

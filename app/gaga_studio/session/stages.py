@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from gaga_core.demo import ensure_demo
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.io.folder.scene_folder import find_model
 from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.masks import MaskSet
@@ -24,10 +24,8 @@ T = TypeVar("T")
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
-    """Make the demo scene if it is not there yet, then open it."""
-    made = yield from ensure_demo(folder)
-    project = yield from open_path_stage(made)
-    return project
+    """Copy the demo scene to ``folder`` if it is not there yet, then open it."""
+    return (yield from open_path_stage((yield from ensure_demo(folder))))
 
 
 def open_stage(path: Path) -> "Stage[Project | PhotoFind]":

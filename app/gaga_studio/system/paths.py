@@ -25,7 +25,7 @@ def home() -> Path:
 
 
 def demo_scene() -> Path:
-    """Where the demo scene is made on first use."""
+    """Where the demo scene is copied to on first use."""
     return home() / "demo"
 
 

@@ -20,8 +20,8 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import ids_of_added, spread
-from gaga_core.scene.edits.identities import NO_IDENTITIES
+from gaga_core.scene.edits.objects import NO_IDENTITIES
+from gaga_core.scene.edits.splats import ids_of_added, spread
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import LabelSource
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch

@@ -17,7 +17,7 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import camera

@@ -37,7 +37,7 @@ from gaga_core.query.embed import (
 from gaga_core.query.group_facts import GroupFacts, group_digests, group_facts
 from gaga_core.query.index import GroupIndex, n_stale
 from gaga_core.query.search import Answer, NounScorer, search_words
-from gaga_core.scene.edits.groups import name_groups
+from gaga_core.scene.edits.objects import name_groups
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.scene import Scene, State
 from gaga_core.segmentation.models.weights import models_folder

@@ -49,8 +49,6 @@ def status_text(session: Session, tool: Tool) -> str:
     document = session.document
     if session.training is not None:
         return "The splats are shown as they are trained. Drag orbits, the wheel zooms."
-    if session.first_splats is not None:
-        return "The demo is made, once; its first splats are shown. Drag orbits, the wheel zooms."
     if session.photos is not None:
         return "Make splats of these photos, or open something else."
     if document is None:
