@@ -8,6 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, check_shape
 
+NEAR = 0.01  # scene units: what is nearer to a camera is not drawn, here and in all shaders
 MOST_PIXELS = 65_536  # of a side of a picture
 _NUMBER = re.compile("([0-9]+)")
 

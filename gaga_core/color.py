@@ -6,9 +6,6 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, check_shape
 
-# --- Spherical harmonics of color, and the colors of groups and of depth.
-
-
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # red, green, blue of a luminance (Rec. 709)
 _C1 = 0.4886025119029199

@@ -179,12 +179,6 @@ def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, 
     return linear, target.mean(axis=0) - linear @ source.mean(axis=0)
 
 
-# --- Is a model of structure from motion right? A wrong one must not pass without a word.
-# Mapping can place every photo and still be wrong: two halves turned against each other, a focal
-# length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
-# use up: the verified matches of every pair of photos, held against the poses of the model.
-
-
 _SHARED = MeasureConfig().shared
 _NAMED = 4  # photos named in a sentence
 

@@ -77,11 +77,6 @@ def _turn(of: LongArray, turns: DoubleArray, first: LongArray, second: LongArray
     return result
 
 
-# --- Why photos were not placed: what the photos and their matches say, in sentences.
-# Looked at after each attempt, so that the next one does what may help and a person reads a
-# reason.
-
-
 _NAMED = 3  # photos named in a sentence
 
 

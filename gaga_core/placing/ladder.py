@@ -111,11 +111,6 @@ def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
     )
 
 
-# --- Placement that tries again: attempts from cheap to thorough, until the photos are placed.
-# Each attempt has a reason, learned from what the one before left out, and the time that all may
-# take is bounded. The best of them counts: first one that the checks accept, then the most photos.
-
-
 STAGE = "Try again"
 _SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
 _EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do

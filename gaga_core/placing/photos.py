@@ -93,11 +93,6 @@ def shrunk(picture: UInt8Array, longest_side: int) -> UInt8Array:
     return np.asarray(image)
 
 
-# --- The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
-# Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
-# and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.
-
-
 STAGE = "Look at photos"
 FEWEST = 3  # photos: two to train on and one held out
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")

@@ -41,9 +41,6 @@ def option(name: str, value: str = "") -> str:
     return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
 
 
-# --- Structure from motion over prepared photos, each step in a process that can be ended.
-
-
 _TITLES = {
     "features": "Find features",
     "match": "Match photos",

@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.images import read_rgb
 from gaga_core.io.video import ffmpeg_program
-from gaga_core.placing.photos import sharpness
+from gaga_core.placing.photos import LOOK_SIDE, sharpness
 from gaga_core.progress import Progress, Stage
 
 # --- How a film moves, and which of its frames are worth to be placed.
@@ -170,13 +170,9 @@ def _halved(frame: UInt8Array) -> FloatArray:
     return result
 
 
-# --- Frames of a video: the sharpest of each place, or of each moment (through ffmpeg).
-
-
 STAGE = "Read video"
 _CANDIDATES = 3  # frames looked at for each one kept
 _MOST = 300  # frames kept of a long video
-_LOOK_SIDE = 640  # pixels: sharpness is compared at this size
 _USUAL_FPS = 2.0  # frames that are kept of a second of an unhurried film
 _USUAL_RATE, _USUAL_SIZE = 30.0, (1920, 1080)  # of a film whose header does not say
 
@@ -307,7 +303,7 @@ def _keep_sharpest(frames: list[Path], target: Path) -> Stage[tuple[Path, ...]]:
     for i in range(0, len(frames), _CANDIDATES):
         some = frames[i : i + _CANDIDATES]
         yield Progress("Choose sharp frames", i, len(frames))
-        best = max(some, key=lambda path: sharpness(read_rgb(path, _LOOK_SIDE)))
+        best = max(some, key=lambda path: sharpness(read_rgb(path, LOOK_SIDE)))
         kept.append(best.rename(target / f"frame_{len(kept) + 1:05d}.jpg"))
         for path in some:
             path.unlink(missing_ok=True)

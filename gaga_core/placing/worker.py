@@ -319,14 +319,6 @@ def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray
     return vectors
 
 
-# --- ``python -m gaga_core.placing.worker SETTINGS.json``: one step of structure from
-# motion.
-# Run in a process of its own: pycolmap's C++ may abort, and ending the process is how a step is
-# cancelled. Prints one JSON object a line: ``{"done": 3, "total": 11, "message": ".."}`` for
-# progress, ``{"failed": ".."}`` for a failure (exit status 1), among the lines of COLMAP's log.
-# All state is in the workspace folder, so a step that was ended is simply run again.
-
-
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _MOST_MODELS = 4  # of one mapping that are looked at
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features

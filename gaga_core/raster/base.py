@@ -18,24 +18,10 @@ from typing import Protocol
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, check_shape
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.vote_slots import VoteSlots
 
-# --- What every rasterizer can do: the operators that the method is made of.
-# All backends share one image model (3D Gaussian Splatting, Kerbl 2023): EWA projection with the
-# Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagonal of the 2D
-# covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 are dropped; a
-# pixel is done when its transmittance would fall under 1e-4; front to back by camera depth of the
-# centres.
-#
-# Gaussians whose comments say so are drawn in the antialiased (mip) mode: a splat's opacity is
-# multiplied by sqrt(det of its covariance without the 0.3 / det with it), so that what is smaller
-# than a pixel does not grow brighter (Yu 2024, Mip-Splatting; as gsplat and SuperSplat do it).
-# Gradients are those of the mode that is drawn.
-
-
-NEAR = 0.01  # scene units; centres nearer than this are not drawn
 BLUR = 0.3  # pixels^2 added to the 2D covariance
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.99

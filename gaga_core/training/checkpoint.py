@@ -67,9 +67,6 @@ class Exposures:
         self.values[:] -= self.values.mean(axis=0) - np.array([[1.0] * 3, [0.0] * 3])
 
 
-# --- A training on disk: what it takes to go on as if it had never stopped.
-
-
 _FORMAT = 1
 _PARTS = ("values", "first", "second")
 _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result

@@ -17,11 +17,6 @@ from gaga_core.training.losses_kernels import add_view
 from gaga_core.training.optimizer import COLUMNS, Splats
 from gaga_core.training.settings import DensityConfig
 
-# --- Density control by screen gradients: clone, split, prune (Kerbl 2023, section 5.2).
-# A clone and its original share the opacity such that both together cover as much as the one
-# before (Rota Bulo 2024): the picture stays, and no later pass has to undo a sudden thickening.
-
-
 _SHRINK = 1.6  # parts of a split splat are smaller by this (Kerbl 2023)
 
 

@@ -59,9 +59,6 @@ class SingleWorker:
 SINGLE_WORKER = SingleWorker()
 
 
-# --- What drives a training: the part that the CPU's and the CUDA engine share.
-
-
 _EXPOSURE_END = 0.01  # share of the exposures' learning rate at the end
 _ORDER = 0  # what random numbers are drawn for; engines use other numbers
 

@@ -258,9 +258,6 @@ def even_directions(n: int) -> DoubleArray:
     return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)
 
 
-# --- What a training starts from: points, what covers the holes between them, and a background.
-
-
 _LARGEST = 0.05  # standard deviation, x the distance to the nearest camera
 _RESERVED = 4  # points leave one part in so many of the cap to what covers holes
 _SHELL = 20  # the shell takes at most one part in so many of the cap

@@ -86,11 +86,6 @@ class Keeper:
             self._took = self._last - start
 
 
-# --- Training of Gaussians on posed photos: 3D Gaussian Splatting (Kerbl 2023), view by view.
-# Deterministic from the seed: the same views and settings give the same splats, bit for bit, on
-# any number of threads, and whether or not the training was stopped and taken up again in between.
-
-
 STAGE = "Train splats"
 _log = logging.getLogger(__name__)
 

@@ -232,9 +232,6 @@ def _columns(parameters: Parameters) -> tuple[Tensor, ...]:
     )
 
 
-# --- The gsplat backend of `raster.base.Rasterizer`.
-
-
 class CudaRasterizer:
     """gsplat behind the operators of `raster.base`; arrays go in and come out as numpy.
 

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from gaga_core.arrays import AnyArray, FloatArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import ALPHA_MIN, BLUR, NEAR
+from gaga_core.raster.base import ALPHA_MIN, BLUR
 
 # --- EWA projection in plain torch and float64, on whatever device the picture is blended.
 # Autograd goes through it where its parameters ask for gradients.
@@ -149,9 +149,6 @@ def _rotations(quats: Tensor) -> Tensor:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
-
-
-# --- What a camera sees, on the device: projected splats and the list of each tile.
 
 
 TILE = 16
