@@ -47,8 +47,7 @@ class Camera:
     def position(self) -> DoubleArray:
         """Centre of projection (3,), world."""
         rotation = self.cam_from_world[:3, :3]
-        result: DoubleArray = -rotation.T @ self.cam_from_world[:3, 3]
-        return result
+        return -rotation.T @ self.cam_from_world[:3, 3]
 
     @cached_property
     def forward(self) -> DoubleArray:

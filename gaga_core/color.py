@@ -51,14 +51,12 @@ _RGB_FROM_XYZ = np.array(
 
 def rgb_from_dc(dc: FloatArray) -> FloatArray:
     """Color (..., 3) of the degree-0 SH coefficient, not clipped."""
-    result: FloatArray = (0.5 + SH_C0 * dc).astype(np.float32)
-    return result
+    return (0.5 + SH_C0 * dc).astype(np.float32)
 
 
 def dc_from_rgb(rgb: FloatArray) -> FloatArray:
     """Degree-0 SH coefficient (..., 3) of a color."""
-    result: FloatArray = ((np.asarray(rgb) - 0.5) / SH_C0).astype(np.float32)
-    return result
+    return ((np.asarray(rgb) - 0.5) / SH_C0).astype(np.float32)
 
 
 def sh_basis(directions: DoubleArray, degree: int) -> DoubleArray:
@@ -127,8 +125,7 @@ def shades(hue: IntArray, shade: IntArray) -> FloatArray:
     lightness = np.array(_LIGHTNESS)[shade % len(_LIGHTNESS)]
     chroma = _CHROMA[0]
     lab = np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], axis=1)
-    result: FloatArray = _rgb_from_lab(lab).astype(np.float32)
-    return result
+    return _rgb_from_lab(lab).astype(np.float32)
 
 
 def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
@@ -138,8 +135,7 @@ def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
     xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
     root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
     x, y, z = np.moveaxis(root, -1, 0)
-    result: DoubleArray = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-    return result
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
@@ -158,8 +154,7 @@ def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
 def colorize_labels(labels: IntArray) -> FloatArray:
     """RGB picture (H, W, 3) of a label map (H, W)."""
     palette = group_palette(int(labels.max(initial=0)))
-    result: FloatArray = palette[np.maximum(labels, 0)]
-    return result
+    return palette[np.maximum(labels, 0)]
 
 
 def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
@@ -170,8 +165,7 @@ def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
     color = np.zeros((*depth.shape, 3), np.float32)
     for coefficients in DEPTH_POLYNOMIAL:
         color = color * t + np.array(coefficients, np.float32)
-    result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
-    return result
+    return np.clip(color, 0, 1).astype(np.float32)
 
 
 # --- Rotation of spherical-harmonic color, degrees 0 to 4, in the basis of 3D Gaussian Splatting.

@@ -165,8 +165,7 @@ def _moved(
         linear, shift = _similarity(source[rows], target[rows])
         off = np.linalg.norm(source @ linear.T + shift - target, axis=1)
         rows = np.argsort(off, kind="stable")[: max(3, int(config.kept * len(source)))]
-    result: DoubleArray = points @ linear.T + shift
-    return result
+    return points @ linear.T + shift
 
 
 def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, DoubleArray]:

@@ -36,8 +36,7 @@ class Cycles:
 
     def open(self, degrees: float) -> BoolArray:
         """Triplets (T,) that miss by more than ``degrees``."""
-        result: BoolArray = self.errors > degrees
-        return result
+        return self.errors > degrees
 
 
 def photo_cycles(
@@ -71,10 +70,7 @@ def _turn(of: LongArray, turns: DoubleArray, first: LongArray, second: LongArray
     ``of`` (n, n) is the index of a pair, -1 where the pair is known the other way round.
     """
     forth, back = of[first, second], of[second, first]
-    result: DoubleArray = np.where(
-        (forth >= 0)[:, None, None], turns[forth], turns[back].transpose(0, 2, 1)
-    )
-    return result
+    return np.where((forth >= 0)[:, None, None], turns[forth], turns[back].transpose(0, 2, 1))
 
 
 _NAMED = 3  # photos named in a sentence

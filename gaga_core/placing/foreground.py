@@ -88,8 +88,7 @@ def moving_part(differs: BoolArray) -> BoolArray:
     if n == 0:
         return np.zeros_like(differs)
     sizes = np.bincount(parts.ravel())[1:]
-    result: BoolArray = binary_dilation(parts == 1 + int(sizes.argmax()), iterations=3)
-    return result
+    return binary_dilation(parts == 1 + int(sizes.argmax()), iterations=3)
 
 
 def paint_background(photos: Sequence[Photo], pictures: Path, masks: Path) -> Stage[None]:

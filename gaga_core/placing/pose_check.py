@@ -141,8 +141,7 @@ def _as_facts(
 
 
 def _homogeneous(pixels: DoubleArray) -> DoubleArray:
-    result: DoubleArray = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
-    return result
+    return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
 
 
 def _root(paths: Sequence[Path]) -> Path:

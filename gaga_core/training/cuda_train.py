@@ -284,8 +284,7 @@ def _photometric(image: Tensor, target: Tensor, dissimilarity: float) -> Tensor:
     c1, c2 = 0.01**2, 0.03**2
     similar = (2 * ma * mb + c1) * (2 * ab + c2) / ((ma**2 + mb**2 + c1) * (aa + bb + c2))
     apart = (image - target).abs().mean()
-    loss: Tensor = (1 - dissimilarity) * apart + dissimilarity * (1 - similar.mean())
-    return loss
+    return (1 - dissimilarity) * apart + dissimilarity * (1 - similar.mean())
 
 
 def _by_name(gaussians: Gaussians) -> dict[str, FloatArray]:
@@ -300,5 +299,4 @@ def _gaussians(tensors: dict[str, Any]) -> Gaussians:
 
 
 def _fetch(tensor: Tensor) -> FloatArray:
-    result: FloatArray = np.array(tensor.detach().cpu().numpy(), np.float32)
-    return result
+    return np.array(tensor.detach().cpu().numpy(), np.float32)

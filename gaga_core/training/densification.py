@@ -39,8 +39,7 @@ class ScreenSums:
     def mean(self) -> FloatArray:
         """Mean screen gradient (N,) over the views that drew each splat."""
         n_views = np.maximum(self.n_views, 1).astype(np.float32)
-        result: FloatArray = np.divide(self.gradient, n_views)
-        return result
+        return np.divide(self.gradient, n_views)
 
 
 def quota(config: DensityConfig, n_splats: int, moment: float, step: float) -> int:
@@ -94,8 +93,7 @@ def shared_opacity(logits: FloatArray) -> FloatArray:
     """Logits of the opacity that covers, twice over each other, as much as ``logits`` once."""
     # 1 - sqrt(1 - o) with 1 - o = 1 / (1 + e^x)
     through = 0.5 * np.logaddexp(0.0, logits.astype(np.float64))  # -log(1 - new)
-    result: FloatArray = np.log(np.expm1(through)).astype(np.float32)
-    return result
+    return np.log(np.expm1(through)).astype(np.float32)
 
 
 def reset_opacities(splats: Splats, opacity: float) -> None:
@@ -222,8 +220,7 @@ def _share(splats: Splats, sources: LongArray, least: float) -> None:
 
 
 def _logit(opacity: DoubleArray) -> FloatArray:
-    result: FloatArray = np.log(opacity / (1 - opacity)).astype(np.float32)
-    return result
+    return np.log(opacity / (1 - opacity)).astype(np.float32)
 
 
 def _forget(splats: Splats, rows: LongArray) -> None:

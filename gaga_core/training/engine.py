@@ -212,5 +212,4 @@ def thinned(gaussians: Gaussians, share: float, rng: np.random.Generator) -> Thi
 
 def _logit(opacities: DoubleArray) -> DoubleArray:
     inside = np.clip(opacities, 1e-9, 1 - 1e-9)
-    result: DoubleArray = np.log(inside / (1 - inside))
-    return result
+    return np.log(inside / (1 - inside))

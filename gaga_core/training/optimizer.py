@@ -120,8 +120,7 @@ def camera_extent(positions: DoubleArray) -> float:
 
 def as_rows(column: FloatArray) -> FloatArray:
     """A column (N, ...) as a matrix (N, C); also of no rows, where numpy cannot tell C."""
-    rows: FloatArray = column.reshape(len(column), math.prod(column.shape[1:]))
-    return rows
+    return column.reshape(len(column), math.prod(column.shape[1:]))
 
 
 def _zeros_like(gaussians: Gaussians) -> Gaussians:

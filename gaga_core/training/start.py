@@ -158,8 +158,7 @@ class CameraBall:
         a, b = (rays**2).sum(axis=1), rays @ (eye - self.middle)
         c = ((eye - self.middle) ** 2).sum() - self.radius**2
         far = (np.sqrt(b**2 - a * c) - b) / a
-        result: DoubleArray = np.where(is_near, np.maximum(depth, far), depth)
-        return result
+        return np.where(is_near, np.maximum(depth, far), depth)
 
 
 def _opaque(gaussians: Gaussians) -> Gaussians:

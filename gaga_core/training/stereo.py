@@ -113,12 +113,11 @@ def _photos(views: Sequence[TrainView]) -> list[_Photo]:
 def _inside(camera: Camera, points: DoubleArray) -> BoolArray:
     """Whether each of ``points`` (P, 3) falls into the picture."""
     pixels, depths = camera.project(points)
-    result: BoolArray = (
+    return (
         (depths > 0)
         & (pixels > 0).all(axis=1)
         & (pixels < [camera.width, camera.height]).all(axis=1)
     )
-    return result
 
 
 def _sources(

@@ -79,11 +79,9 @@ class _TorchTeam:
         """Element-wise mean over the team."""
         total = torch.from_numpy(values.copy()).to(self._device)
         dist.all_reduce(total)
-        result: DoubleArray = total.cpu().numpy() / self.size
-        return result
+        return total.cpu().numpy() / self.size
 
     def _sum(self, values: FloatArray) -> FloatArray:
         total = torch.from_numpy(values).to(self._device)
         dist.all_reduce(total)
-        result: FloatArray = total.cpu().numpy()
-        return result
+        return total.cpu().numpy()

@@ -267,5 +267,4 @@ def fetch(tensor: Tensor) -> FloatArray:
 
 def indices(view: View) -> LongArray:
     """Gaussians (n,) of the rows of a view."""
-    result: LongArray = view.index.cpu().numpy()
-    return result
+    return view.index.cpu().numpy()
