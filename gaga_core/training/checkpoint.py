@@ -93,6 +93,18 @@ class TrainState:
     measured: DoubleArray  # (M, 3) iteration, held-out PSNR in dB, SSIM
     best: Best | None = None  # where `TrainConfig.keeps_best` asks for it
 
+    @staticmethod
+    def first(gaussians: Gaussians, n_views: int, iterations: int) -> "TrainState":
+        """The start of a training of so many ``iterations``; ``gaussians`` are copied."""
+        return TrainState(
+            0,
+            Splats.of(gaussians),
+            ScreenSums.empty(len(gaussians)),
+            Exposures.neutral(n_views),
+            np.zeros(iterations, np.float32),
+            np.zeros((0, 3)),
+        )
+
 
 def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_workers: int) -> str:
     """Digest of all that a training starts from: equal only for the same training."""

@@ -20,16 +20,15 @@ from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster.base import Rasterizer, TrainableRasterizer
 from gaga_core.training.checkpoint import (
     Best,
-    Exposures,
     TrainState,
     digest_of,
     load_checkpoint,
     save_checkpoint,
 )
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import SINGLE_WORKER, Engine, Setting, Team
-from gaga_core.training.optimizer import Splats, camera_extent, with_degree
+from gaga_core.training.distributed import SINGLE_WORKER, Team
+from gaga_core.training.engine import Engine, Setting
+from gaga_core.training.optimizer import camera_extent, with_degree
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.views import HeldOutQuality, TrainView, TrainViews, quality_stage
 
@@ -140,7 +139,8 @@ def train_stage(
     the same splats. Raises ``GagaError`` when the checkpoint is damaged or cannot be written.
     """
     half = yield from _half_views(views.train, config)
-    state = _start(initial, views, config)
+    first = with_degree(initial, min(initial.sh_degree, config.sh_degree))
+    state = TrainState.first(first, len(views.train), config.iterations)
     digest = ""
     if checkpoint is not None:
         digest = digest_of(initial, views, config, team.size)
@@ -209,17 +209,6 @@ def _half_views(views: Sequence[TrainView], config: TrainConfig) -> Stage[tuple[
         yield Progress("Halve photos", i, len(views), view.camera.name)
         half.append(view.smaller(0.5))
     return tuple(half)
-
-
-def _start(initial: Gaussians, views: TrainViews, config: TrainConfig) -> TrainState:
-    return TrainState(
-        iteration=0,
-        splats=Splats.of(with_degree(initial, min(initial.sh_degree, config.sh_degree))),
-        sums=ScreenSums.empty(len(initial)),
-        exposures=Exposures.neutral(len(views.train)),
-        losses=np.zeros(config.iterations, np.float32),
-        measured=np.zeros((0, 3)),
-    )
 
 
 def _is_due(state: TrainState, config: TrainConfig) -> bool:

@@ -3,12 +3,9 @@
 import itertools
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from gaga_core.training.checkpoint import Exposures, TrainState, iteration_of
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.optimizer import Splats
+from gaga_core.training.checkpoint import TrainState, iteration_of
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.train import Keeper, seconds_between
 from tests.scenes import random_gaussians
@@ -56,14 +53,7 @@ class _Resting:
 
 def test_one_file_and_only_when_due(tmp_path: Path) -> None:
     clock = [0.0]
-    state = TrainState(
-        0,
-        Splats.of(random_gaussians(5)),
-        ScreenSums.empty(5),
-        Exposures.neutral(2),
-        np.zeros(100, np.float32),
-        np.zeros((0, 3)),
-    )
+    state = TrainState.first(random_gaussians(5), 2, 100)
     engine = _Resting()
     keeper = Keeper(engine, tmp_path / "train.npz", "", 60.0, lambda: clock[0])  # type: ignore[arg-type]
     seen = []

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import FloatArray
-from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import HIGHEST, SINGLE_WORKER, Setting, thinned, turns_of
+from gaga_core.training.distributed import SINGLE_WORKER
+from gaga_core.training.engine import HIGHEST, Setting, thinned, turns_of
 from gaga_core.training.losses import photometric
-from gaga_core.training.optimizer import COLUMNS, Splats, adam_step
+from gaga_core.training.optimizer import COLUMNS, adam_step
 from gaga_core.training.settings import TrainConfig
 from tests.core.reconstruct.train_scenes import CPU, known_scene, short
 from tests.scenes import orbit_cameras, random_gaussians
@@ -77,19 +77,11 @@ def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored(
     config = replace(short(30), dropout=0.3, half_until=0.0)
     setting = Setting(known.views.train, (), config, 1.0, SINGLE_WORKER)
     n_views = len(known.views.train)
-    states = [
-        TrainState(
-            iteration=20,
-            splats=Splats.of(known.initial),
-            sums=ScreenSums.empty(len(known.initial)),
-            exposures=Exposures.neutral(n_views),
-            losses=np.zeros(30, np.float32),
-            measured=np.zeros((0, 3)),
-        )
-        for _ in range(2)
-    ]
+    states = [TrainState.first(known.initial, n_views, 30) for _ in range(2)]
     got, want = states
-    for state in states:  # without a past, Adam's step does not depend on a gradient's size
+    for state in states:
+        state.iteration = 20
+        # without a past, Adam's step does not depend on a gradient's size
         state.splats.second.logit_opacities[:] = 1e-6
     want.splats = want.splats.with_degree(config.degree_at(21 / 30))
     view = setting.view(turns_of(20, setting)[0].view, 21 / 30)

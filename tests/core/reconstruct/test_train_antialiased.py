@@ -9,11 +9,10 @@ import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.training import cuda_train
-from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import SINGLE_WORKER, Engine, Setting
-from gaga_core.training.optimizer import Splats
+from gaga_core.training.distributed import SINGLE_WORKER
+from gaga_core.training.engine import Engine, Setting
 from gaga_core.training.train import Trained, TrainUpdate, train_stage
 from gaga_core.training.views import TrainView, quality_stage
 from tests.core.reconstruct import train_gsplat
@@ -64,14 +63,7 @@ def test_both_engines_draw_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
             "cuda": partial(cuda_train.CudaEngine, device="cpu"),
         }
         for name, engine in engines.items():
-            state = TrainState(
-                0,
-                Splats.of(small),
-                ScreenSums.empty(21),
-                Exposures.neutral(2),
-                np.zeros(10, np.float32),
-                np.zeros((0, 3)),
-            )
+            state = TrainState.first(small, 2, 10)
             setting = Setting(views, (), config, 1.0, SINGLE_WORKER)
             engine(state, setting).advance(state)
             losses[name, antialiased] = float(state.losses[0])

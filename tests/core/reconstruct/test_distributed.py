@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.training.distributed import joined_team
-from gaga_core.training.engine import SINGLE_WORKER
+from gaga_core.training.distributed import SINGLE_WORKER, joined_team
 from gaga_core.training.optimizer import COLUMNS
 from gaga_core.training.train import TrainUpdate, train, train_stage
 from tests.core.reconstruct.train_scenes import CPU, known_scene
