@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from gaga_core.training.checkpoint import TrainState, iteration_of
-from gaga_core.training.settings import TrainConfig
 from gaga_core.training.train import Keeper, seconds_between
 from tests.scenes import random_gaussians
 
@@ -33,13 +32,6 @@ def test_writing_takes_little_time_and_a_crash_costs_little(length: float, took:
     assert len(written) * took <= 0.021 * length + took  # nothing is known before the first one
     for before, now in itertools.pairwise([0.0, *written]):
         assert now - before <= max(60.0, 50 * took, 0.1 * now) + took + 1
-
-
-def test_the_hour_of_a_standard_training_writes_a_tenth_of_what_it_did() -> None:
-    """177 MB each at 250,000 splats: 30 times in the first half hour, 120 by every 30 seconds."""
-    assert len(times(1800, 0.5)) <= 24
-    assert len(times(3600, 0.5)) <= 32
-    assert TrainConfig.of("standard").checkpoint_seconds == 60
 
 
 class _Resting:

@@ -13,17 +13,13 @@ from gaga_core.training.engine import HIGHEST, Setting, thinned, turns_of
 from gaga_core.training.losses import photometric
 from gaga_core.training.optimizer import COLUMNS, adam_step
 from gaga_core.training.settings import TrainConfig
-from tests.core.reconstruct.train_scenes import CPU, known_scene, short
+from tests.core.reconstruct.train_scenes import CPU, Known, short
 from tests.scenes import orbit_cameras, random_gaussians
-
-
-def test_no_share_changes_nothing() -> None:
-    gaussians = random_gaussians(50, seed=0)
-    assert thinned(gaussians, 0.0, np.random.default_rng(0)).gaussians is gaussians
 
 
 def test_what_is_left_covers_as_much_on_average() -> None:
     gaussians = random_gaussians(400, seed=0)
+    assert thinned(gaussians, 0.0, np.random.default_rng(0)).gaussians is gaussians
     gaussians = replace(gaussians, logit_opacities=np.linspace(-5, 1, 400).astype(np.float32))
     rng = np.random.default_rng(1)
     draws = np.array([thinned(gaussians, 0.25, rng).gaussians.opacities for _ in range(400)])
@@ -71,9 +67,10 @@ def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
     np.testing.assert_allclose(found, numeric, rtol=0.02, atol=0.01 * np.abs(numeric).max())
 
 
-def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored() -> None:
+def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored(
+    known: Known,
+) -> None:
     """An iteration of the engine, whose gradients come in pieces, against its single steps."""
-    known = known_scene()
     config = replace(short(30), dropout=0.3, half_until=0.0)
     setting = Setting(known.views.train, (), config, 1.0, SINGLE_WORKER)
     n_views = len(known.views.train)
