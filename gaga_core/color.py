@@ -107,12 +107,9 @@ def group_palette(n_groups: int) -> FloatArray:
     neighbours in id also differ for eyes that do not tell hues apart.
     """
     ids = np.arange(1, n_groups + 1)
-    hue = 2 * np.pi * ((0.57 + ids * _GOLDEN) % 1.0)
     chroma = np.array(_CHROMA)[ids % len(_CHROMA)]
-    lightness = np.array(_LIGHTNESS)[ids % len(_LIGHTNESS)]
-    lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=1)
     colors = np.full((n_groups + 1, 3), 0.22, np.float32)
-    colors[1:] = _rgb_from_lab(lab)
+    colors[1:] = _group_colors(ids, ids, chroma)
     return colors
 
 
@@ -121,11 +118,13 @@ def shades(hue: IntArray, shade: IntArray) -> FloatArray:
 
     ``shade`` (K,) is any number >= 0: it tells things of one hue apart by lightness alone.
     """
+    return _group_colors(hue, shade, np.full(len(hue), _CHROMA[0])).astype(np.float32)
+
+
+def _group_colors(hue: AnyArray, shade: AnyArray, chroma: DoubleArray) -> DoubleArray:
     angle = 2 * np.pi * ((0.57 + hue * _GOLDEN) % 1.0)
     lightness = np.array(_LIGHTNESS)[shade % len(_LIGHTNESS)]
-    chroma = _CHROMA[0]
-    lab = np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], axis=1)
-    return _rgb_from_lab(lab).astype(np.float32)
+    return _rgb_from_lab(np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], 1))
 
 
 def lab_from_rgb(rgb: AnyArray) -> DoubleArray:

@@ -178,20 +178,15 @@ def _fill(
     camera = view.camera
     alpha = rasterizer.render(known, camera).alpha
     pixels, depths = camera.project(points)
-    near = (
-        (depths > 0)
-        & (pixels > 0).all(axis=1)
-        & (pixels < [camera.width, camera.height]).all(axis=1)
-    )
+    near = camera.shows(pixels, depths)
     shows_something = (np.abs(view.target() - config.background) > _UNLIKE).any(axis=2)
     v, u = np.nonzero((alpha < _HOLE) & shows_something)
     if near.sum() < _AROUND or len(u) == 0:
         return known.take(np.zeros(0, np.int64))
-    at = np.stack([u, v], axis=1) + 0.5
+    at = np.stack([u, v], axis=1).astype(np.float64) + 0.5
     around = cKDTree(pixels[near]).query(at, _AROUND)[1]
     depth = np.quantile(depths[near][around], _FAR, axis=1)
-    rays = np.c_[(at - camera.K[:2, 2]) / [camera.K[0, 0], camera.K[1, 1]], np.ones(len(at))]
-    rays = rays @ camera.world_from_cam[:3, :3].T
+    rays = camera.rays(at)
     depth = ball.behind_others(camera.position, rays, depth)
     p_world = camera.position + rays * depth[:, None]
     size = _COVER_OVERLAP * depth / camera.K[0, 0]

@@ -83,7 +83,7 @@ def stereo_points_stage(
     """
     check_shape("points", points, ("P", 3))
     photos = _photos(views)
-    seen = [_inside(photo.camera, points) for photo in photos]
+    seen = [photo.camera.shows(*photo.camera.project(points)) for photo in photos]
     sources = [_sources(i, photos, points, seen) for i in range(len(photos))]
     pixels = np.concatenate([photo.grey.ravel() for photo in photos])
     maps: list[_DepthMap] = []
@@ -108,16 +108,6 @@ def _photos(views: Sequence[TrainView]) -> list[_Photo]:
         photos.append(_Photo(view, np.ascontiguousarray(grey, np.float32), offset))
         offset += grey.size
     return photos
-
-
-def _inside(camera: Camera, points: DoubleArray) -> BoolArray:
-    """Whether each of ``points`` (P, 3) falls into the picture."""
-    pixels, depths = camera.project(points)
-    return (
-        (depths > 0)
-        & (pixels > 0).all(axis=1)
-        & (pixels < [camera.width, camera.height]).all(axis=1)
-    )
 
 
 def _sources(
