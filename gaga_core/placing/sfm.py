@@ -46,8 +46,6 @@ _TITLES = {
     "match": "Match photos",
     "map": "Place photos",
     "map_relaxed": "Place photos",
-    "map_strict": "Place photos",
-    "map_global": "Place photos",
     "export": "Match photos",
     "undistort": "Undistort photos",
 }

@@ -12,7 +12,6 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +24,6 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.foreground import MASKS
-from gaga_core.placing.join import join_parts
-from gaga_core.placing.ladder import JOINED
 from gaga_core.placing.sfm import CameraGroup, StepSettings
 
 # --- What the checks need to know of a model: plain arrays that the worker writes.
@@ -446,39 +443,18 @@ def _write_similar(settings: StepSettings, workspace: Path) -> None:
 
 def _map(settings: StepSettings, workspace: Path) -> None:
     """An incremental mapping; with weaker demands when it finds no pair to start from."""
-    models, demands = _incremental(settings, workspace, "default"), "default"
-    if not models:
-        models, demands = _incremental(settings, workspace, "relaxed"), "relaxed"
-    _write_all(settings, workspace, "", models, demands)
+    models = _incremental(settings, workspace)
+    _write_all(settings, workspace, "", models or _incremental(settings, workspace, relaxed=True))
 
 
-def _map_with(settings: StepSettings, workspace: Path, demands: str) -> None:
-    _write_all(settings, workspace, demands, _incremental(settings, workspace, demands), demands)
-
-
-def _map_global(settings: StepSettings, workspace: Path) -> None:
-    """All photos at once (GLOMAP, Pan 2024). It can place every photo and still be wrong."""
-    out = _empty(workspace / "mapping")
-    options = pycolmap.GlobalPipelineOptions()
-    options.num_threads = settings.config.threads
-    options.random_seed = settings.config.seed
-    options.mapper.random_seed = settings.config.seed
-    options.mapper.rotation_averaging.random_seed = settings.config.seed
-    options.mapper.global_positioning.random_seed = settings.config.seed
-    options.mapper.global_positioning.use_gpu = False
-    options.mapper.bundle_adjustment.ceres.use_gpu = False
-    options.min_model_size = _least_model(settings)
-    _say({"done": 0, "total": 0, "message": "all photos at once"})
-    found = pycolmap.global_mapping(
-        workspace / "database.db", Path(settings.pictures), out, options
-    )
-    _write_all(settings, workspace, "global", found, "default")
+def _map_relaxed(settings: StepSettings, workspace: Path) -> None:
+    _write_all(settings, workspace, "relaxed", _incremental(settings, workspace, relaxed=True))
 
 
 def _incremental(
-    settings: StepSettings, workspace: Path, demands: str
+    settings: StepSettings, workspace: Path, *, relaxed: bool = False
 ) -> dict[int, pycolmap.Reconstruction]:
-    """Models of an incremental mapping with `_mapping_options` of ``demands``."""
+    """Models of an incremental mapping with `_mapping_options`."""
     n_photos = _n_photos(settings)
     out = _empty(workspace / "mapping")
     placed = 2
@@ -493,7 +469,7 @@ def _incremental(
         workspace / "database.db",
         Path(settings.pictures),
         out,
-        _mapping_options(settings, demands),
+        _mapping_options(settings, relaxed=relaxed),
         next_image_callback=next_photo,
     )
 
@@ -518,23 +494,17 @@ def _write_all(
     workspace: Path,
     folder: str,  # in the workspace
     models: dict[int, pycolmap.Reconstruction],
-    demands: str,
 ) -> None:
-    """Write the models, and to folder/joined what they become where parts can be joined.
-
-    Both are kept: which of them is right is for the checks to say.
-    """
+    """Write folder/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
+    target = workspace / folder
+    target.mkdir(exist_ok=True)
     chosen = _chosen_models(models)
-    _write_models(workspace, workspace / folder, chosen)
-    joined = chosen
-    if len(chosen) > 1:
-        _say({"done": 0, "total": 0, "message": "joining the parts"})
-        options = _mapping_options(settings, demands)
-        pictures = Path(settings.pictures)
-        joined = join_parts(chosen, workspace / "database.db", pictures, options)
-    shutil.rmtree(workspace / folder / JOINED, ignore_errors=True)
-    if len(joined) < len(chosen):
-        _write_models(workspace, workspace / folder / JOINED, joined)
+    sizes = [model.num_reg_images() for model in chosen]
+    for i, model in enumerate(chosen):
+        number = "" if i == 0 else f"_{i + 1}"
+        _round(model)
+        model.write_binary(_empty(target / f"model{number}"))
+        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
     shutil.rmtree(workspace / "mapping", ignore_errors=True)
 
 
@@ -554,17 +524,6 @@ def _chosen_models(
     return chosen
 
 
-def _write_models(workspace: Path, target: Path, models: Sequence[pycolmap.Reconstruction]) -> None:
-    """Write target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
-    target.mkdir(exist_ok=True)
-    sizes = [model.num_reg_images() for model in models]
-    for i, model in enumerate(models):
-        number = "" if i == 0 else f"_{i + 1}"
-        _round(model)
-        model.write_binary(_empty(target / f"model{number}"))
-        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
-
-
 def _round(model: pycolmap.Reconstruction) -> None:
     """Drop the last digits, which differ from run to run: threads add up in any order.
 
@@ -581,11 +540,12 @@ def _round(model: pycolmap.Reconstruction) -> None:
         camera.params = np.round(camera.params, _DECIMALS)
 
 
-def _mapping_options(settings: StepSettings, demands: str) -> pycolmap.IncrementalPipelineOptions:
+def _mapping_options(
+    settings: StepSettings, *, relaxed: bool
+) -> pycolmap.IncrementalPipelineOptions:
     """COLMAP's defaults, with a seed.
 
-    "relaxed" starts from a pair with fewer matches and places photos by fewer points; "strict"
-    believes only pairs with many matches, as things that look alike seldom share so many.
+    ``relaxed``: starts from a pair with fewer matches and places photos by fewer points.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = settings.config.threads
@@ -593,12 +553,10 @@ def _mapping_options(settings: StepSettings, demands: str) -> pycolmap.Increment
     options.mapper.random_seed = settings.config.seed
     options.triangulation.random_seed = settings.config.seed
     options.min_model_size = _least_model(settings)
-    if demands == "relaxed":
+    if relaxed:
         options.mapper.init_min_num_inliers = 30
         options.mapper.init_min_tri_angle = 4.0
         options.mapper.abs_pose_min_num_inliers = 15
-    if demands == "strict":
-        options.min_num_matches = 45
     return options
 
 
@@ -634,9 +592,7 @@ STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
     "map": _map,
-    "map_relaxed": partial(_map_with, demands="relaxed"),
-    "map_strict": partial(_map_with, demands="strict"),
-    "map_global": _map_global,
+    "map_relaxed": _map_relaxed,
     "export": _export,
     "undistort": _undistort,
 }
