@@ -8,9 +8,7 @@ from tests import gsplat_stand_in
 
 
 @pytest.fixture(params=["cpu", "stand-in", pytest.param("gsplat", marks=pytest.mark.cuda)])
-def engine(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> base.TrainableRasterizer:
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> base.Rasterizer:
     """The CPU; gsplat where a CUDA device is (else skipped); and everywhere the CUDA backend with a
     stand-in of gsplat in plain torch, several bands of pixels and pieces of Gaussians."""
     if request.param == "cpu":

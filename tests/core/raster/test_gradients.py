@@ -1,4 +1,4 @@
-"""Gradients of every backend are those of float64 autograd, and they train."""
+"""The CPU rasterizer's gradients are those of float64 autograd, and they train."""
 
 from dataclasses import replace
 from typing import Any
@@ -23,7 +23,6 @@ from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 CPU: base.TrainableRasterizer = CpuRasterizer()
 
 
-Engine = base.TrainableRasterizer
 BACKGROUND = np.array([0.2, 0.5, 0.7])
 COLUMNS = ("indices", *torch_reference.NAMES, "screen", "radii")
 
@@ -41,38 +40,25 @@ def autograd(
     return {name: torch_reference.gradient(leaf) for name, leaf in leaves.items()}
 
 
-def assert_matches(
-    engine: Engine, gaussians: Gaussians, camera: Camera
-) -> tuple[base.Gradients, AnyArray]:
+def assert_matches(gaussians: Gaussians, camera: Camera) -> tuple[base.Gradients, AnyArray]:
     """Compare every parameter kind under random gradients of image and alpha."""
     rng = np.random.default_rng(7)
     by_image = rng.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
     by_alpha = rng.normal(size=(camera.height, camera.width)).astype(np.float32)
-    if engine.name == "cuda":  # above an alpha of 0.99 backends differ in their limit
-        logits = np.minimum(gaussians.logit_opacities, 3.0).astype(np.float32)
-        gaussians = replace(gaussians, logit_opacities=logits)
     keywords = {"alpha_gradient": by_alpha, "background": BACKGROUND}
-    got = engine.backward(gaussians, camera, by_image, **keywords)
+    got = CPU.backward(gaussians, camera, by_image, **keywords)
     assert (np.diff(got.indices) > 0).all()
     want = autograd(gaussians, camera, by_image, by_alpha)
-    off = 1e-3 if engine.name == "cpu" else 2e-3
     for name in torch_reference.NAMES:
         ours = np.zeros_like(want[name])
         ours[got.indices] = getattr(got, name)
         size = np.linalg.norm(want[name])
         assert size > 0
-        assert np.linalg.norm(ours - want[name]) <= off * size, name
+        assert np.linalg.norm(ours - want[name]) <= 1e-3 * size, name
         assert (ours * want[name]).sum() > 0.9999 * size * np.linalg.norm(ours), name
     in_half_pictures = want["shift"] * [camera.width / 2, camera.height / 2]
     screen = np.linalg.norm(in_half_pictures, axis=1)
-    np.testing.assert_allclose(got.screen, screen[got.indices], atol=off * screen.max())
-    same = CPU.backward(gaussians, camera, by_image, **keywords)
-    # The CPU leaves splats out whose box, but not whose ellipse, touches the picture.
-    mine = np.isin(got.indices, same.indices)
-    np.testing.assert_array_equal(got.indices[mine], same.indices)
-    np.testing.assert_allclose(got.radii[mine], same.radii, rtol=1e-4)
-    for name in COLUMNS:
-        assert getattr(got, name).dtype == getattr(same, name).dtype
+    np.testing.assert_allclose(got.screen, screen[got.indices], atol=1e-3 * screen.max())
     return got, screen
 
 
@@ -80,10 +66,10 @@ def assert_matches(
     ("width", "height", "sh_degree"),
     [(61, 45, 0), (61, 45, 3), (33, 64, 1), (16, 16, 2), (7, 5, 4)],
 )
-def test_every_degree_of_color(engine: Engine, width: int, height: int, sh_degree: int) -> None:
+def test_every_degree_of_color(width: int, height: int, sh_degree: int) -> None:
     """Sizes that are no multiples of a tile; splats that cross the border of the picture."""
     gaussians = random_gaussians(120, seed=sh_degree, sh_degree=sh_degree)
-    assert_matches(engine, gaussians, orbit_cameras(5, width=width, height=height)[sh_degree])
+    assert_matches(gaussians, orbit_cameras(5, width=width, height=height)[sh_degree])
 
 
 def test_opaque_splats_behind_each_other() -> None:
@@ -98,32 +84,20 @@ def test_opaque_splats_behind_each_other() -> None:
     log_scales[:30] = np.log(0.4)
     logits = np.full(n, 6, np.float32)
     curtain = replace(gaussians, means=means, log_scales=log_scales, logit_opacities=logits)
-    got, screen = assert_matches(CPU, curtain, camera)
+    got, screen = assert_matches(curtain, camera)
     is_hidden = screen[got.indices] == 0
     assert 20 < is_hidden.sum() < 0.9 * len(is_hidden)
     for name in torch_reference.NAMES:
         assert not getattr(got, name)[is_hidden].any()
 
 
-def test_opaque_splats_descend_alike(engine: Engine) -> None:
-    """Alpha at its limit, which gsplat 1.5 sets at 0.999: the same direction of descent."""
-    scene = objects_scene(4, 60, sh_degree=1)
-    camera = scene.cameras[1].resized(77, 53)
-    opaque = replace(scene.gaussians, logit_opacities=scene.gaussians.logit_opacities + 4)
-    by_image = np.random.default_rng(0).normal(size=(53, 77, 3)).astype(np.float32)
-    got, want = (each.backward(opaque, camera, by_image) for each in (engine, CPU))
-    for name in torch_reference.NAMES:
-        a, b = getattr(got, name).ravel(), getattr(want, name).ravel()
-        assert (a * b).sum() > 0.95 * np.linalg.norm(a) * np.linalg.norm(b), name
-
-
-def test_splats_beyond_the_border_have_a_clamped_jacobian(engine: Engine) -> None:
+def test_splats_beyond_the_border_have_a_clamped_jacobian() -> None:
     """Large splats outside the view that reach into it, past 1.3 times the half field."""
     gaussians = random_gaussians(80, seed=5)
     camera = orbit_cameras(3, width=50, height=40, radius=1.4)[0]
     log_scales = (gaussians.log_scales + 1.2).astype(np.float32)
     gaussians = replace(gaussians, log_scales=log_scales)
-    got, screen = assert_matches(engine, gaussians, camera)
+    got, screen = assert_matches(gaussians, camera)
     means = gaussians.means[got.indices[screen[got.indices] > 0]].astype(np.float64)
     pixels, _ = camera.project(means)
     slope = np.abs(pixels - camera.K[:2, 2]) / [camera.width / 2, camera.height / 2]
@@ -136,7 +110,7 @@ def test_long_needles_around_the_camera() -> None:
     log_scales[:, 0] += 2.5
     log_scales[:, 1] -= 2.5
     needles = replace(gaussians, log_scales=log_scales)
-    assert_matches(CPU, needles, orbit_cameras(3, width=60, height=50, radius=0.9)[0])
+    assert_matches(needles, orbit_cameras(3, width=60, height=50, radius=0.9)[0])
 
 
 @pytest.mark.parametrize("smaller", [0.0, 2.0])
@@ -147,7 +121,7 @@ def test_the_antialiased_mode(smaller: float) -> None:
     log_scales[:50, 0] += 2  # needles
     mip = replace(gaussians, log_scales=log_scales).with_antialiasing(True)
     camera = orbit_cameras(5, width=61, height=45)[2]
-    got, _ = assert_matches(CPU, mip, camera)
+    got, _ = assert_matches(mip, camera)
     plain = CPU.backward(mip.with_antialiasing(False), camera, np.ones((45, 61, 3), np.float32))
     assert len(got.indices) <= len(plain.indices)
 
@@ -180,39 +154,30 @@ def test_rows_name_their_splats() -> None:
     np.testing.assert_array_equal(seen, CPU.render(gaussians, camera).image)
 
 
-def test_nothing_in_view(engine: Engine) -> None:
+def test_nothing_in_view() -> None:
     camera = orbit_cameras(1, width=40, height=30)[0]
     behind = random_gaussians(50, sh_degree=1)
     behind = replace(behind, means=(behind.means + camera.position * 5).astype(np.float32))
     target = np.zeros((30, 40, 3), np.float32)
     for gaussians in (random_gaussians(0), behind):
-        step = engine.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
+        step = CPU.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
         np.testing.assert_allclose(step.image[3, 4], BACKGROUND, rtol=1e-6)
-        want = CPU.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
-        for name in COLUMNS:
-            got = getattr(step.gradients, name)
-            assert got.shape == getattr(want.gradients, name).shape
-            assert got.dtype == getattr(want.gradients, name).dtype
+        assert len(step.gradients.indices) == 0
 
 
 @pytest.mark.parametrize("column", ["means", "sh"])
-def test_broken_splats_spoil_no_others(engine: Engine, column: str) -> None:
+def test_broken_splats_spoil_no_others(column: str) -> None:
     gaussians = random_gaussians(90, seed=4, sh_degree=1)
-    logits = np.minimum(gaussians.logit_opacities, 3.0).astype(np.float32)
-    gaussians = replace(gaussians, logit_opacities=logits)
     camera = orbit_cameras(3, width=48, height=40)[1]
     values = getattr(gaussians, column).copy()
     values[::3] = np.nan
     ones, broken = np.ones((40, 48, 3), np.float32), replace(gaussians, **{column: values})
-    got, ours = (each.backward(broken, camera, ones) for each in (engine, CPU))
-    np.testing.assert_array_equal(got.indices, ours.indices)
+    got = CPU.backward(broken, camera, ones)
     rest = CPU.backward(gaussians.take(np.arange(90)[np.arange(90) % 3 > 0]), camera, ones)
     for name in torch_reference.NAMES:
-        a, b = getattr(got, name), getattr(ours, name)
-        assert np.isfinite(a).all(), name
-        assert np.linalg.norm(a - b) < 5e-3 * np.linalg.norm(b), name
+        assert np.isfinite(getattr(got, name)).all(), name
         if column == "means":  # the picture is that of the others
-            np.testing.assert_array_equal(b, getattr(rest, name))
+            np.testing.assert_array_equal(getattr(got, name), getattr(rest, name))
 
 
 def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,22 +196,18 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
             np.testing.assert_array_equal(got, want)
 
 
-def test_a_step_is_render_loss_and_backward(engine: Engine) -> None:
+def test_a_step_is_render_loss_and_backward() -> None:
     gaussians = random_gaussians(150, seed=2, sh_degree=2)
     camera = orbit_cameras(3, width=70, height=50)[1]
     target = np.random.default_rng(0).random((50, 70, 3)).astype(np.float32)
-    step = engine.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
-    image = engine.render(gaussians, camera, background=BACKGROUND).image
-    np.testing.assert_allclose(step.image, image, atol=2e-6 if engine.name == "cpu" else 1e-5)
+    step = CPU.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
+    image = CPU.render(gaussians, camera, background=BACKGROUND).image
+    np.testing.assert_allclose(step.image, image, atol=2e-6)
     value, by_image = photometric(step.image, target)
     assert step.value == value
-    want = engine.backward(gaussians, camera, by_image, background=BACKGROUND)
+    want = CPU.backward(gaussians, camera, by_image, background=BACKGROUND)
     for name in torch_reference.NAMES:
-        got, should = getattr(step.gradients, name), getattr(want, name)
-        off = 0.0 if engine.name == "cpu" else 1e-5 * np.abs(should).max()
-        np.testing.assert_allclose(got, should, rtol=0, atol=off)
-    ours = CPU.train_step(gaussians, camera, target, photometric, background=BACKGROUND)
-    assert step.value == pytest.approx(ours.value, rel=2e-3)
+        np.testing.assert_array_equal(getattr(step.gradients, name), getattr(want, name))
 
 
 def test_a_sink_takes_the_same_gradients_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,15 +285,15 @@ def test_read_only_columns_take_the_same_kernels() -> None:
     assert [len(k.signatures) for k in kernels] == n_versions
 
 
-def test_wrong_calls_name_the_argument(engine: Engine) -> None:
+def test_wrong_calls_name_the_argument() -> None:
     gaussians = random_gaussians(10)
     camera = orbit_cameras(1, width=20, height=10)[0]
     ones = np.ones((10, 20, 3), np.float32)
     with pytest.raises(ValueError, match="image_gradient"):
-        engine.backward(gaussians, camera, ones[:, :9])
+        CPU.backward(gaussians, camera, ones[:, :9])
     with pytest.raises(ValueError, match="alpha_gradient"):
-        engine.backward(gaussians, camera, ones, alpha_gradient=ones)
+        CPU.backward(gaussians, camera, ones, alpha_gradient=ones)
     with pytest.raises(ValueError, match="background"):
-        engine.backward(gaussians, camera, ones, background=np.zeros(4))
+        CPU.backward(gaussians, camera, ones, background=np.zeros(4))
     with pytest.raises(ValueError, match="target"):
-        engine.train_step(gaussians, camera, ones[1:], photometric)
+        CPU.train_step(gaussians, camera, ones[1:], photometric)

@@ -24,7 +24,7 @@ from tests import gsplat_stand_in
 from tests.scenes import Synthetic, objects_scene, orbit_cameras, random_gaussians
 
 CPU, REFERENCE = CpuRasterizer(), ReferenceRasterizer()
-Engine = base.TrainableRasterizer
+Engine = base.Rasterizer
 
 
 def assert_same(engine: Engine, got: AnyArray, want: AnyArray, *, peak: float = 1.0) -> None:
@@ -134,8 +134,8 @@ def test_votes_are_the_transpose_product_of_the_weights(
     monkeypatch.setattr(rasterizer, "_BATCH", batch)
     scene = small()
     camera, rng = scene.cameras[0], np.random.default_rng(0)
-    labels = np.repeat(np.repeat(rng.integers(-1, 40, (14, 16)), 4, 0), 5, 1)[:53, :77]
-    labels = np.ascontiguousarray(labels, np.int32)
+    blocks = np.repeat(np.repeat(rng.integers(-1, 40, (14, 16)), 4, 0), 5, 1)
+    labels = np.ascontiguousarray(blocks[:53, :77], np.int32)
     labels[20:30] = rng.integers(-1, 40, (10, 77))
     histogram = np.ones((len(scene.gaussians), 45), np.float32)
     engine.vote(scene.gaussians, camera, labels, histogram)
