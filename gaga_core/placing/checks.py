@@ -26,7 +26,7 @@ from gaga_core.placing.sfm import option
 # other.
 
 
-_DRAWS = 64  # of the bootstrap
+_BOOTSTRAP_DRAWS = 64  # of the bootstrap
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def weakest_bridge(facts: SfmFacts, config: BridgeConfig | None = None) -> Bridg
         return Bridge(side, n_common, len(ours), np.inf, np.inf)
     rng = np.random.default_rng(0)
     moves = []
-    for draw in range(_DRAWS):
+    for draw in range(_BOOTSTRAP_DRAWS):
         rows = np.arange(len(ours)) if draw == 0 else rng.integers(0, len(ours), len(ours))
         moves.append(_moved(centres[side], theirs[rows], ours[rows], config) - centres[side])
     # (draws, views, 3): by the fit to all points, and how it varies
@@ -178,7 +178,7 @@ def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, 
     return linear, target.mean(axis=0) - linear @ source.mean(axis=0)
 
 
-_SHARED = MeasureConfig().shared
+_SHARED_POINTS = MeasureConfig().shared
 _NAMED = 4  # photos named in a sentence
 
 
@@ -243,7 +243,7 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
         found += _verdict("registered", level, text + cure)
     bridge = weakest_bridge(facts)
     holds = bridge is not None and bridge.holds()
-    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED
+    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED_POINTS
     if bridge is not None and not holds:
         found += _verdict(
             "clusters",

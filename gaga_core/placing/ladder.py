@@ -26,9 +26,9 @@ from gaga_core.progress import Progress, Stage, mapped
 # scene that did not hold together; those that share none are scenes of their own.
 
 
-_LINK = 30  # verified matches of two photos that show the same place
-_FEW_LINKS = 0.25  # links between two scenes at most, as a share of the smaller one's photos
-_FEWEST = 5  # photos of a scene of its own
+_LINK_MATCHES = 30  # verified matches of two photos that show the same place
+_FEW_LINKS_SHARE = 0.25  # links between two scenes at most, as a share of the smaller one's photos
+_FEWEST_PHOTOS = 5  # photos of a scene of its own
 
 
 def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
@@ -40,7 +40,7 @@ def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
     first = models[0]
     chosen = [first]
     for model in models[1:]:
-        if len(model.names) >= _FEWEST and all(_is_apart(model, other) for other in chosen):
+        if len(model.names) >= _FEWEST_PHOTOS and all(_is_apart(model, other) for other in chosen):
             chosen.append(model)
     if len(chosen) == 1:
         return (first,)
@@ -52,9 +52,9 @@ def _is_apart(a: SfmFacts, b: SfmFacts) -> bool:
     in_a, in_b = (np.isin(np.array(a.all_names), np.array(m.names)) for m in (a, b))
     if (in_a & in_b).any():
         return False
-    i, j = a.pairs[a.pair_matches >= _LINK].T
+    i, j = a.pairs[a.pair_matches >= _LINK_MATCHES].T
     links = (in_a[i] & in_b[j]) | (in_b[i] & in_a[j])
-    return bool(links.sum() <= _FEW_LINKS * min(len(a.names), len(b.names)))
+    return bool(links.sum() <= _FEW_LINKS_SHARE * min(len(a.names), len(b.names)))
 
 
 def _owners(scenes: Sequence[SfmFacts]) -> LongArray:
@@ -88,10 +88,10 @@ def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
 
 
 STAGE = "Try again"
-_SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
-_EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do
-_HALF = 0.5  # share of the photos: what is placed in front of a still background is no chance
-_FAINT = 0.002  # least contrast of the last attempt
+_MOST_SIDE, _MOST_FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
+_EXHAUSTIVE_PHOTOS = 250  # photos whose pairs are all tried when the likely ones did not do
+_HALF_PLACED = 0.5  # share of the photos: so many before a still background are no chance
+_FAINT_CONTRAST = 0.002  # least contrast of the last attempt
 _MAPPERS = {"": "map", "relaxed": "map_relaxed"}
 
 
@@ -161,16 +161,16 @@ def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
     few = n <= config.exhaustive_up_to and not photos.ordered
     is_all = config.pairs == "exhaustive" or (config.pairs == "auto" and few)
     more = replace(config, pairs="exhaustive", neighbours=3 * config.neighbours)
-    if n > _EXHAUSTIVE:
+    if n > _EXHAUSTIVE_PHOTOS:
         more = replace(more, pairs="similar")
     fine = replace(
         more,
         doubled=True,
         affine=True,
-        feature_side=min(2 * config.feature_side, _SIDES),
-        n_features=min(2 * config.n_features, _FEATURES),
+        feature_side=min(2 * config.feature_side, _MOST_SIDE),
+        n_features=min(2 * config.n_features, _MOST_FEATURES),
     )
-    faint = replace(fine, least_contrast=_FAINT, guided=True)
+    faint = replace(fine, least_contrast=_FAINT_CONTRAST, guided=True)
     wider = () if is_all else (Rung("more pairs of photos", more, reuses=True),)
     return (
         Rung("first attempt", config),
@@ -256,7 +256,7 @@ class _State:
         if best is not None and best.share >= self.ladder.enough and self.priors:
             wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
             return bool(wrong) and wrong <= {"focal", "prior"}
-        placed = best is not None and best.is_right and best.share > _HALF
+        placed = best is not None and best.is_right and best.share > _HALF_PLACED
         return self.diagnosis.still and not config.moving_only and not placed
 
     def take(self, placement: Placement) -> None:

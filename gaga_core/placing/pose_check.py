@@ -22,7 +22,7 @@ from gaga_core.placing.sfm import SfmConfig, run_matching, run_step
 from gaga_core.progress import Stage, mapped
 
 STAGE = "Check poses"
-_SIDE = 1000  # pixels: photos are matched at this size
+_MATCH_SIDE = 1000  # pixels: photos are matched at this size
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _facts(
     sources = [photos[camera.name] for camera in cameras]
     try:
         found = yield from prepare_photos(
-            sources, workspace / "photos", root=_root(sources), longest_side=_SIDE
+            sources, workspace / "photos", root=_root(sources), longest_side=_MATCH_SIDE
         )
     except GagaError:  # too few, or copies: the training says so itself
         return None

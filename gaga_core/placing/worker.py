@@ -32,7 +32,7 @@ from gaga_core.placing.sfm import CameraGroup, StepSettings
 _STILL = 0.004  # x width: a match that moved less stands still in the picture
 _CELLS = 12  # across and down, to see where a picture has features
 _TURN_MATCHES = 60  # from which a pair says how its cameras are turned
-_MATCHES = 100  # verified matches of a pair that are kept, evenly spread
+_MATCHES_OF_PAIR = 100  # verified matches of a pair that are kept, evenly spread
 
 
 def write_facts(
@@ -172,8 +172,8 @@ class _Matching:
 
 
 def _sample(matches: AnyArray) -> AnyArray:
-    """At most `_MATCHES` of ``matches`` (M, 2), evenly spread."""
-    rows = np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)
+    """At most `_MATCHES_OF_PAIR` of ``matches`` (M, 2), evenly spread."""
+    rows = np.linspace(0, len(matches) - 1, min(_MATCHES_OF_PAIR, len(matches))).astype(int)
     return matches.take(rows, axis=0)
 
 
@@ -280,8 +280,8 @@ def _point_rows(image: pycolmap.Image, points: dict[int, int]) -> LongArray:
 
 
 _CENTRES = 64
-_SAMPLE = 20_000  # features that the centres are learned from
-_PER_PHOTO = 800  # strongest features of a photo that describe it
+_CENTRE_SAMPLE = 20_000  # features that the centres are learned from
+_FEATURES_OF_PHOTO = 800  # strongest features of a photo that describe it
 
 
 def similar_pairs(
@@ -307,8 +307,8 @@ def similar_pairs(
 def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray:
     """One vector a photo (n, centres * 128): unit length, or zero for a photo without features."""
     rng = np.random.default_rng(seed)
-    some = [np.asarray(d[:_PER_PHOTO], np.float64) for d in descriptors]
-    each = max(1, _SAMPLE // max(1, len(some)))
+    some = [np.asarray(d[:_FEATURES_OF_PHOTO], np.float64) for d in descriptors]
+    each = max(1, _CENTRE_SAMPLE // max(1, len(some)))
     sample = np.concatenate([d[rng.permutation(len(d))[:each]] for d in some])
     k = max(1, min(_CENTRES, len(sample) // 10))
     with warnings.catch_warnings():

@@ -19,7 +19,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.densification import ScreenSums, quota, walk_rate
 from gaga_core.training.engine import (
-    HIGHEST,
+    HIGHEST_OPACITY,
     Setting,
     Turn,
     is_due_for_control,
@@ -226,7 +226,7 @@ def thinned_opacities(opacities: Tensor, share: float) -> Tensor:
     if share == 0:
         return opacities
     is_out = torch.rand_like(opacities) < share
-    raised = torch.minimum(opacities / (1 - share), opacities.detach().clamp(min=HIGHEST))
+    raised = torch.minimum(opacities / (1 - share), opacities.detach().clamp(min=HIGHEST_OPACITY))
     return torch.where(is_out, 0.0, raised)
 
 

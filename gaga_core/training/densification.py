@@ -132,7 +132,7 @@ def _part(split: Gaussians, rng: np.random.Generator) -> Gaussians:
 
 _MOST_COPIES = 51  # of one splat at a time
 _BASE_RATE = 1.6e-4  # rate of means that the noise of the publication is a multiple of
-_FAINT = 0.1  # splats above this opacity do not walk: the gate is under 1e-4
+_FAINT_OPACITY = 0.1  # splats above this opacity do not walk: the gate is under 1e-4
 _GATE = 100.0
 
 
@@ -173,7 +173,7 @@ def walk(
     in scene units: the walk is the same whatever the unit is.
     """
     values = splats.values
-    rows = np.flatnonzero(values.logit_opacities < np.log(_FAINT / (1 - _FAINT)))
+    rows = np.flatnonzero(values.logit_opacities < np.log(_FAINT_OPACITY / (1 - _FAINT_OPACITY)))
     faint = values.take(rows)
     gate = 1 / (1 + np.exp(_GATE * (faint.opacities.astype(np.float64) - config.least_opacity)))
     length = config.noise * walk_rate(decay, extent) * gate

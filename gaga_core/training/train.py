@@ -35,8 +35,8 @@ from gaga_core.training.views import HeldOutQuality, TrainView, TrainViews, qual
 # --- When a training is written to disk: often enough for a crash, rarely enough for the disk.
 
 
-_MOST_TIME = 0.02  # of the training's time may go into writing
-_MOST_LOST = 0.1  # of the time since its start a crash may cost, where that is more than the least
+_MOST_TIME_SHARE = 0.02  # of the training's time may go into writing
+_MOST_LOST_SHARE = 0.1  # of the time since its start a crash may cost, if more than the least
 
 
 def seconds_between(least: float, elapsed: float, took: float) -> float:
@@ -48,7 +48,7 @@ def seconds_between(least: float, elapsed: float, took: float) -> float:
     """
     if least <= 0:
         return 0.0
-    return max(least, took / _MOST_TIME, _MOST_LOST * elapsed)
+    return max(least, took / _MOST_TIME_SHARE, _MOST_LOST_SHARE * elapsed)
 
 
 class Keeper:
@@ -279,7 +279,7 @@ class _Watcher:
 # --- What a training leaves to read: settings, curves and held-out quality for ``report.json``.
 
 
-_POINTS = 500  # of the loss curve
+_CURVE_POINTS = 500  # of the loss curve
 
 Json = dict[str, "Json"] | Sequence["Json"] | str | int | float | bool | None
 
@@ -328,7 +328,7 @@ def report_of(trained: Trained, config: TrainConfig, cost: Cost) -> dict[str, Js
 
 
 def _thinned(losses: FloatArray) -> list[Json]:
-    n = min(_POINTS, len(losses))
+    n = min(_CURVE_POINTS, len(losses))
     ends = np.linspace(0, len(losses), n + 1).astype(int)
     return [
         {"iteration": int(end), "loss": round(float(losses[start:end].mean()), 5)}

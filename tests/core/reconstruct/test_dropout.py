@@ -9,7 +9,7 @@ from gaga_core.arrays import FloatArray
 from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.cpu_train import CpuEngine
 from gaga_core.training.distributed import SINGLE_WORKER
-from gaga_core.training.engine import HIGHEST, Setting, thinned, turns_of
+from gaga_core.training.engine import HIGHEST_OPACITY, Setting, thinned, turns_of
 from gaga_core.training.losses import photometric
 from gaga_core.training.optimizer import COLUMNS, adam_step
 from gaga_core.training.settings import TrainConfig
@@ -35,7 +35,7 @@ def test_opacities_stay_below_one() -> None:
     kept = thinned(gaussians, 1e-9, np.random.default_rng(0)).gaussians.opacities
     np.testing.assert_allclose(kept, gaussians.opacities, rtol=1e-5)
     raised = thinned(gaussians, 0.3, np.random.default_rng(0)).gaussians.opacities
-    assert raised.max() <= max(HIGHEST, float(gaussians.opacities.max())) + 1e-6
+    assert raised.max() <= max(HIGHEST_OPACITY, float(gaussians.opacities.max())) + 1e-6
 
 
 def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
