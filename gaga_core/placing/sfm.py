@@ -15,7 +15,6 @@ import msgspec
 from gaga_core.errors import GagaError
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.json_file import decode_json
-from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
@@ -116,18 +115,6 @@ class StepSettings:
     groups: tuple[CameraGroup, ...]
     picture_side: int  # longest side of undistorted pictures
     config: SfmConfig  # nothing is "auto" but the lens model, which the groups say
-
-
-def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFacts]:
-    """Place ``photos``, which lie in workspace/photos: writes workspace/model and facts.npz.
-
-    A step that was finished before is not run again: the workspace belongs to these photos and
-    settings. Raises ``GagaError`` when the photos do not overlap.
-    """
-    yield from run_matching(photos, workspace, config)
-    require_overlap(workspace, len(photos.photos))
-    yield from run_step("map", photos, workspace, config)
-    return SfmFacts.load(workspace / "facts.npz")
 
 
 def run_matching(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[None]:

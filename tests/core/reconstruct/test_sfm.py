@@ -14,12 +14,12 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.placing.metrics import centres_of
 from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
-from gaga_core.placing.sfm import SfmConfig, run_sfm
+from gaga_core.placing.sfm import SfmConfig
 from gaga_core.placing.worker import similar_pairs
 from gaga_core.progress import Progress, run_stage
 from tests.captures.placing import off_after_alignment
 from tests.conftest import real_scene
-from tests.core.conftest import ROOM_SFM, PlacedRoom
+from tests.core.conftest import ROOM_SFM, PlacedRoom, run_sfm
 from tests.core.reconstruct.photo_scenes import FOCAL, write_photos
 
 
