@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, check_shape
+from gaga_core.arrays import BoolArray, DoubleArray, check_shape
 
+NEAR = 0.01  # scene units: what is nearer to a camera is not drawn, here and in all shaders
 MOST_PIXELS = 65_536  # of a side of a picture
 _NUMBER = re.compile("([0-9]+)")
 
@@ -46,8 +47,7 @@ class Camera:
     def position(self) -> DoubleArray:
         """Centre of projection (3,), world."""
         rotation = self.cam_from_world[:3, :3]
-        result: DoubleArray = -rotation.T @ self.cam_from_world[:3, 3]
-        return result
+        return -rotation.T @ self.cam_from_world[:3, 3]
 
     @cached_property
     def forward(self) -> DoubleArray:
@@ -74,6 +74,17 @@ class Camera:
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
         pixels = p_cam[:, :2] / safe[:, None] * np.array([self.K[0, 0], self.K[1, 1]])
         return pixels + self.K[:2, 2], depth
+
+    def shows(self, pixels: DoubleArray, depths: DoubleArray) -> BoolArray:
+        """Which of the points that `project` gave (N,) are before the camera, in the picture."""
+        inside = (pixels > 0).all(axis=1) & (pixels < [self.width, self.height]).all(axis=1)
+        return (depths > 0) & inside
+
+    def rays(self, pixels: DoubleArray) -> DoubleArray:
+        """World directions (N, 3) of pixels (N, 2), as long as to have depth 1."""
+        across = (pixels - self.K[:2, 2]) / [self.K[0, 0], self.K[1, 1]]
+        rays: DoubleArray = np.c_[across, np.ones(len(pixels))]
+        return rays @ self.world_from_cam[:3, :3].T
 
     def unproject(self, u: float, v: float, depth: float) -> DoubleArray:
         """World point (3,) at pixel (u, v) and ``depth`` along the viewing direction."""

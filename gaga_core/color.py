@@ -6,9 +6,6 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, check_shape
 
-# --- Spherical harmonics of color, and the colors of groups and of depth.
-
-
 SH_C0 = 0.28209479177387814  # Y_0^0; color = 0.5 + C0 * dc (3D Gaussian Splatting, Kerbl 2023)
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # red, green, blue of a luminance (Rec. 709)
 _C1 = 0.4886025119029199
@@ -54,14 +51,12 @@ _RGB_FROM_XYZ = np.array(
 
 def rgb_from_dc(dc: FloatArray) -> FloatArray:
     """Color (..., 3) of the degree-0 SH coefficient, not clipped."""
-    result: FloatArray = (0.5 + SH_C0 * dc).astype(np.float32)
-    return result
+    return (0.5 + SH_C0 * dc).astype(np.float32)
 
 
 def dc_from_rgb(rgb: FloatArray) -> FloatArray:
     """Degree-0 SH coefficient (..., 3) of a color."""
-    result: FloatArray = ((np.asarray(rgb) - 0.5) / SH_C0).astype(np.float32)
-    return result
+    return ((np.asarray(rgb) - 0.5) / SH_C0).astype(np.float32)
 
 
 def sh_basis(directions: DoubleArray, degree: int) -> DoubleArray:
@@ -112,12 +107,9 @@ def group_palette(n_groups: int) -> FloatArray:
     neighbours in id also differ for eyes that do not tell hues apart.
     """
     ids = np.arange(1, n_groups + 1)
-    hue = 2 * np.pi * ((0.57 + ids * _GOLDEN) % 1.0)
     chroma = np.array(_CHROMA)[ids % len(_CHROMA)]
-    lightness = np.array(_LIGHTNESS)[ids % len(_LIGHTNESS)]
-    lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=1)
     colors = np.full((n_groups + 1, 3), 0.22, np.float32)
-    colors[1:] = _rgb_from_lab(lab)
+    colors[1:] = _group_colors(ids, ids, chroma)
     return colors
 
 
@@ -126,12 +118,13 @@ def shades(hue: IntArray, shade: IntArray) -> FloatArray:
 
     ``shade`` (K,) is any number >= 0: it tells things of one hue apart by lightness alone.
     """
+    return _group_colors(hue, shade, np.full(len(hue), _CHROMA[0])).astype(np.float32)
+
+
+def _group_colors(hue: AnyArray, shade: AnyArray, chroma: DoubleArray) -> DoubleArray:
     angle = 2 * np.pi * ((0.57 + hue * _GOLDEN) % 1.0)
     lightness = np.array(_LIGHTNESS)[shade % len(_LIGHTNESS)]
-    chroma = _CHROMA[0]
-    lab = np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], axis=1)
-    result: FloatArray = _rgb_from_lab(lab).astype(np.float32)
-    return result
+    return _rgb_from_lab(np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], 1))
 
 
 def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
@@ -141,8 +134,7 @@ def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
     xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
     root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
     x, y, z = np.moveaxis(root, -1, 0)
-    result: DoubleArray = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-    return result
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
@@ -161,8 +153,7 @@ def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
 def colorize_labels(labels: IntArray) -> FloatArray:
     """RGB picture (H, W, 3) of a label map (H, W)."""
     palette = group_palette(int(labels.max(initial=0)))
-    result: FloatArray = palette[np.maximum(labels, 0)]
-    return result
+    return palette[np.maximum(labels, 0)]
 
 
 def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
@@ -173,8 +164,7 @@ def depth_colors(depth: FloatArray, span: tuple[float, float]) -> FloatArray:
     color = np.zeros((*depth.shape, 3), np.float32)
     for coefficients in DEPTH_POLYNOMIAL:
         color = color * t + np.array(coefficients, np.float32)
-    result: FloatArray = np.clip(color, 0, 1).astype(np.float32)
-    return result
+    return np.clip(color, 0, 1).astype(np.float32)
 
 
 # --- Rotation of spherical-harmonic color, degrees 0 to 4, in the basis of 3D Gaussian Splatting.

@@ -24,47 +24,16 @@ def matrices_to_quats(matrices: FloatArray | DoubleArray) -> DoubleArray:
     m = np.asarray(matrices, np.float64)
     trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
     # Each row: the quaternion scaled by a different component; take the largest for stability.
-    candidates = np.stack(
-        [
-            np.stack(
-                [
-                    1 + trace,
-                    m[:, 2, 1] - m[:, 1, 2],
-                    m[:, 0, 2] - m[:, 2, 0],
-                    m[:, 1, 0] - m[:, 0, 1],
-                ],
-                axis=1,
-            ),
-            np.stack(
-                [
-                    m[:, 2, 1] - m[:, 1, 2],
-                    1 + 2 * m[:, 0, 0] - trace,
-                    m[:, 0, 1] + m[:, 1, 0],
-                    m[:, 0, 2] + m[:, 2, 0],
-                ],
-                axis=1,
-            ),
-            np.stack(
-                [
-                    m[:, 0, 2] - m[:, 2, 0],
-                    m[:, 0, 1] + m[:, 1, 0],
-                    1 + 2 * m[:, 1, 1] - trace,
-                    m[:, 1, 2] + m[:, 2, 1],
-                ],
-                axis=1,
-            ),
-            np.stack(
-                [
-                    m[:, 1, 0] - m[:, 0, 1],
-                    m[:, 0, 2] + m[:, 2, 0],
-                    m[:, 1, 2] + m[:, 2, 1],
-                    1 + 2 * m[:, 2, 2] - trace,
-                ],
-                axis=1,
-            ),
-        ],
-        axis=1,
-    )  # (N, 4 candidates, 4)
+    x, y, z = (m[:, k, k] for k in range(3))
+    wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
+    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
+    rows = [
+        [1 + trace, wx, wy, wz],
+        [wx, 1 + 2 * x - trace, xy, xz],
+        [wy, xy, 1 + 2 * y - trace, yz],
+        [wz, xz, yz, 1 + 2 * z - trace],
+    ]
+    candidates = np.stack([np.stack(row, axis=1) for row in rows], axis=1)  # (N, 4, 4)
     diagonal = candidates[:, np.arange(4), np.arange(4)]
     best = candidates[np.arange(len(m)), diagonal.argmax(axis=1)]
     best /= np.linalg.norm(best, axis=1, keepdims=True)

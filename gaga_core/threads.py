@@ -55,3 +55,8 @@ def run_chunks(work: Callable[[int, int], None], n: int, chunk: int) -> None:
     drain()
     for helper in helpers:
         helper.result()
+
+
+def run_kernel(kernel: Callable[..., None], n: int, chunk: int, *arguments: object) -> None:
+    """Call ``kernel(*arguments, start, stop)`` over ``range(n)`` as `run_chunks` does."""
+    run_chunks(lambda start, stop: kernel(*arguments, start, stop), n, chunk)

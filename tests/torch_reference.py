@@ -6,9 +6,9 @@ import numpy as np
 import torch
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import ALPHA_MAX, ALPHA_MIN, BLUR, NEAR, T_MIN
+from gaga_core.raster.base import ALPHA_MAX, ALPHA_MIN, BLUR, T_MIN
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 

@@ -14,8 +14,6 @@ flat out vec4 v_color;
 flat out float v_half;          // half width in pixels, with a pixel for the soft rim
 out float v_across;
 
-const float NEAR = 0.01;
-
 vec2 pixel_of(vec3 p_cam) { return u_lens.xy * p_cam.xy / p_cam.z + u_lens.zw; }
 
 void main()

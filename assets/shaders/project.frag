@@ -34,7 +34,6 @@ uniform float u_point;             // radius of a centre in pixels
 layout(location = 0) out uvec4 o_ellipse;  // centre (2 floats), long half-axis, (short one, opacity)
 layout(location = 1) out uvec2 o_look;     // (r, g) or depth, (b, flags)
 
-const float NEAR = 0.01;
 const float BLUR = 0.3;
 const float ALPHA_MIN = 1.0 / 255.0;
 const float MOST_GROWTH = 0.5;  // log of how much a splat grows that stands for others

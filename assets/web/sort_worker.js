@@ -1,8 +1,8 @@
 // Depth order, far to near, in a thread of its own. Keys are the bits of the float32 depth, stretched
 // over the range that is seen, as in app/gaga_studio/gpu/sort_kernels.py.
+// NEAR is put before this text where the page is made.
 
 const N_KEYS = 1 << 18;
-const NEAR = 0.01;
 let means, reach, labels, importance, keys, ids, counts;
 
 self.onmessage = (event) => {

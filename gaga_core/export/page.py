@@ -40,7 +40,7 @@ from gaga_core.scene.scene import Scene, State
 PICTURE = 96  # pixels of a side
 _QUALITY = 82  # of WebP
 _FPS, _MOST_SHOTS = 10.0, 900  # of a path; the page blends between
-_LEAST_RADIUS = 0.1  # of a page's scene: what is nearer than NEAR (raster.base) is not drawn
+_LEAST_RADIUS = 0.1  # of a page's scene: what is nearer than NEAR (camera) is not drawn
 _NEAREST = 0.05  # of the scene's radius: what a camera looks at is not nearer
 
 

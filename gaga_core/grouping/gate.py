@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.grouping.gate_kernels import masks_of_centres
 from gaga_core.masks import dense_labels
-from gaga_core.raster.base import NEAR
 from gaga_core.threads import run_chunks
 
 _CHUNK = 65536  # Gaussians in one piece of work

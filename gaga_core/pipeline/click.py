@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds
@@ -16,7 +16,7 @@ from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
-from gaga_core.raster.base import NEAR, Frame, Rasterizer
+from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import Project

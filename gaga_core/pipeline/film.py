@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.color import depth_colors
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -17,7 +17,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.video import VideoConfig, video_suffix, write_video_stage
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
-from gaga_core.raster.base import NEAR, Rasterizer
+from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.camera_path import CameraPath
 from gaga_core.scene.objects import object_table

@@ -26,7 +26,7 @@ from gaga_core.placing.sfm import option
 # other.
 
 
-_DRAWS = 64  # of the bootstrap
+_BOOTSTRAP_DRAWS = 64  # of the bootstrap
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def weakest_bridge(facts: SfmFacts, config: BridgeConfig | None = None) -> Bridg
         return Bridge(side, n_common, len(ours), np.inf, np.inf)
     rng = np.random.default_rng(0)
     moves = []
-    for draw in range(_DRAWS):
+    for draw in range(_BOOTSTRAP_DRAWS):
         rows = np.arange(len(ours)) if draw == 0 else rng.integers(0, len(ours), len(ours))
         moves.append(_moved(centres[side], theirs[rows], ours[rows], config) - centres[side])
     # (draws, views, 3): by the fit to all points, and how it varies
@@ -165,8 +165,7 @@ def _moved(
         linear, shift = _similarity(source[rows], target[rows])
         off = np.linalg.norm(source @ linear.T + shift - target, axis=1)
         rows = np.argsort(off, kind="stable")[: max(3, int(config.kept * len(source)))]
-    result: DoubleArray = points @ linear.T + shift
-    return result
+    return points @ linear.T + shift
 
 
 def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
@@ -179,13 +178,7 @@ def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, 
     return linear, target.mean(axis=0) - linear @ source.mean(axis=0)
 
 
-# --- Is a model of structure from motion right? A wrong one must not pass without a word.
-# Mapping can place every photo and still be wrong: two halves turned against each other, a focal
-# length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
-# use up: the verified matches of every pair of photos, held against the poses of the model.
-
-
-_SHARED = MeasureConfig().shared
+_SHARED_POINTS = MeasureConfig().shared
 _NAMED = 4  # photos named in a sentence
 
 
@@ -250,7 +243,7 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
         found += _verdict("registered", level, text + cure)
     bridge = weakest_bridge(facts)
     holds = bridge is not None and bridge.holds()
-    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED
+    is_all = holds and s.parts == 2 and bridge is not None and bridge.n_common < _SHARED_POINTS
     if bridge is not None and not holds:
         found += _verdict(
             "clusters",

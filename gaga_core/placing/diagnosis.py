@@ -23,8 +23,8 @@ from gaga_core.placing.sfm import option
 # look alike, they do not (Zach 2010, "Disambiguating visual relations using loop constraints").
 
 
-_EDGES = 3000  # pairs that are looked at, at most
-_THIRDS = 8  # third photos of each
+_MOST_EDGES = 3000  # pairs that are looked at, at most
+_MOST_THIRDS = 8  # third photos of each
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,7 @@ class Cycles:
 
     def open(self, degrees: float) -> BoolArray:
         """Triplets (T,) that miss by more than ``degrees``."""
-        result: BoolArray = self.errors > degrees
-        return result
+        return self.errors > degrees
 
 
 def photo_cycles(
@@ -52,11 +51,11 @@ def photo_cycles(
     of[pairs[known, 0], pairs[known, 1]] = np.flatnonzero(known)
     linked = (of >= 0) | (of.T >= 0)
     rng = np.random.default_rng(seed)
-    edges = pairs[known][rng.permutation(int(known.sum()))[:_EDGES]]
+    edges = pairs[known][rng.permutation(int(known.sum()))[:_MOST_EDGES]]
     rows = [np.zeros((0, 3), np.int64)]
     for i, j in edges:
         thirds = np.flatnonzero(linked[i] & linked[j])
-        chosen = rng.permutation(thirds)[:_THIRDS]
+        chosen = rng.permutation(thirds)[:_MOST_THIRDS]
         rows.append(np.c_[np.full(len(chosen), i), np.full(len(chosen), j), chosen])
     photos = np.unique(np.sort(np.concatenate(rows), axis=1), axis=0)
     a, b, c = photos.T
@@ -71,15 +70,7 @@ def _turn(of: LongArray, turns: DoubleArray, first: LongArray, second: LongArray
     ``of`` (n, n) is the index of a pair, -1 where the pair is known the other way round.
     """
     forth, back = of[first, second], of[second, first]
-    result: DoubleArray = np.where(
-        (forth >= 0)[:, None, None], turns[forth], turns[back].transpose(0, 2, 1)
-    )
-    return result
-
-
-# --- Why photos were not placed: what the photos and their matches say, in sentences.
-# Looked at after each attempt, so that the next one does what may help and a person reads a
-# reason.
+    return np.where((forth >= 0)[:, None, None], turns[forth], turns[back].transpose(0, 2, 1))
 
 
 _NAMED = 3  # photos named in a sentence

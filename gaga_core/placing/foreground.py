@@ -20,10 +20,10 @@ from gaga_core.placing.sfm import option
 from gaga_core.progress import Progress, Stage
 
 MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = background
-_LOOK = 320  # pixels: the moving part is looked for at this size
-_MOST = 40  # photos that it is looked for in
-_MOVES = 10.0  # of 255: deviation over the photos of a pixel that something moves over
-_LEAST = 0.01  # share of the picture: smaller moving parts are noise
+_LOOK_SIDE = 320  # pixels: the moving part is looked for at this size
+_MOST_PHOTOS = 40  # photos that it is looked for in
+_MOVING_DEVIATION = 10.0  # of 255: deviation over the photos of a pixel that something moves over
+_LEAST_SHARE = 0.01  # share of the picture: smaller moving parts are noise
 _NAMED = 3
 
 
@@ -60,7 +60,7 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
 
     Raises ``GagaError`` when the photos differ in size, or nothing stands still.
     """
-    chosen = photos.photos[:: max(1, len(photos.photos) // _MOST)]
+    chosen = photos.photos[:: max(1, len(photos.photos) // _MOST_PHOTOS)]
     if len({(photo.width, photo.height) for photo in photos.photos}) > 1:
         raise GagaError(
             "The photos differ in size: the camera did not stand still. Give masks of the object "
@@ -69,9 +69,9 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     stack = []
     for i, photo in enumerate(chosen):
         yield Progress("Look for what moves", i, len(chosen), photo.name)
-        stack.append(shrunk(read_rgb(pictures / photo.name), _LOOK).astype(np.float32))
-    moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVES)
-    if not _LEAST < moving.mean() < 1 - _LEAST:
+        stack.append(shrunk(read_rgb(pictures / photo.name), _LOOK_SIDE).astype(np.float32))
+    moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVING_DEVIATION)
+    if not _LEAST_SHARE < moving.mean() < 1 - _LEAST_SHARE:
         raise GagaError(
             f"No background stands still in these photos. Leave {option('--turntable')} out, or "
             f"give masks of the object with {option('--foreground')}."
@@ -88,8 +88,7 @@ def moving_part(differs: BoolArray) -> BoolArray:
     if n == 0:
         return np.zeros_like(differs)
     sizes = np.bincount(parts.ravel())[1:]
-    result: BoolArray = binary_dilation(parts == 1 + int(sizes.argmax()), iterations=3)
-    return result
+    return binary_dilation(parts == 1 + int(sizes.argmax()), iterations=3)
 
 
 def paint_background(photos: Sequence[Photo], pictures: Path, masks: Path) -> Stage[None]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from gaga_core.arrays import LongArray
 from gaga_core.errors import GagaError
-from gaga_core.placing.checks import CheckConfig, Verdict, check_model
+from gaga_core.placing.checks import Verdict, check_model
 from gaga_core.placing.diagnosis import Diagnosis, MatchFacts, diagnose
-from gaga_core.placing.metrics import MeasureConfig, SfmFacts, SfmSummary, pair_agreement, summarize
+from gaga_core.placing.metrics import SfmFacts, SfmSummary, summarize
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
 from gaga_core.progress import Progress, Stage, mapped
@@ -26,10 +26,9 @@ from gaga_core.progress import Progress, Stage, mapped
 # scene that did not hold together; those that share none are scenes of their own.
 
 
-JOINED = "joined"  # folder of the models whose parts were joined, next to the models as they were
-_LINK = 30  # verified matches of two photos that show the same place
-_FEW_LINKS = 0.25  # links between two scenes at most, as a share of the smaller one's photos
-_FEWEST = 5  # photos of a scene of its own
+_LINK_MATCHES = 30  # verified matches of two photos that show the same place
+_FEW_LINKS_SHARE = 0.25  # links between two scenes at most, as a share of the smaller one's photos
+_FEWEST_PHOTOS = 5  # photos of a scene of its own
 
 
 def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
@@ -41,7 +40,7 @@ def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
     first = models[0]
     chosen = [first]
     for model in models[1:]:
-        if len(model.names) >= _FEWEST and all(_is_apart(model, other) for other in chosen):
+        if len(model.names) >= _FEWEST_PHOTOS and all(_is_apart(model, other) for other in chosen):
             chosen.append(model)
     if len(chosen) == 1:
         return (first,)
@@ -49,36 +48,13 @@ def scenes_of(models: Sequence[SfmFacts]) -> tuple[SfmFacts, ...]:
     return tuple(_only(model, owner == i) for i, model in enumerate(chosen))
 
 
-def is_well_joined(joined: SfmFacts, parts: Sequence[SfmFacts]) -> bool:
-    """Whether the photos of different ``parts`` agree with their poses in ``joined``.
-
-    Only their verified matches are asked: those inside a part say nothing of how it was joined.
-    The matches of a part are many, so a part that lies wrong can pass when all are asked.
-    """
-    of = {name: i for i, part in reversed(list(enumerate(parts))) for name in part.names}
-    part = np.array([of[name] for name in joined.names])
-    part_of_all = np.array([of.get(name, -1) for name in joined.all_names])
-    across = part[joined.match_views[:, 0]] != part[joined.match_views[:, 1]]
-    pairs_across = part_of_all[joined.pairs[:, 0]] != part_of_all[joined.pairs[:, 1]]
-    between = replace(
-        joined,
-        match_views=joined.match_views[across],
-        match_points=joined.match_points[across],
-        match_rays=joined.match_rays[across],
-        pairs=joined.pairs[pairs_across],
-        pair_matches=joined.pair_matches[pairs_across],
-    )
-    share, n_pairs = pair_agreement(between, MeasureConfig())
-    return n_pairs > 0 and share >= CheckConfig().agreeing[1]
-
-
 def _is_apart(a: SfmFacts, b: SfmFacts) -> bool:
     in_a, in_b = (np.isin(np.array(a.all_names), np.array(m.names)) for m in (a, b))
     if (in_a & in_b).any():
         return False
-    i, j = a.pairs[a.pair_matches >= _LINK].T
+    i, j = a.pairs[a.pair_matches >= _LINK_MATCHES].T
     links = (in_a[i] & in_b[j]) | (in_b[i] & in_a[j])
-    return bool(links.sum() <= _FEW_LINKS * min(len(a.names), len(b.names)))
+    return bool(links.sum() <= _FEW_LINKS_SHARE * min(len(a.names), len(b.names)))
 
 
 def _owners(scenes: Sequence[SfmFacts]) -> LongArray:
@@ -111,17 +87,12 @@ def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
     )
 
 
-# --- Placement that tries again: attempts from cheap to thorough, until the photos are placed.
-# Each attempt has a reason, learned from what the one before left out, and the time that all may
-# take is bounded. The best of them counts: first one that the checks accept, then the most photos.
-
-
 STAGE = "Try again"
-_SIDES, _FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
-_EXHAUSTIVE = 250  # photos whose pairs are all tried when the likely ones did not do
-_HALF = 0.5  # share of the photos: what is placed in front of a still background is no chance
-_FAINT = 0.002  # least contrast of the last attempt
-_MAPPERS = {"": "map", "relaxed": "map_relaxed", "strict": "map_strict", "global": "map_global"}
+_MOST_SIDE, _MOST_FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
+_EXHAUSTIVE_PHOTOS = 250  # photos whose pairs are all tried when the likely ones did not do
+_HALF_PLACED = 0.5  # share of the photos: so many before a still background are no chance
+_FAINT_CONTRAST = 0.002  # least contrast of the last attempt
+_MAPPERS = {"": "map", "relaxed": "map_relaxed"}
 
 
 @dataclass(frozen=True)
@@ -190,16 +161,16 @@ def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
     few = n <= config.exhaustive_up_to and not photos.ordered
     is_all = config.pairs == "exhaustive" or (config.pairs == "auto" and few)
     more = replace(config, pairs="exhaustive", neighbours=3 * config.neighbours)
-    if n > _EXHAUSTIVE:
+    if n > _EXHAUSTIVE_PHOTOS:
         more = replace(more, pairs="similar")
     fine = replace(
         more,
         doubled=True,
         affine=True,
-        feature_side=min(2 * config.feature_side, _SIDES),
-        n_features=min(2 * config.n_features, _FEATURES),
+        feature_side=min(2 * config.feature_side, _MOST_SIDE),
+        n_features=min(2 * config.n_features, _MOST_FEATURES),
     )
-    faint = replace(fine, least_contrast=_FAINT, guided=True)
+    faint = replace(fine, least_contrast=_FAINT_CONTRAST, guided=True)
     wider = () if is_all else (Rung("more pairs of photos", more, reuses=True),)
     return (
         Rung("first attempt", config),
@@ -285,7 +256,7 @@ class _State:
         if best is not None and best.share >= self.ladder.enough and self.priors:
             wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
             return bool(wrong) and wrong <= {"focal", "prior"}
-        placed = best is not None and best.is_right and best.share > _HALF
+        placed = best is not None and best.is_right and best.share > _HALF_PLACED
         return self.diagnosis.still and not config.moving_only and not placed
 
     def take(self, placement: Placement) -> None:
@@ -340,13 +311,17 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
     try:
         require_overlap(folder, n)
         for mapper, step in _MAPPERS.items():
-            if placed and not _is_worth(mapper, placed, state.ladder):
-                continue
+            if (
+                mapper == "relaxed"
+                and not placed[0].is_right
+                and placed[0].share >= state.ladder.enough
+            ):
+                continue  # weaker demands do not make a wrong model right
             yield from _until(state, run_step(step, state.photos, folder, rung.config))
             if not (folder / f"{step}.finished").is_file():
                 break
             title = f"{rung.title}, {mapper} mapping" if mapper else rung.title
-            placed += _placements(state, folder / mapper, title, reason)
+            placed.append(_placement(state, _models_in(folder / mapper), title, reason))
             state.take(max(placed, key=_rank))
             if state.is_enough:
                 break
@@ -365,12 +340,6 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
     )
 
 
-def _is_worth(mapper: str, placed: Sequence[Placement], ladder: LadderConfig) -> bool:
-    """Whether another mapping of the same matches can help: wrong models need a stricter one."""
-    contradicts = any(not p.is_right and p.share >= ladder.enough for p in placed)
-    return contradicts == (mapper == "strict") or mapper == "global"
-
-
 def _until(state: _State, stage: Stage[None]) -> Stage[None]:
     """Run ``stage`` until the time is used up, if there is a result to fall back on."""
     try:
@@ -380,19 +349,6 @@ def _until(state: _State, stage: Stage[None]) -> Stage[None]:
                 return
     finally:
         stage.close()
-
-
-def _placements(state: _State, folder: Path, title: str, reason: str) -> list[Placement]:
-    """Read and judge what a mapping wrote to ``folder``: as it is, and with its parts joined."""
-    parts = _models_in(folder)
-    found = [_placement(state, parts, title, reason)]
-    if (folder / JOINED).is_dir():
-        joined = _models_in(folder / JOINED)
-        alone = {model.names for model, _ in parts}
-        of_parts = [model for model, _ in joined if model.names not in alone]
-        if all(is_well_joined(model, [part for part, _ in parts]) for model in of_parts):
-            found.append(_placement(state, joined, f"{title}, parts joined", reason))
-    return found
 
 
 def _models_in(folder: Path) -> list[tuple[SfmFacts, Path]]:

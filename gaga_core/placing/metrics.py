@@ -187,8 +187,7 @@ def _strong_matches(facts: SfmFacts, config: MeasureConfig) -> BoolArray:
     counts = facts.pair_matches[placed]
     chosen = pairs[placed][counts >= min(config.strong, float(np.median(counts)))]
     keys = np.concatenate([chosen[:, 0] * n + chosen[:, 1], chosen[:, 1] * n + chosen[:, 0]])
-    result: BoolArray = np.isin(facts.match_views[:, 0] * n + facts.match_views[:, 1], keys)
-    return result
+    return np.isin(facts.match_views[:, 0] * n + facts.match_views[:, 1], keys)
 
 
 def _doubled(facts: SfmFacts, config: MeasureConfig) -> float:

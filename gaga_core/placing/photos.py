@@ -24,11 +24,11 @@ from gaga_core.progress import Progress, Stage
 # --- Copies of a photo: smaller, compressed again, or with another exposure, as from a chat.
 
 
-_SIDE = 128  # pixels: pictures are compared at this size
-_COARSE = 16  # ... and first at this one
+_FINE_SIDE = 128  # pixels: pictures are compared at this size
+_COARSE_SIDE = 16  # ... and first at this one
 _ALIKE = 0.998  # correlation from which two pictures may be of one photo, coarse
-_SAME = 0.08  # standard deviations: mean difference of two copies at most
-_SHAPE = 0.01  # sides may differ by this share
+_SAME_DIFFERENCE = 0.08  # standard deviations: mean difference of two copies at most
+_SIDES_APART = 0.01  # sides may differ by this share
 
 
 class LooksIndex:
@@ -45,11 +45,12 @@ class LooksIndex:
         Two photos from places a step apart differ by far more than copies do.
         """
         height, width = picture.shape[:2]
-        coarse, fine, ratio = _looks(picture, _COARSE), _looks(picture, _SIDE), width / height
+        coarse, fine = _looks(picture, _COARSE_SIDE), _looks(picture, _FINE_SIDE)
+        ratio = width / height
         for other, detail, shape in zip(self._coarse, self._fine, self._ratio, strict=True):
-            if abs(shape / ratio - 1) > _SHAPE or float((coarse * other).mean()) < _ALIKE:
+            if abs(shape / ratio - 1) > _SIDES_APART or float((coarse * other).mean()) < _ALIKE:
                 continue
-            if float(np.abs(fine - detail).mean()) < _SAME:
+            if float(np.abs(fine - detail).mean()) < _SAME_DIFFERENCE:
                 return True
         self._coarse.append(coarse)
         self._fine.append(fine)
@@ -93,11 +94,6 @@ def shrunk(picture: UInt8Array, longest_side: int) -> UInt8Array:
     return np.asarray(image)
 
 
-# --- The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
-# Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
-# and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.
-
-
 STAGE = "Look at photos"
 FEWEST = 3  # photos: two to train on and one held out
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
@@ -105,7 +101,7 @@ UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".r
 _SAVE_AS = "save as JPEG to use"
 _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
 _SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
-_LARGEST_NAMED = 3  # names in a sentence
+_NAMED = 3  # names in a sentence
 _LEAST_SIDE = 32  # pixels
 _INCH, _UNITS = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # millimetres
 
@@ -260,8 +256,8 @@ def ignored_files(folder: Path) -> tuple[str, ...]:
 def _note(what: str, names: Sequence[str], kind: str = "photo") -> tuple[str, ...]:
     if not names:
         return ()
-    listed = ", ".join(names[:_LARGEST_NAMED])
-    more = len(names) - _LARGEST_NAMED
+    listed = ", ".join(names[:_NAMED])
+    more = len(names) - _NAMED
     listed += f" and {more} more" if more > 0 else ""
     many = len(names) > 1
     verb = what.replace("{is}", "are" if many else "is")

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
@@ -20,10 +19,10 @@ from gaga_core.placing.checks import CheckConfig, Verdict, level_below
 from gaga_core.placing.metrics import AGAIN, MeasureConfig, SfmFacts, pair_agreement
 from gaga_core.placing.photos import prepare_photos
 from gaga_core.placing.sfm import SfmConfig, run_matching, run_step
-from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.progress import Stage, mapped
 
 STAGE = "Check poses"
-_SIDE = 1000  # pixels: photos are matched at this size
+_MATCH_SIDE = 1000  # pixels: photos are matched at this size
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,9 @@ def check_poses_stage(
     chosen = [camera for camera in sampled(cameras, config) if camera.name in photos]
     shutil.rmtree(workspace, ignore_errors=True)
     try:
-        facts = yield from mapped(_facts(chosen, photos, workspace, threads), _as_check)
+        facts = yield from mapped(
+            _facts(chosen, photos, workspace, threads), lambda step: replace(step, stage=STAGE)
+        )
     finally:
         shutil.rmtree(workspace, ignore_errors=True)
     return () if facts is None else judge_poses(facts, config)
@@ -83,7 +84,7 @@ def _facts(
     sources = [photos[camera.name] for camera in cameras]
     try:
         found = yield from prepare_photos(
-            sources, workspace / "photos", root=_root(sources), longest_side=_SIDE
+            sources, workspace / "photos", root=_root(sources), longest_side=_MATCH_SIDE
         )
     except GagaError:  # too few, or copies: the training says so itself
         return None
@@ -94,62 +95,34 @@ def _facts(
     posed = {photo.name: by_source[photo.source] for photo in found.photos}
     arrays = read_arrays(workspace / "pair_matches.npz", AGAIN)
     views = [posed[str(name)] for name in arrays["names"]]
-    return _as_facts(
-        views,
-        arrays["pairs"],
-        arrays["pair_matches"],
-        arrays["match_names"],
-        arrays["match_places"],
-    )
-
-
-def _as_facts(
-    views: Sequence[Camera],
-    pairs: np.ndarray,
-    counts: np.ndarray,
-    match_views: np.ndarray,
-    places: DoubleArray,  # (M, 2, 2) xy over width and height
-) -> SfmFacts:
-    """Facts without points: poses and matches are all that is compared."""
+    match_views, none = arrays["match_names"], np.zeros(0, np.int64)
     sizes = np.array([(view.width, view.height) for view in views], np.int64)
     inverse = np.array([np.linalg.inv(view.K) for view in views])
-    pixels = places * sizes[match_views]
-    rays = np.einsum("mkij,mkj->mki", inverse[match_views], _homogeneous(pixels))
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    pixels = arrays["match_places"] * sizes[match_views]
+    pixels = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
+    rays = np.einsum("mkij,mkj->mki", inverse[match_views], pixels)
     names = tuple(view.name for view in views)
-    order = np.argsort(np.array(names))
-    back = np.argsort(order)
-    none = np.zeros(0, np.int64)
-    return SfmFacts(
-        names=tuple(names[i] for i in order),
-        poses=np.array([views[i].cam_from_world[:3] for i in order], np.float64),
-        focal=np.array([(views[i].K[0, 0], views[i].K[1, 1]) for i in order], np.float64),
-        sizes=sizes[order],
+    return SfmFacts(  # without points: poses and matches are all that is compared
+        names=names,
+        poses=np.array([view.cam_from_world[:3] for view in views], np.float64),
+        focal=np.array([(view.K[0, 0], view.K[1, 1]) for view in views], np.float64),
+        sizes=sizes,
         points=np.zeros((0, 3)),
         track_lengths=none,
         seen_points=none,
         seen_views=none,
         seen_errors=np.zeros(0),
-        match_views=back[match_views],
+        match_views=match_views,
         match_points=np.full(match_views.shape, -1, np.int64),
-        match_rays=rays,
-        all_names=tuple(names[i] for i in order),
-        pairs=back[pairs],
-        pair_matches=counts,
+        match_rays=rays / np.linalg.norm(rays, axis=2, keepdims=True),
+        all_names=names,
+        pairs=arrays["pairs"],
+        pair_matches=arrays["pair_matches"],
         model_sizes=np.array([len(views)], np.int64),
     )
-
-
-def _homogeneous(pixels: DoubleArray) -> DoubleArray:
-    result: DoubleArray = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
-    return result
 
 
 def _root(paths: Sequence[Path]) -> Path:
     """The folder that all of ``paths`` lie in."""
     parents = [set(path.parents) for path in paths]
     return max(set.intersection(*parents), key=lambda folder: len(folder.parts))
-
-
-def _as_check(step: Progress) -> Progress:
-    return replace(step, stage=STAGE)

@@ -6,7 +6,7 @@ import re
 import sqlite3
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +15,7 @@ import msgspec
 from gaga_core.errors import GagaError
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.json_file import decode_json
-from gaga_core.placing.metrics import SfmFacts
-from gaga_core.placing.photos import PhotoSet
+from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
 
@@ -41,16 +40,11 @@ def option(name: str, value: str = "") -> str:
     return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
 
 
-# --- Structure from motion over prepared photos, each step in a process that can be ended.
-
-
 _TITLES = {
     "features": "Find features",
     "match": "Match photos",
     "map": "Place photos",
     "map_relaxed": "Place photos",
-    "map_strict": "Place photos",
-    "map_global": "Place photos",
     "export": "Match photos",
     "undistort": "Undistort photos",
 }
@@ -100,16 +94,27 @@ class SfmConfig:
         raise ValueError(f"quality: {quality!r} is none of draft, standard, full")
 
 
-def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFacts]:
-    """Place ``photos``, which lie in workspace/photos: writes workspace/model and facts.npz.
+@dataclass(frozen=True)
+class CameraGroup:
+    """Photos of one camera: same size, same focal length."""
 
-    A step that was finished before is not run again: the workspace belongs to these photos and
-    settings. Raises ``GagaError`` when the photos do not overlap.
-    """
-    yield from run_matching(photos, workspace, config)
-    require_overlap(workspace, len(photos.photos))
-    yield from run_step("map", photos, workspace, config)
-    return SfmFacts.load(workspace / "facts.npz")
+    names: tuple[str, ...]
+    width: int  # pixels
+    height: int
+    focal: float | None  # pixels, from EXIF or the user
+    model: str  # COLMAP's name of the lens model
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """What the worker is told."""
+
+    step: str  # one of `worker.STEPS`
+    workspace: str
+    pictures: str  # folder of the prepared photos
+    groups: tuple[CameraGroup, ...]
+    picture_side: int  # longest side of undistorted pictures
+    config: SfmConfig  # nothing is "auto" but the lens model, which the groups say
 
 
 def run_matching(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[None]:
@@ -125,17 +130,19 @@ def run_step(
     finished = workspace / f"{step}.finished"
     if finished.is_file():
         return
-    threads = config.threads or n_threads()
-    settings = _settings(photos, workspace, config, threads)
-    settings |= {
-        "step": step,
-        "picture_side": picture_side,
-        "pictures": str(pictures_of(workspace)),
-    }
+    config = _decided(photos, config)
+    settings = StepSettings(
+        step,
+        str(workspace),
+        str(pictures_of(workspace)),
+        tuple(_group(group, config) for group in photos.cameras()),
+        picture_side,
+        config,
+    )
     file = workspace / f"{step}.json"
-    file.write_text(json.dumps(settings), encoding="utf-8")
+    file.write_text(json.dumps(asdict(settings)), encoding="utf-8")
     command = [sys.executable, "-m", "gaga_core.placing.worker", str(file)]
-    environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
+    environment = os.environ | {"OMP_NUM_THREADS": str(config.threads)}
     listener = _Listener(step, len(photos.photos))
     lines = follow(command, environment)
     try:
@@ -208,40 +215,23 @@ class _Listener:
         self.progress = Progress(self.progress.stage, min(done, total), total, what)
 
 
-def _settings(
-    photos: PhotoSet, workspace: Path, config: SfmConfig, threads: int
-) -> dict[str, object]:
-    """The worker's settings, but for the step."""
-    n = len(photos.photos)
+def _decided(photos: PhotoSet, config: SfmConfig) -> SfmConfig:
+    """``config`` without "auto" among its pairs and threads."""
     pairs = config.pairs
-    if pairs == "auto":
-        unordered: Literal["exhaustive", "similar"] = (
-            "exhaustive" if n <= config.exhaustive_up_to else "similar"
-        )
-        pairs = "sequential" if photos.ordered else unordered
-    cameras = photos.cameras()
-    groups = [
-        {
-            "names": [photo.name for photo in group],
-            "width": group[0].width,
-            "height": group[0].height,
-            "focal": group[0].focal,
-            "model": _camera_model(config, len(group)),
-        }
-        for group in cameras
-    ]
-    return asdict(config) | {
-        "workspace": str(workspace),
-        "groups": groups,
-        "pairs": pairs,
-        "threads": threads,
-    }
+    if pairs == "auto" and photos.ordered:
+        pairs = "sequential"
+    elif pairs == "auto":
+        pairs = "exhaustive" if len(photos.photos) <= config.exhaustive_up_to else "similar"
+    return replace(config, pairs=pairs, threads=config.threads or n_threads())
 
 
-def _camera_model(config: SfmConfig, n_photos: int) -> str:
-    if config.camera_model != "auto":
-        return config.camera_model
-    return "OPENCV" if n_photos >= _FEW_PHOTOS else "SIMPLE_RADIAL"
+def _group(photos: Sequence[Photo], config: SfmConfig) -> CameraGroup:
+    model: str = config.camera_model
+    if model == "auto":
+        model = "OPENCV" if len(photos) >= _FEW_PHOTOS else "SIMPLE_RADIAL"
+    first = photos[0]
+    names = tuple(photo.name for photo in photos)
+    return CameraGroup(names, first.width, first.height, first.focal, model)
 
 
 def _explain(step: str, why: str) -> str:

@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.images import read_rgb
 from gaga_core.io.video import ffmpeg_program
-from gaga_core.placing.photos import sharpness
+from gaga_core.placing.photos import LOOK_SIDE, sharpness
 from gaga_core.progress import Progress, Stage
 
 # --- How a film moves, and which of its frames are worth to be placed.
@@ -23,9 +23,9 @@ from gaga_core.progress import Progress, Stage
 # taken.
 
 
-_WIDTH = 320  # pixels: frames are looked at in this size
+_LOOK_WIDTH = 320  # pixels: frames are looked at in this size
 _BLOCK = 64  # pixels of a block, at half that size
-_CLEAR = 0.08  # height of the peak of a phase correlation that is no chance
+_CLEAR_PEAK = 0.08  # height of the peak of a phase correlation that is no chance
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def look_through(
     """Read the film once, small, and measure each frame. An unreadable film has no frames."""
     config = config or MotionConfig()
     rate = min(native_rate, config.rate, config.most_looked / max(seconds, 1e-3))
-    width = _WIDTH
+    width = _LOOK_WIDTH
     height = max(_BLOCK * 2, round(width * size[1] / max(size[0], 1) / 2) * 2)
     command = [ffmpeg_program(), "-nostdin", "-v", "error", "-i", str(video)]
     command += ["-vf", f"fps={rate:.6g},scale={width}:{height}:flags=area", "-pix_fmt", "rgb24"]
@@ -103,7 +103,7 @@ def displacement(before: FloatArray, after: FloatArray, lost: float) -> float:
             cross = np.fft.rfft2(a) * np.conj(np.fft.rfft2(b))
             peak = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), s=(_BLOCK, _BLOCK))
             row, column = divmod(int(peak.argmax()), _BLOCK)
-            if peak[row, column] >= _CLEAR:
+            if peak[row, column] >= _CLEAR_PEAK:
                 down, across = ((i + _BLOCK // 2) % _BLOCK - _BLOCK // 2 for i in (row, column))
                 found.append(float(np.hypot(down, across)) / width)
     enough = len(rows) * len(columns) // 3
@@ -170,13 +170,9 @@ def _halved(frame: UInt8Array) -> FloatArray:
     return result
 
 
-# --- Frames of a video: the sharpest of each place, or of each moment (through ffmpeg).
-
-
 STAGE = "Read video"
 _CANDIDATES = 3  # frames looked at for each one kept
-_MOST = 300  # frames kept of a long video
-_LOOK_SIDE = 640  # pixels: sharpness is compared at this size
+_MOST_FRAMES = 300  # frames kept of a long video
 _USUAL_FPS = 2.0  # frames that are kept of a second of an unhurried film
 _USUAL_RATE, _USUAL_SIZE = 30.0, (1920, 1080)  # of a film whose header does not say
 
@@ -282,7 +278,7 @@ def _unreadable(video: Path, why: str) -> GagaError:
 def expected_frames(video: Path) -> int:
     """Frames that `extract_frames` would keep of ``video``; 0 when it cannot be read."""
     seconds = _header(video).seconds
-    return int(seconds * min(_USUAL_FPS, _MOST / max(seconds, 1e-3)))
+    return int(seconds * min(_USUAL_FPS, _MOST_FRAMES / max(seconds, 1e-3)))
 
 
 def _run(command: list[str], expected: int) -> Stage[tuple[int, str]]:
@@ -307,7 +303,7 @@ def _keep_sharpest(frames: list[Path], target: Path) -> Stage[tuple[Path, ...]]:
     for i in range(0, len(frames), _CANDIDATES):
         some = frames[i : i + _CANDIDATES]
         yield Progress("Choose sharp frames", i, len(frames))
-        best = max(some, key=lambda path: sharpness(read_rgb(path, _LOOK_SIDE)))
+        best = max(some, key=lambda path: sharpness(read_rgb(path, LOOK_SIDE)))
         kept.append(best.rename(target / f"frame_{len(kept) + 1:05d}.jpg"))
         for path in some:
             path.unlink(missing_ok=True)

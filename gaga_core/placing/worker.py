@@ -10,9 +10,9 @@ import json
 import shutil
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 import pycolmap
@@ -24,8 +24,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.foreground import MASKS
-from gaga_core.placing.join import join_parts
-from gaga_core.placing.ladder import JOINED
+from gaga_core.placing.sfm import CameraGroup, StepSettings
 
 # --- What the checks need to know of a model: plain arrays that the worker writes.
 
@@ -33,7 +32,7 @@ from gaga_core.placing.ladder import JOINED
 _STILL = 0.004  # x width: a match that moved less stands still in the picture
 _CELLS = 12  # across and down, to see where a picture has features
 _TURN_MATCHES = 60  # from which a pair says how its cameras are turned
-_MATCHES = 100  # verified matches of a pair that are kept, evenly spread
+_MATCHES_OF_PAIR = 100  # verified matches of a pair that are kept, evenly spread
 
 
 def write_facts(
@@ -103,74 +102,100 @@ def _matches(
     database: Path,
 ) -> dict[str, AnyArray]:
     """A sample of the verified matches: their views, viewing rays and points (-1 = none)."""
-    view_of = {int(image.image_id): i for i, image in enumerate(images)}
-    opened = pycolmap.Database.open(database)
-    all_names = sorted(str(image.name) for image in opened.read_all_images())
-    name_of = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
-    keys, geometries = opened.read_two_view_geometries()
-    opened.close()
-    ids = np.array([_pair_of(int(key)) for key in keys], np.int64).reshape(-1, 2)
-    inliers = [np.asarray(geometry.inlier_matches) for geometry in geometries]
-    counts = np.array([len(matches) for matches in inliers], np.int64)
-    place = {name: i for i, name in enumerate(all_names)}
+    matching = _Matching.read(database)
+    all_names = [str(image.name) for image in matching.images]
+    view_of_name = {str(image.name): i for i, image in enumerate(images)}
+    view_of = [view_of_name.get(name, -1) for name in all_names]
     rays = [_rays(model, image) for image in images]
     seen = [_point_rows(image, points) for image in images]
-    rows: list[AnyArray] = []
-    ray_pairs: list[AnyArray] = []
-    for (a, b), matches in zip(ids, inliers, strict=True):
-        if len(matches) == 0 or int(a) not in view_of or int(b) not in view_of:
-            continue
-        chosen = matches[np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)]
-        va, vb = view_of[int(a)], view_of[int(b)]
-        ka, kb = chosen[:, 0], chosen[:, 1]
-        views = np.tile([va, vb], (len(chosen), 1))
-        rows.append(np.c_[views, seen[va][ka], seen[vb][kb]])
-        ray_pairs.append(np.stack([rays[va][ka], rays[vb][kb]], axis=1))
-    names_of_pairs = [[place[name_of[int(i)]] for i in pair] for pair in ids]
+    rows, ray_pairs = [np.zeros((0, 4), np.int64)], [np.zeros((0, 2, 3))]
+    for (a, b), matches in zip(matching.pairs, matching.matches, strict=True):
+        va, vb = view_of[a], view_of[b]
+        if len(matches) and va >= 0 and vb >= 0:
+            ka, kb = _sample(matches).T
+            rows.append(np.c_[np.tile([va, vb], (len(ka), 1)), seen[va][ka], seen[vb][kb]])
+            ray_pairs.append(np.stack([rays[va][ka], rays[vb][kb]], axis=1))
+    found = np.concatenate(rows)
     return {
         "all_names": np.array(all_names, np.str_),
-        "pairs": np.array(names_of_pairs, np.int64).reshape(-1, 2),
-        "pair_matches": counts,
-        "match_views": np.concatenate(rows)[:, :2] if rows else np.zeros((0, 2), np.int64),
-        "match_points": np.concatenate(rows)[:, 2:] if rows else np.zeros((0, 2), np.int64),
-        "match_rays": np.concatenate(ray_pairs) if rows else np.zeros((0, 2, 3)),
+        "pairs": matching.pairs,
+        "pair_matches": matching.counts,
+        "match_views": found[:, :2],
+        "match_points": found[:, 2:],
+        "match_rays": np.concatenate(ray_pairs),
     }
 
 
+@dataclass(frozen=True, eq=False)
+class _Matching:
+    """What a database holds: A photos by name, Q pairs that were matched."""
+
+    images: list[pycolmap.Image]  # (A,)
+    cameras: list[pycolmap.Camera]  # (A,) of each photo
+    pairs: LongArray  # (Q, 2) indices of photos
+    geometries: list[pycolmap.TwoViewGeometry]  # (Q,)
+    matches: list[AnyArray]  # (Q,) verified ones (M, 2), indices of features
+
+    @staticmethod
+    def read(database: Path) -> "_Matching":
+        opened = pycolmap.Database.open(database)
+        images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+        cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
+        keys, geometries = opened.read_two_view_geometries()
+        opened.close()
+        place = {int(image.image_id): i for i, image in enumerate(images)}
+        pairs = [[place[int(i)] for i in pycolmap.pair_id_to_image_pair(key)] for key in keys]
+        return _Matching(
+            images,
+            [cameras[int(image.camera_id)] for image in images],
+            np.array(pairs, np.int64).reshape(-1, 2),
+            geometries,
+            [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries],
+        )
+
+    @property
+    def names(self) -> AnyArray:
+        return np.array([str(image.name) for image in self.images], np.str_)
+
+    @property
+    def counts(self) -> LongArray:
+        """Verified matches (Q,) of each pair."""
+        return np.array([len(matches) for matches in self.matches], np.int64)
+
+    def keypoints(self, database: Path) -> list[DoubleArray]:
+        """Pixels (F, 2) of the features of each photo."""
+        opened = pycolmap.Database.open(database)
+        read = opened.read_keypoints
+        found = [np.asarray(read(image.image_id), np.float64)[:, :2] for image in self.images]
+        opened.close()
+        return found
+
+
+def _sample(matches: AnyArray) -> AnyArray:
+    """At most `_MATCHES_OF_PAIR` of ``matches`` (M, 2), evenly spread."""
+    rows = np.linspace(0, len(matches) - 1, min(_MATCHES_OF_PAIR, len(matches))).astype(int)
+    return matches.take(rows, axis=0)
+
+
 def write_match_facts(path: Path, database: Path) -> None:
-    """Write the arrays of `sfm_diagnosis.MatchFacts`: what the matching says before any model."""
-    opened = pycolmap.Database.open(database)
-    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
-    place = {int(image.image_id): i for i, image in enumerate(images)}
-    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
-    points = [np.asarray(opened.read_keypoints(i.image_id), np.float64)[:, :2] for i in images]
-    keys, geometries = opened.read_two_view_geometries()
-    opened.close()
-    sides = np.array([max(cameras[int(i.camera_id)].width, 1) for i in images], np.float64)
-    pairs = [[place[i] for i in _pair_of(int(key))] for key in keys]
-    matches = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
-    still = []
-    for (a, b), m in zip(pairs, matches, strict=True):
+    """Write the arrays of `diagnosis.MatchFacts`: what the matching says before any model."""
+    found = _Matching.read(database)
+    points, used = found.keypoints(database), found.cameras
+    sides = np.array([max(camera.width, 1) for camera in used], np.float64)
+    still, turns = [], []
+    for (a, b), m, geometry in zip(found.pairs, found.matches, found.geometries, strict=True):
         moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
         still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
-    used = [cameras[int(image.camera_id)] for image in images]
-    turns = [
-        _turn(used[a], points[a], used[b], points[b], geometry)
-        for (a, b), geometry in zip(pairs, geometries, strict=True)
-    ]
+        turns.append(_turn(used[a], points[a], used[b], points[b], geometry))
+    coverage = [_coverage(p, camera) for p, camera in zip(points, used, strict=True)]
     _write(
         path,
         {
-            "names": np.array([str(image.name) for image in images], np.str_),
+            "names": found.names,
             "n_features": np.array([len(p) for p in points], np.int64),
-            "coverage": np.array(
-                [
-                    _coverage(p, cameras[int(i.camera_id)])
-                    for p, i in zip(points, images, strict=True)
-                ]
-            ),
-            "pairs": np.array(pairs, np.int64).reshape(-1, 2),
-            "pair_matches": np.array([len(m) for m in matches], np.int64),
+            "coverage": np.array(coverage),
+            "pairs": found.pairs,
+            "pair_matches": found.counts,
             "still": np.array(still, np.float64),
             "turns": np.array(turns, np.float64).reshape(-1, 3, 3),
         },
@@ -206,31 +231,20 @@ def write_pair_matches(path: Path, database: Path) -> None:
     Arrays: names (A,), pairs (Q, 2), pair_matches (Q,), match_names (M, 2) indices into names,
     match_places (M, 2, 2) xy over width and height.
     """
-    opened = pycolmap.Database.open(database)
-    images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
-    place = {int(image.image_id): i for i, image in enumerate(images)}
-    cameras = {int(c.camera_id): c for c in opened.read_all_cameras()}
-    sizes = [(cameras[int(i.camera_id)].width, cameras[int(i.camera_id)].height) for i in images]
-    points = [
-        np.asarray(opened.read_keypoints(image.image_id))[:, :2] / size
-        for image, size in zip(images, sizes, strict=True)
-    ]
-    keys, geometries = opened.read_two_view_geometries()
-    opened.close()
-    pairs = np.array([[place[i] for i in _pair_of(int(key))] for key in keys], np.int64)
-    inliers = [np.asarray(geometry.inlier_matches).reshape(-1, 2) for geometry in geometries]
+    found = _Matching.read(database)
+    cameras = zip(found.keypoints(database), found.cameras, strict=True)
+    points = [pixels / (camera.width, camera.height) for pixels, camera in cameras]
     views, places = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2, 2))]
-    for (a, b), matches in zip(pairs.reshape(-1, 2), inliers, strict=True):
-        step = np.linspace(0, len(matches) - 1, min(_MATCHES, len(matches))).astype(int)
-        chosen = matches[step]
-        views.append(np.tile([a, b], (len(chosen), 1)))
-        places.append(np.stack([points[a][chosen[:, 0]], points[b][chosen[:, 1]]], axis=1))
+    for (a, b), matches in zip(found.pairs, found.matches, strict=True):
+        ka, kb = _sample(matches).T
+        views.append(np.tile([a, b], (len(ka), 1)))
+        places.append(np.stack([points[a][ka], points[b][kb]], axis=1))
     _write(
         path,
         {
-            "names": np.array([str(image.name) for image in images], np.str_),
-            "pairs": pairs.reshape(-1, 2),
-            "pair_matches": np.array([len(matches) for matches in inliers], np.int64),
+            "names": found.names,
+            "pairs": found.pairs,
+            "pair_matches": found.counts,
             "match_names": np.concatenate(views),
             "match_places": np.concatenate(places),
         },
@@ -242,12 +256,6 @@ def _coverage(points: AnyArray, camera: pycolmap.Camera) -> float:
     size = np.array([camera.width, camera.height], np.float64)
     cells = np.clip((points / size * _CELLS).astype(np.int64), 0, _CELLS - 1)
     return len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
-
-
-def _pair_of(key: int) -> tuple[int, int]:
-    """Image ids of COLMAP's pair id."""
-    low = key % 2147483647
-    return (key - low) // 2147483647, low
 
 
 def _rays(model: pycolmap.Reconstruction, image: pycolmap.Image) -> DoubleArray:
@@ -272,8 +280,8 @@ def _point_rows(image: pycolmap.Image, points: dict[int, int]) -> LongArray:
 
 
 _CENTRES = 64
-_SAMPLE = 20_000  # features that the centres are learned from
-_PER_PHOTO = 800  # strongest features of a photo that describe it
+_CENTRE_SAMPLE = 20_000  # features that the centres are learned from
+_FEATURES_OF_PHOTO = 800  # strongest features of a photo that describe it
 
 
 def similar_pairs(
@@ -299,8 +307,8 @@ def similar_pairs(
 def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray:
     """One vector a photo (n, centres * 128): unit length, or zero for a photo without features."""
     rng = np.random.default_rng(seed)
-    some = [np.asarray(d[:_PER_PHOTO], np.float64) for d in descriptors]
-    each = max(1, _SAMPLE // max(1, len(some)))
+    some = [np.asarray(d[:_FEATURES_OF_PHOTO], np.float64) for d in descriptors]
+    each = max(1, _CENTRE_SAMPLE // max(1, len(some)))
     sample = np.concatenate([d[rng.permutation(len(d))[:each]] for d in some])
     k = max(1, min(_CENTRES, len(sample) // 10))
     with warnings.catch_warnings():
@@ -319,59 +327,18 @@ def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray
     return vectors
 
 
-# --- ``python -m gaga_core.placing.worker SETTINGS.json``: one step of structure from
-# motion.
-# Run in a process of its own: pycolmap's C++ may abort, and ending the process is how a step is
-# cancelled. Prints one JSON object a line: ``{"done": 3, "total": 11, "message": ".."}`` for
-# progress, ``{"failed": ".."}`` for a failure (exit status 1), among the lines of COLMAP's log.
-# All state is in the workspace folder, so a step that was ended is simply run again.
-
-
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _MOST_MODELS = 4  # of one mapping that are looked at
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
 
 
-class CameraGroup(TypedDict):
-    """Photos of one camera: same size, same focal length."""
-
-    names: list[str]
-    width: int
-    height: int
-    focal: float | None  # pixels, from EXIF or the user
-    model: str  # COLMAP's name of the lens model
-
-
-class WorkerSettings(TypedDict):
-    """What the parent writes for the worker."""
-
-    step: str  # one of `STEPS`
-    workspace: str
-    pictures: str  # folder of the prepared photos
-    groups: list[CameraGroup]
-    feature_side: int  # pixels: photos are shrunk to this to look for features
-    n_features: int
-    doubled: bool  # features are looked for at twice the size too
-    affine: bool  # features with affine shape and domain-size pooling
-    least_contrast: float  # of a feature, brightness 0..1
-    guided: bool  # match again along epipolar lines
-    moving_only: bool  # drop matches that stand still in the picture
-    pairs: str  # exhaustive, sequential or similar
-    neighbours: int  # of a photo among those that look alike
-    overlap: int  # of a frame in sequential matching
-    threads: int
-    seed: int
-    picture_side: int  # longest side of undistorted pictures
-
-
 def main() -> int:
     """Run the step that the settings name."""
     end_with_parent()
-    settings: WorkerSettings = read_json(Path(sys.argv[1]), WorkerSettings, "")
-    workspace = Path(settings["workspace"])
-    pycolmap.set_random_seed(settings["seed"])
+    settings = read_json(Path(sys.argv[1]), StepSettings, "")
+    pycolmap.set_random_seed(settings.config.seed)
     try:
-        STEPS[settings["step"]](settings, workspace)
+        STEPS[settings.step](settings, Path(settings.workspace))
     except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OSError) as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
         _say({"failed": said[:200]})
@@ -384,30 +351,30 @@ def _say(values: dict[str, object]) -> None:
     sys.stdout.flush()
 
 
-def _features(settings: WorkerSettings, workspace: Path) -> None:
+def _features(settings: StepSettings, workspace: Path) -> None:
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
-    options.num_threads = settings["threads"]
-    options.max_image_size = settings["feature_side"]
-    options.sift.max_num_features = settings["n_features"]
-    options.sift.first_octave = -1 if settings["doubled"] else 0
-    options.sift.estimate_affine_shape = settings["affine"]
-    options.sift.domain_size_pooling = settings["affine"]
-    options.sift.peak_threshold = settings["least_contrast"]
+    options.num_threads = settings.config.threads
+    options.max_image_size = settings.config.feature_side
+    options.sift.max_num_features = settings.config.n_features
+    options.sift.first_octave = -1 if settings.config.doubled else 0
+    options.sift.estimate_affine_shape = settings.config.affine
+    options.sift.domain_size_pooling = settings.config.affine
+    options.sift.peak_threshold = settings.config.least_contrast
     database = workspace / "database.db"
     for suffix in ("", "-wal", "-shm"):  # what an ended process left may be half-written
         database.with_name(database.name + suffix).unlink(missing_ok=True)
     pycolmap.Database.open(database).close()  # makes it
-    readers, pictures = [], Path(settings["pictures"])
+    readers, pictures = [], Path(settings.pictures)
     masks = pictures.with_name(MASKS)
-    for group in settings["groups"]:
+    for group in settings.groups:
         reader = pycolmap.ImageReaderOptions()
         if masks.is_dir():
             reader.mask_path = str(masks)
-        reader.camera_model = group["model"]
-        if group["focal"] is not None:
+        reader.camera_model = group.model
+        if group.focal is not None:
             reader.camera_params = _camera_params(group)
-        readers.append((group["names"], reader))
+        readers.append((group.names, reader))
     single = pycolmap.CameraMode.SINGLE
     for names, reader in readers:  # first, so that numbers do not depend on who is ready first
         pycolmap.import_images(database, pictures, single, names, reader)
@@ -425,8 +392,8 @@ def _features(settings: WorkerSettings, workspace: Path) -> None:
 
 def _camera_params(group: CameraGroup) -> str:
     """COLMAP's parameter text of a camera without distortion."""
-    model, focal = group["model"], group["focal"]
-    cx, cy = group["width"] / 2, group["height"] / 2
+    model, focal = group.model, group.focal
+    cx, cy = group.width / 2, group.height / 2
     tail = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2}
     if model in tail:
         values = [focal, cx, cy, *[0.0] * tail[model]]
@@ -435,22 +402,22 @@ def _camera_params(group: CameraGroup) -> str:
     return ",".join(str(value) for value in values)
 
 
-def _match(settings: WorkerSettings, workspace: Path) -> None:
+def _match(settings: StepSettings, workspace: Path) -> None:
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
-    matching.num_threads = settings["threads"]
-    matching.guided_matching = settings["guided"]
+    matching.num_threads = settings.config.threads
+    matching.guided_matching = settings.config.guided
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = settings["seed"]
-    verification.filter_stationary_matches = settings["moving_only"]
+    verification.ransac.random_seed = settings.config.seed
+    verification.filter_stationary_matches = settings.config.moving_only
     device = pycolmap.Device.cpu
     n = _n_photos(settings)
     database = workspace / "database.db"
-    if settings["pairs"] == "sequential":
+    if settings.config.pairs == "sequential":
         sequential = pycolmap.SequentialPairingOptions()
-        sequential.overlap = settings["overlap"]
+        sequential.overlap = settings.config.overlap
         pycolmap.match_sequential(database, matching, sequential, verification, device)
-    elif settings["pairs"] == "similar":
+    elif settings.config.pairs == "similar":
         _write_similar(settings, workspace)
         listed = pycolmap.ImportedPairingOptions()
         listed.match_list_path = str(workspace / "pairs.txt")
@@ -463,59 +430,31 @@ def _match(settings: WorkerSettings, workspace: Path) -> None:
     write_match_facts(workspace / "matches.npz", database)
 
 
-def _write_similar(settings: WorkerSettings, workspace: Path) -> None:
+def _write_similar(settings: StepSettings, workspace: Path) -> None:
     """Write the pairs of photos that look alike to pairs.txt."""
     database = pycolmap.Database.open(workspace / "database.db")
     images = sorted(database.read_all_images(), key=lambda image: str(image.name))
     descriptors = [np.asarray(database.read_descriptors(i.image_id).data) for i in images]
     database.close()
-    pairs = similar_pairs(descriptors, settings["neighbours"], settings["seed"])
+    pairs = similar_pairs(descriptors, settings.config.neighbours, settings.config.seed)
     lines = [f"{images[i].name} {images[j].name}\n" for i, j in pairs]
     (workspace / "pairs.txt").write_text("".join(lines), encoding="utf-8")
 
 
-def _map(settings: WorkerSettings, workspace: Path) -> None:
+def _map(settings: StepSettings, workspace: Path) -> None:
     """An incremental mapping; with weaker demands when it finds no pair to start from."""
-    models = _incremental(settings, workspace, "default")
-    if models:
-        _write_all(settings, workspace, "", models, "default")
-    else:
-        _write_all(settings, workspace, "", _incremental(settings, workspace, "relaxed"), "relaxed")
+    models = _incremental(settings, workspace)
+    _write_all(settings, workspace, "", models or _incremental(settings, workspace, relaxed=True))
 
 
-def _map_relaxed(settings: WorkerSettings, workspace: Path) -> None:
-    models = _incremental(settings, workspace, "relaxed")
-    _write_all(settings, workspace, "relaxed", models, "relaxed")
-
-
-def _map_strict(settings: WorkerSettings, workspace: Path) -> None:
-    models = _incremental(settings, workspace, "strict")
-    _write_all(settings, workspace, "strict", models, "strict")
-
-
-def _map_global(settings: WorkerSettings, workspace: Path) -> None:
-    """All photos at once (GLOMAP, Pan 2024). It can place every photo and still be wrong."""
-    out = _empty(workspace / "mapping")
-    options = pycolmap.GlobalPipelineOptions()
-    options.num_threads = settings["threads"]
-    options.random_seed = settings["seed"]
-    options.mapper.random_seed = settings["seed"]
-    options.mapper.rotation_averaging.random_seed = settings["seed"]
-    options.mapper.global_positioning.random_seed = settings["seed"]
-    options.mapper.global_positioning.use_gpu = False
-    options.mapper.bundle_adjustment.ceres.use_gpu = False
-    options.min_model_size = _least_model(settings)
-    _say({"done": 0, "total": 0, "message": "all photos at once"})
-    found = pycolmap.global_mapping(
-        workspace / "database.db", Path(settings["pictures"]), out, options
-    )
-    _write_all(settings, workspace, "global", found, "default")
+def _map_relaxed(settings: StepSettings, workspace: Path) -> None:
+    _write_all(settings, workspace, "relaxed", _incremental(settings, workspace, relaxed=True))
 
 
 def _incremental(
-    settings: WorkerSettings, workspace: Path, demands: str
+    settings: StepSettings, workspace: Path, *, relaxed: bool = False
 ) -> dict[int, pycolmap.Reconstruction]:
-    """Models of an incremental mapping with `_mapping_options` of ``demands``."""
+    """Models of an incremental mapping with `_mapping_options`."""
     n_photos = _n_photos(settings)
     out = _empty(workspace / "mapping")
     placed = 2
@@ -526,14 +465,13 @@ def _incremental(
         _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
 
     _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
-    models: dict[int, pycolmap.Reconstruction] = pycolmap.incremental_mapping(
+    return pycolmap.incremental_mapping(
         workspace / "database.db",
-        Path(settings["pictures"]),
+        Path(settings.pictures),
         out,
-        _mapping_options(settings, demands),
+        _mapping_options(settings, relaxed=relaxed),
         next_image_callback=next_photo,
     )
-    return models
 
 
 def _empty(folder: Path) -> Path:
@@ -542,37 +480,31 @@ def _empty(folder: Path) -> Path:
     return folder
 
 
-def _n_photos(settings: WorkerSettings) -> int:
-    return sum(len(group["names"]) for group in settings["groups"])
+def _n_photos(settings: StepSettings) -> int:
+    return sum(len(group.names) for group in settings.groups)
 
 
-def _least_model(settings: WorkerSettings) -> int:
+def _least_model(settings: StepSettings) -> int:
     """Photos of the smallest model that is kept."""
     return max(2, min(10, _n_photos(settings) // 3))
 
 
 def _write_all(
-    settings: WorkerSettings,
+    settings: StepSettings,
     workspace: Path,
     folder: str,  # in the workspace
     models: dict[int, pycolmap.Reconstruction],
-    demands: str,
 ) -> None:
-    """Write the models, and to folder/joined what they become where parts can be joined.
-
-    Both are kept: which of them is right is for the checks to say.
-    """
+    """Write folder/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
+    target = workspace / folder
+    target.mkdir(exist_ok=True)
     chosen = _chosen_models(models)
-    _write_models(workspace, workspace / folder, chosen)
-    joined = chosen
-    if len(chosen) > 1:
-        _say({"done": 0, "total": 0, "message": "joining the parts"})
-        options = _mapping_options(settings, demands)
-        pictures = Path(settings["pictures"])
-        joined = join_parts(chosen, workspace / "database.db", pictures, options)
-    shutil.rmtree(workspace / folder / JOINED, ignore_errors=True)
-    if len(joined) < len(chosen):
-        _write_models(workspace, workspace / folder / JOINED, joined)
+    sizes = [model.num_reg_images() for model in chosen]
+    for i, model in enumerate(chosen):
+        number = "" if i == 0 else f"_{i + 1}"
+        _round(model)
+        model.write_binary(_empty(target / f"model{number}"))
+        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
     shutil.rmtree(workspace / "mapping", ignore_errors=True)
 
 
@@ -592,17 +524,6 @@ def _chosen_models(
     return chosen
 
 
-def _write_models(workspace: Path, target: Path, models: Sequence[pycolmap.Reconstruction]) -> None:
-    """Write target/model, model_2 .. with facts.npz, facts_2.npz .. for the checks."""
-    target.mkdir(exist_ok=True)
-    sizes = [model.num_reg_images() for model in models]
-    for i, model in enumerate(models):
-        number = "" if i == 0 else f"_{i + 1}"
-        _round(model)
-        model.write_binary(_empty(target / f"model{number}"))
-        write_facts(target / f"facts{number}.npz", model, workspace / "database.db", sizes)
-
-
 def _round(model: pycolmap.Reconstruction) -> None:
     """Drop the last digits, which differ from run to run: threads add up in any order.
 
@@ -619,41 +540,40 @@ def _round(model: pycolmap.Reconstruction) -> None:
         camera.params = np.round(camera.params, _DECIMALS)
 
 
-def _mapping_options(settings: WorkerSettings, demands: str) -> pycolmap.IncrementalPipelineOptions:
+def _mapping_options(
+    settings: StepSettings, *, relaxed: bool
+) -> pycolmap.IncrementalPipelineOptions:
     """COLMAP's defaults, with a seed.
 
-    "relaxed" starts from a pair with fewer matches and places photos by fewer points; "strict"
-    believes only pairs with many matches, as things that look alike seldom share so many.
+    ``relaxed``: starts from a pair with fewer matches and places photos by fewer points.
     """
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = settings["threads"]
-    options.random_seed = settings["seed"]
-    options.mapper.random_seed = settings["seed"]
-    options.triangulation.random_seed = settings["seed"]
+    options.num_threads = settings.config.threads
+    options.random_seed = settings.config.seed
+    options.mapper.random_seed = settings.config.seed
+    options.triangulation.random_seed = settings.config.seed
     options.min_model_size = _least_model(settings)
-    if demands == "relaxed":
+    if relaxed:
         options.mapper.init_min_num_inliers = 30
         options.mapper.init_min_tri_angle = 4.0
         options.mapper.abs_pose_min_num_inliers = 15
-    if demands == "strict":
-        options.min_num_matches = 45
     return options
 
 
-def _undistort(settings: WorkerSettings, workspace: Path) -> None:
+def _undistort(settings: StepSettings, workspace: Path) -> None:
     """Pictures without distortion in undistorted/images, their model in undistorted/sparse/0."""
     out = workspace / "undistorted"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
     options = pycolmap.UndistortCameraOptions()
-    options.max_image_size = settings["picture_side"]
+    options.max_image_size = settings.picture_side
     pycolmap.undistort_images(
         out,
         workspace / "model",
-        Path(settings["pictures"]),
+        Path(settings.pictures),
         undistort_options=options,
         jpeg_quality=97,
-        num_threads=settings["threads"],
+        num_threads=settings.config.threads,
     )
     for entry in out.iterdir():
         if entry.name not in ("images", "sparse"):
@@ -664,17 +584,15 @@ def _undistort(settings: WorkerSettings, workspace: Path) -> None:
             file.rename(out / "sparse" / "0" / file.name)
 
 
-def _export(settings: WorkerSettings, workspace: Path) -> None:
+def _export(settings: StepSettings, workspace: Path) -> None:
     write_pair_matches(workspace / "pair_matches.npz", workspace / "database.db")
 
 
-STEPS = {
+STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
     "map": _map,
     "map_relaxed": _map_relaxed,
-    "map_strict": _map_strict,
-    "map_global": _map_global,
     "export": _export,
     "undistort": _undistort,
 }

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.color import lab_from_rgb
 from gaga_core.query.colors import HUES, NAMES
 from gaga_core.query.group_facts import GroupFacts
-from gaga_core.raster.base import NEAR
 
 _NEAR_GAP = 1.0  # "next to": gap in sizes of the two at which the score has fallen to 1/e
 _CENTRED = 0.7  # what lies over something with its middle does so to this part at least

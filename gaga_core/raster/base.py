@@ -18,24 +18,10 @@ from typing import Protocol
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, check_shape
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.vote_slots import VoteSlots
 
-# --- What every rasterizer can do: the operators that the method is made of.
-# All backends share one image model (3D Gaussian Splatting, Kerbl 2023): EWA projection with the
-# Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagonal of the 2D
-# covariance; alpha = min(0.99, opacity * exp(-q / 2)); contributions under 1/255 are dropped; a
-# pixel is done when its transmittance would fall under 1e-4; front to back by camera depth of the
-# centres.
-#
-# Gaussians whose comments say so are drawn in the antialiased (mip) mode: a splat's opacity is
-# multiplied by sqrt(det of its covariance without the 0.3 / det with it), so that what is smaller
-# than a pixel does not grow brighter (Yu 2024, Mip-Splatting; as gsplat and SuperSplat do it).
-# Gradients are those of the mode that is drawn.
-
-
-NEAR = 0.01  # scene units; centres nearer than this are not drawn
 BLUR = 0.3  # pixels^2 added to the 2D covariance
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.99
@@ -250,11 +236,11 @@ class TrainableRasterizer(Rasterizer, Protocol):
 # of the box.
 
 
-_SIZE = 512  # most Gaussians of a chunk
-_LARGE = 0.98  # quantile of the sizes above which Gaussians have chunks of their own
-_MOST = 0.3  # share of all Gaussians above which to copy them costs more than to project all
+_CHUNK_SPLATS = 512  # most Gaussians of a chunk
+_LARGE_QUANTILE = 0.98  # quantile of the sizes above which Gaussians have chunks of their own
+_MOST_SHARE = 0.3  # share of all Gaussians above which to copy them costs more than to project all
 _SIGMAS = 3.34  # standard deviations that `project` draws at most
-_SLACK = 1e-6  # of the terms of a test, for rounding
+_ROUNDING = 1e-6  # of the terms of a test, for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,12 +262,12 @@ class SpatialChunks:
     def of(gaussians: Gaussians) -> "SpatialChunks | None":
         """The chunks of a scene; None for one that is too small to be divided."""
         finite = np.flatnonzero(np.isfinite(gaussians.means).all(axis=1)).astype(np.int32)
-        if len(finite) <= 2 * _SIZE:
+        if len(finite) <= 2 * _CHUNK_SPLATS:
             return None
         with np.errstate(over="ignore"):
             sizes = np.exp(np.nan_to_num(gaussians.log_scales.max(axis=1), nan=-np.inf))
         # One large Gaussian would widen the reach of all in its chunk.
-        is_large = sizes[finite] > np.quantile(sizes[finite], _LARGE)
+        is_large = sizes[finite] > np.quantile(sizes[finite], _LARGE_QUANTILE)
         chunks = [
             chunk
             for part in (finite[~is_large], finite[is_large])
@@ -304,7 +290,7 @@ class SpatialChunks:
         pay."""
         seen = np.flatnonzero(self._may_be_seen(camera))
         lengths = np.diff(self.offsets)
-        if int(lengths[seen].sum()) > _MOST * len(self.gaussians):
+        if int(lengths[seen].sum()) > _MOST_SHARE * len(self.gaussians):
             return None
         parts = [self.rows[self.offsets[c] : self.offsets[c + 1]] for c in seen]
         return np.sort(np.concatenate([np.zeros(0, np.int32), *parts]))
@@ -336,7 +322,7 @@ class SpatialChunks:
         value += self.halves @ np.abs(world[:, :3]).T
         with np.errstate(invalid="ignore"):  # a size that is infinite, at the near plane: 0 * inf
             value += np.nan_to_num(self.longest[:, None] * reach, nan=0.0, posinf=np.inf)
-        seen: BoolArray = np.all(value + _SLACK * terms >= 0, axis=1)
+        seen: BoolArray = np.all(value + _ROUNDING * terms >= 0, axis=1)
         return seen
 
 
@@ -345,7 +331,7 @@ def _divided(means: FloatArray, rows: IntArray) -> list[IntArray]:
     waiting, chunks = [rows], []
     while waiting:
         part = waiting.pop()
-        if len(part) <= _SIZE:
+        if len(part) <= _CHUNK_SPLATS:
             chunks += [part] if len(part) > 0 else []
             continue
         centres = means[part]

@@ -9,20 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.color import sh_basis
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
-from gaga_core.raster.base import (
-    ALPHA_MAX,
-    ALPHA_MIN,
-    BLUR,
-    NEAR,
-    T_MIN,
-    Frame,
-    LabelFrame,
-    PixelWeights,
-)
+from gaga_core.raster.base import ALPHA_MAX, ALPHA_MIN, BLUR, T_MIN, Frame, LabelFrame, PixelWeights
 from gaga_core.raster.vote_slots import VoteSlots
 
 

@@ -67,9 +67,6 @@ class Exposures:
         self.values[:] -= self.values.mean(axis=0) - np.array([[1.0] * 3, [0.0] * 3])
 
 
-# --- A training on disk: what it takes to go on as if it had never stopped.
-
-
 _FORMAT = 1
 _PARTS = ("values", "first", "second")
 _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
@@ -95,6 +92,18 @@ class TrainState:
     losses: FloatArray  # (iterations,) those to come are 0
     measured: DoubleArray  # (M, 3) iteration, held-out PSNR in dB, SSIM
     best: Best | None = None  # where `TrainConfig.keeps_best` asks for it
+
+    @staticmethod
+    def first(gaussians: Gaussians, n_views: int, iterations: int) -> "TrainState":
+        """The start of a training of so many ``iterations``; ``gaussians`` are copied."""
+        return TrainState(
+            0,
+            Splats.of(gaussians),
+            ScreenSums.empty(len(gaussians)),
+            Exposures.neutral(n_views),
+            np.zeros(iterations, np.float32),
+            np.zeros((0, 3)),
+        )
 
 
 def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_workers: int) -> str:

@@ -19,7 +19,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.densification import ScreenSums, quota, walk_rate
 from gaga_core.training.engine import (
-    HIGHEST,
+    HIGHEST_OPACITY,
     Setting,
     Turn,
     is_due_for_control,
@@ -120,7 +120,7 @@ class CudaEngine:
                 self._params, self._optimizers, self._strategy_state, i, info
             )
         (loss + self._decay(config)).backward()  # type: ignore[no-untyped-call]
-        self._share_gradients()
+        setting.team.mean_in_place([p.grad for p in self._params.values() if p.grad is not None])
         self._step_exposures(state, turns, exposure)
         self._step_optimizers(rates_by_name(setting.rates(i / config.iterations)))
         if uses_gradient:
@@ -164,12 +164,6 @@ class CudaEngine:
             total = total + weight * torch.exp(self._params["scales"]).mean()
         return total
 
-    def _share_gradients(self) -> None:
-        if self._setting.team.size > 1:
-            from gaga_core.training.torch_distributed import mean_in_place
-
-            mean_in_place([p.grad for p in self._params.values() if p.grad is not None])
-
     def _step_exposures(self, state: TrainState, turns: list[Turn], exposure: Tensor) -> None:
         if self._setting.config.exposure and exposure.grad is not None:
             by_exposure: DoubleArray = exposure.grad.double().cpu().numpy()
@@ -191,12 +185,7 @@ class CudaEngine:
         if is_due_for_control(i, config) and self._strategy_state["grad2d"] is not None:
             info["radii"] = torch.zeros_like(info["radii"])
             sums = [self._strategy_state[key] for key in ("grad2d", "count")]
-            if self._setting.team.size > 1:
-                from gaga_core.training.torch_distributed import mean_in_place
-
-                mean_in_place(sums)
-                for total in sums:
-                    total.mul_(self._setting.team.size)
+            self._setting.team.sum_in_place(sums)
             moment, step = i / config.iterations, density.every / config.iterations
             n_new = quota(density, self.n_splats, moment, step)
             mean = sums[0] / sums[1].clamp_min(1e-6)
@@ -237,7 +226,7 @@ def thinned_opacities(opacities: Tensor, share: float) -> Tensor:
     if share == 0:
         return opacities
     is_out = torch.rand_like(opacities) < share
-    raised = torch.minimum(opacities / (1 - share), opacities.detach().clamp(min=HIGHEST))
+    raised = torch.minimum(opacities / (1 - share), opacities.detach().clamp(min=HIGHEST_OPACITY))
     return torch.where(is_out, 0.0, raised)
 
 
@@ -284,8 +273,7 @@ def _photometric(image: Tensor, target: Tensor, dissimilarity: float) -> Tensor:
     c1, c2 = 0.01**2, 0.03**2
     similar = (2 * ma * mb + c1) * (2 * ab + c2) / ((ma**2 + mb**2 + c1) * (aa + bb + c2))
     apart = (image - target).abs().mean()
-    loss: Tensor = (1 - dissimilarity) * apart + dissimilarity * (1 - similar.mean())
-    return loss
+    return (1 - dissimilarity) * apart + dissimilarity * (1 - similar.mean())
 
 
 def _by_name(gaussians: Gaussians) -> dict[str, FloatArray]:
@@ -300,5 +288,4 @@ def _gaussians(tensors: dict[str, Any]) -> Gaussians:
 
 
 def _fetch(tensor: Tensor) -> FloatArray:
-    result: FloatArray = np.array(tensor.detach().cpu().numpy(), np.float32)
-    return result
+    return np.array(tensor.detach().cpu().numpy(), np.float32)

@@ -17,11 +17,6 @@ from gaga_core.training.losses_kernels import add_view
 from gaga_core.training.optimizer import COLUMNS, Splats
 from gaga_core.training.settings import DensityConfig
 
-# --- Density control by screen gradients: clone, split, prune (Kerbl 2023, section 5.2).
-# A clone and its original share the opacity such that both together cover as much as the one
-# before (Rota Bulo 2024): the picture stays, and no later pass has to undo a sudden thickening.
-
-
 _SHRINK = 1.6  # parts of a split splat are smaller by this (Kerbl 2023)
 
 
@@ -44,8 +39,7 @@ class ScreenSums:
     def mean(self) -> FloatArray:
         """Mean screen gradient (N,) over the views that drew each splat."""
         n_views = np.maximum(self.n_views, 1).astype(np.float32)
-        result: FloatArray = np.divide(self.gradient, n_views)
-        return result
+        return np.divide(self.gradient, n_views)
 
 
 def quota(config: DensityConfig, n_splats: int, moment: float, step: float) -> int:
@@ -99,8 +93,7 @@ def shared_opacity(logits: FloatArray) -> FloatArray:
     """Logits of the opacity that covers, twice over each other, as much as ``logits`` once."""
     # 1 - sqrt(1 - o) with 1 - o = 1 / (1 + e^x)
     through = 0.5 * np.logaddexp(0.0, logits.astype(np.float64))  # -log(1 - new)
-    result: FloatArray = np.log(np.expm1(through)).astype(np.float32)
-    return result
+    return np.log(np.expm1(through)).astype(np.float32)
 
 
 def reset_opacities(splats: Splats, opacity: float) -> None:
@@ -139,7 +132,7 @@ def _part(split: Gaussians, rng: np.random.Generator) -> Gaussians:
 
 _MOST_COPIES = 51  # of one splat at a time
 _BASE_RATE = 1.6e-4  # rate of means that the noise of the publication is a multiple of
-_FAINT = 0.1  # splats above this opacity do not walk: the gate is under 1e-4
+_FAINT_OPACITY = 0.1  # splats above this opacity do not walk: the gate is under 1e-4
 _GATE = 100.0
 
 
@@ -180,7 +173,7 @@ def walk(
     in scene units: the walk is the same whatever the unit is.
     """
     values = splats.values
-    rows = np.flatnonzero(values.logit_opacities < np.log(_FAINT / (1 - _FAINT)))
+    rows = np.flatnonzero(values.logit_opacities < np.log(_FAINT_OPACITY / (1 - _FAINT_OPACITY)))
     faint = values.take(rows)
     gate = 1 / (1 + np.exp(_GATE * (faint.opacities.astype(np.float64) - config.least_opacity)))
     length = config.noise * walk_rate(decay, extent) * gate
@@ -227,8 +220,7 @@ def _share(splats: Splats, sources: LongArray, least: float) -> None:
 
 
 def _logit(opacity: DoubleArray) -> FloatArray:
-    result: FloatArray = np.log(opacity / (1 - opacity)).astype(np.float32)
-    return result
+    return np.log(opacity / (1 - opacity)).astype(np.float32)
 
 
 def _forget(splats: Splats, rows: LongArray) -> None:

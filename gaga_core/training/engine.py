@@ -11,58 +11,12 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
 from gaga_core.training.checkpoint import TrainState
+from gaga_core.training.distributed import Team
 from gaga_core.training.optimizer import Rates
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.views import TrainView
 
-# --- Training by several workers at once: each draws its own view, all take the mean step.
-
-
-class Team(Protocol):
-    """Workers that train the same splats. All hold equal parameters at every moment."""
-
-    @property
-    def rank(self) -> int:
-        """This worker's number; 0 measures, writes and reports."""
-        ...
-
-    @property
-    def size(self) -> int:
-        """How many workers there are."""
-        ...
-
-    def mean(self, gradients: Gradients, n_splats: int) -> Gradients:
-        """Mean of all workers' gradients; rows that a worker did not draw count as zero there."""
-        ...
-
-    def mean_values(self, values: DoubleArray) -> DoubleArray:
-        """Element-wise mean over the workers."""
-        ...
-
-
-@dataclass(frozen=True)
-class SingleWorker:
-    """A team of one."""
-
-    rank: int = 0
-    size: int = 1
-
-    def mean(self, gradients: Gradients, n_splats: int) -> Gradients:
-        """The gradients as they are."""
-        return gradients
-
-    def mean_values(self, values: DoubleArray) -> DoubleArray:
-        """The values as they are."""
-        return values
-
-
-SINGLE_WORKER = SingleWorker()
-
-
-# --- What drives a training: the part that the CPU's and the CUDA engine share.
-
-
-_EXPOSURE_END = 0.01  # share of the exposures' learning rate at the end
+_EXPOSURE_END_RATE = 0.01  # share of the exposures' learning rate at the end
 _ORDER = 0  # what random numbers are drawn for; engines use other numbers
 
 
@@ -149,7 +103,7 @@ def step_exposures(
     rows[team.rank] = by_exposure
     rows = team.mean_values(rows) * team.size
     config = setting.config
-    rate = config.exposure_rate * _EXPOSURE_END ** (state.iteration / config.iterations)
+    rate = config.exposure_rate * _EXPOSURE_END_RATE ** (state.iteration / config.iterations)
     for turn, row in zip(turns, rows, strict=True):
         state.exposures.step(turn.view, row, rate, turn.n_before)
 
@@ -178,8 +132,8 @@ def is_due_for_reset(iteration: int, config: TrainConfig) -> bool:
 # behind it learn to draw the place themselves (Park 2025, DropGaussian).
 
 
-_OUT = -20.0  # logit of a splat that is not drawn
-HIGHEST = 0.995  # opacity after compensation
+_OUT_LOGIT = -20.0  # logit of a splat that is not drawn
+HIGHEST_OPACITY = 0.995  # opacity after compensation
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,14 +160,13 @@ def thinned(gaussians: Gaussians, share: float, rng: np.random.Generator) -> Thi
     is_out: BoolArray = rng.random(len(gaussians)) < share
     opacities = gaussians.opacities.astype(np.float64)
     wanted = opacities / (1 - share)
-    raised = np.minimum(wanted, np.maximum(HIGHEST, opacities))
+    raised = np.minimum(wanted, np.maximum(HIGHEST_OPACITY, opacities))
     is_free = wanted == raised
-    logits = np.where(is_out, _OUT, _logit(raised))
+    logits = np.where(is_out, _OUT_LOGIT, _logit(raised))
     slopes = np.where(is_free & ~is_out, (1 - opacities) / np.maximum(1 - raised, 1e-9), 0.0)
     return Thinned(replace(gaussians, logit_opacities=logits.astype(np.float32)), slopes)
 
 
 def _logit(opacities: DoubleArray) -> DoubleArray:
     inside = np.clip(opacities, 1e-9, 1 - 1e-9)
-    result: DoubleArray = np.log(inside / (1 - inside))
-    return result
+    return np.log(inside / (1 - inside))

@@ -3,10 +3,10 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, check_shape
-from gaga_core.threads import run_chunks
+from gaga_core.threads import run_kernel
 from gaga_core.training import losses_kernels as kernels
+from gaga_core.training.settings import DISSIMILARITY
 
-DISSIMILARITY = 0.2  # share of 1 - SSIM in the loss (Kerbl 2023, equation 7)
 _ROWS = 32  # rows of one piece of work
 
 
@@ -24,10 +24,8 @@ def photometric(
     height, width = image.shape[:2]
     gradient = np.empty((height, kernels.CHANNELS * width), np.float32)
 
-    def work(start: int, stop: int) -> None:
-        kernels.gradient_rows(a, b, slopes, float(dissimilarity), gradient, start, stop)
-
-    run_chunks(work, height, _ROWS)
+    share = float(dissimilarity)
+    run_kernel(kernels.gradient_rows, height, _ROWS, a, b, slopes, share, gradient)
     similar, apart = sums.sum(axis=0) / image.size
     value = (1 - dissimilarity) * apart + dissimilarity * (1 - similar)
     return float(value), gradient.reshape(image.shape)
@@ -60,10 +58,7 @@ def _compare(
     slopes = np.zeros((3, *a.shape), np.float32)
     sums = np.zeros((height, 2), np.float64)
 
-    def work(start: int, stop: int) -> None:
-        kernels.similarity_rows(a, b, slopes, sums, width, start, stop)
-
-    run_chunks(work, height, _ROWS)
+    run_kernel(kernels.similarity_rows, height, _ROWS, a, b, slopes, sums, width)
     return a, b, slopes, sums
 
 

@@ -18,17 +18,6 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.kernels import kernel
 from gaga_core.raster.cpu.simd_kernels import prefetch
 
-# --- Kernels of the photometric loss: L1 and structural similarity (SSIM) with their gradient.
-# A picture is a matrix of H rows of 3 W numbers, its channels interleaved, with a frame of zeros:
-# REACH rows above and below, PAD numbers on the left, enough on the right to fill whole strips.
-#
-# The 11 x 11 Gaussian window is two passes of 11 taps: down the rows, then along the line in steps
-# of 3. A strip of OUT columns is walked downwards with the last 11 rows at hand (row y lies in
-# slot y mod 11; the taps turn instead of the rows), so no blurred copy of a picture is ever
-# written. All of a strip's lines are rows of one array of fixed size: the compiler then knows that
-# they do not overlap and vectorises every loop.
-
-
 REACH = 5
 TAPS = 2 * REACH + 1
 CHANNELS = 3

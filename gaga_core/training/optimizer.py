@@ -9,7 +9,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
-from gaga_core.threads import run_chunks
+from gaga_core.threads import run_kernel
 from gaga_core.training import losses_kernels as kernels
 from gaga_core.training.settings import RateConfig
 
@@ -96,21 +96,8 @@ def adam_step(splats: Splats, gradients: Gradients, rates: Rates, step: int) -> 
         lengths = np.full(values.shape[1], getattr(rates, name) * over, np.float32)
         if name == "sh":
             lengths[3:] = rates.sh_rest * over
-
-        def work(
-            start: int,
-            stop: int,
-            gradient: FloatArray = gradient,
-            values: FloatArray = values,
-            first: FloatArray = first,
-            second: FloatArray = second,
-            lengths: FloatArray = lengths,
-        ) -> None:
-            kernels.adam_rows(
-                gradients.indices, gradient, values, first, second, lengths, correction, start, stop
-            )
-
-        run_chunks(work, len(gradient), _CHUNK)
+        columns = (gradients.indices, gradient, values, first, second, lengths, correction)
+        run_kernel(kernels.adam_rows, len(gradient), _CHUNK, *columns)
 
 
 def concatenate(a: Gaussians, b: Gaussians) -> Gaussians:
@@ -133,8 +120,7 @@ def camera_extent(positions: DoubleArray) -> float:
 
 def as_rows(column: FloatArray) -> FloatArray:
     """A column (N, ...) as a matrix (N, C); also of no rows, where numpy cannot tell C."""
-    rows: FloatArray = column.reshape(len(column), math.prod(column.shape[1:]))
-    return rows
+    return column.reshape(len(column), math.prod(column.shape[1:]))
 
 
 def _zeros_like(gaussians: Gaussians) -> Gaussians:

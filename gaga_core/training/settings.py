@@ -10,6 +10,7 @@ from typing import Literal
 
 QUALITIES = ("draft", "standard", "full")
 STRATEGIES = ("gradient", "mcmc")
+DISSIMILARITY = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
 _FEW_PHOTOS = 25
 
 
@@ -70,7 +71,7 @@ class TrainConfig:
     half_until: float = 0.0  # moment until which pictures have half that size; 0 = never
     sh_degree: int = 3  # of view-dependent color (Kerbl)
     sh_every: float = 1 / 30  # moments from one degree to the next: 1,000 of 30,000 (Kerbl)
-    dissimilarity: float = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
+    dissimilarity: float = DISSIMILARITY
     initial_opacity: float = 0.1  # (Kerbl)
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
     stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos

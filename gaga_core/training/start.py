@@ -22,7 +22,7 @@ from gaga_core.training.views import TrainView
 
 
 _INITIAL_NEIGHBOURS = 3
-_FEWEST = 4  # points, for each to have its neighbours
+_FEWEST_POINTS = 4  # points, for each to have its neighbours
 
 
 def initial_gaussians(
@@ -40,7 +40,7 @@ def initial_gaussians(
     check_shape("colors", colors, (len(points), 3), np.uint8)
     finite = np.isfinite(points).all(axis=1)
     points, colors = points[finite], colors[finite]
-    if len(points) < _FEWEST:
+    if len(points) < _FEWEST_POINTS:
         raise GagaError(
             f"The model has {len(points)} points, too few to start from. Take more photos that "
             "overlap, and reconstruct again."
@@ -86,14 +86,14 @@ def random_points(cameras: Sequence[Camera], n: int, seed: int) -> DoubleArray:
 
 
 STAGE = "Place first splats"
-_COARSE = 64  # pixels of the longest side of the pictures in which holes are looked for
-_HOLE = 0.3  # coverage under which a pixel is a hole
-_UNLIKE = 0.03  # in 0..1: pixels nearer to the background color need no splat
+_COARSE_SIDE = 64  # pixels of the longest side of the pictures in which holes are looked for
+_HOLE_COVERAGE = 0.3  # coverage under which a pixel is a hole
+_UNLIKE_BACKGROUND = 0.03  # in 0..1: pixels nearer to the background color need no splat
 _AROUND = 16  # points next to a hole that tell its depth
 _COVER_OVERLAP = 0.7  # standard deviation of a splat for a hole, in its pixels
 _OTHERS = 0.6  # a cover nearer to another camera than this x to its own is put far away
 _BEYOND = 2.0  # radius of the ball around all cameras, x the distance of the farthest
-_FAR = 0.9  # quantile of their depths: what is plain is mostly behind
+_FAR_QUANTILE = 0.9  # quantile of their depths: what is plain is mostly behind
 
 
 def cover_holes_stage(
@@ -117,7 +117,7 @@ def cover_holes_stage(
         yield Progress(STAGE, i, len(views), view.camera.name)
         if n_left <= 0:
             break
-        coarse = view.smaller(_COARSE / max(view.camera.width, view.camera.height))
+        coarse = view.smaller(_COARSE_SIDE / max(view.camera.width, view.camera.height))
         more = _fill(_opaque(result), points, ball, coarse, rasterizer, config)
         # The first views meet all holes: they may take what later ones will not need.
         most = min(n_left, max(-(-n_left // (len(views) - i)), n_left // 4))
@@ -158,8 +158,7 @@ class CameraBall:
         a, b = (rays**2).sum(axis=1), rays @ (eye - self.middle)
         c = ((eye - self.middle) ** 2).sum() - self.radius**2
         far = (np.sqrt(b**2 - a * c) - b) / a
-        result: DoubleArray = np.where(is_near, np.maximum(depth, far), depth)
-        return result
+        return np.where(is_near, np.maximum(depth, far), depth)
 
 
 def _opaque(gaussians: Gaussians) -> Gaussians:
@@ -179,20 +178,15 @@ def _fill(
     camera = view.camera
     alpha = rasterizer.render(known, camera).alpha
     pixels, depths = camera.project(points)
-    near = (
-        (depths > 0)
-        & (pixels > 0).all(axis=1)
-        & (pixels < [camera.width, camera.height]).all(axis=1)
-    )
-    shows_something = (np.abs(view.target() - config.background) > _UNLIKE).any(axis=2)
-    v, u = np.nonzero((alpha < _HOLE) & shows_something)
+    near = camera.shows(pixels, depths)
+    shows_something = (np.abs(view.target() - config.background) > _UNLIKE_BACKGROUND).any(axis=2)
+    v, u = np.nonzero((alpha < _HOLE_COVERAGE) & shows_something)
     if near.sum() < _AROUND or len(u) == 0:
         return known.take(np.zeros(0, np.int64))
-    at = np.stack([u, v], axis=1) + 0.5
+    at = np.stack([u, v], axis=1).astype(np.float64) + 0.5
     around = cKDTree(pixels[near]).query(at, _AROUND)[1]
-    depth = np.quantile(depths[near][around], _FAR, axis=1)
-    rays = np.c_[(at - camera.K[:2, 2]) / [camera.K[0, 0], camera.K[1, 1]], np.ones(len(at))]
-    rays = rays @ camera.world_from_cam[:3, :3].T
+    depth = np.quantile(depths[near][around], _FAR_QUANTILE, axis=1)
+    rays = camera.rays(at)
     depth = ball.behind_others(camera.position, rays, depth)
     p_world = camera.position + rays * depth[:, None]
     size = _COVER_OVERLAP * depth / camera.K[0, 0]
@@ -209,43 +203,41 @@ def _fill(
 _OUTSIDE = 1.5  # x distance of the farthest camera: splats beyond are background
 _OUTERMOST = 0.995  # quantile of the distances of all splats that the shell encloses
 _MARGIN = 1.2  # radius of the shell, x that distance or the radius of the ball of the cameras
-_FAR_SHELL_NEIGHBOURS = 16  # background splats whose colors a splat of the shell mixes
-_GAP = 30.0  # degrees from the nearest of them: no shell beyond
-_FAR_SHELL_OVERLAP = (
-    0.6  # standard deviation, x the distance from one splat of the shell to the next
-)
+_SHELL_NEIGHBOURS = 16  # background splats whose colors a splat of the shell mixes
+_GAP_DEGREES = 30.0  # degrees from the nearest of them: no shell beyond
+_SHELL_OVERLAP = 0.6  # standard deviation, x the distance from one splat of the shell to the next
 _SOFT = 1e-3  # squared distance on the unit sphere that nearer neighbours do not count more for
-_OPACITY = 0.95  # nothing may be seen through it: where no photo looks it stays as it is
+_SHELL_OPACITY = 0.95  # nothing may be seen through it: where no photo looks it stays as it is
 
 
 def far_shell(splats: Gaussians, ball: CameraBall, most: int) -> Gaussians:
     """At most ``most`` splats on a sphere around ``splats`` and all cameras.
 
-    They lie in the directions, seen from the middle of ``ball``, within `_GAP` of a background
-    splat, and have the colors of these, nearer ones counting more. None at all where there is no
-    background.
+    They lie in the directions, seen from the middle of ``ball``, within `_GAP_DEGREES` of a
+    background splat, and have the colors of these, nearer ones counting more. None at all where
+    there is no background.
     """
     away = splats.means - ball.middle
     distances = np.linalg.norm(away, axis=1)
     is_background = distances > _OUTSIDE * ball.farthest
-    if is_background.sum() < _FAR_SHELL_NEIGHBOURS or most == 0:
+    if is_background.sum() < _SHELL_NEIGHBOURS or most == 0:
         return splats.take(np.zeros(0, np.int64))
     radius = _MARGIN * max(float(np.quantile(distances, _OUTERMOST)), ball.radius)
     known = cKDTree(away[is_background] / distances[is_background, None])
     directions = even_directions(most)
-    found = known.query(directions, _FAR_SHELL_NEIGHBOURS)
+    found = known.query(directions, _SHELL_NEIGHBOURS)
     apart, neighbours = np.asarray(found[0]), np.asarray(found[1])
-    is_near = apart[:, 0] < 2 * np.sin(np.radians(_GAP) / 2)
+    is_near = apart[:, 0] < 2 * np.sin(np.radians(_GAP_DEGREES) / 2)
     weights = 1 / (apart[is_near] ** 2 + _SOFT)
     weights /= weights.sum(axis=1, keepdims=True)
     rgb = np.clip(rgb_from_dc(splats.sh[is_background, 0]), 0, 1)
     colors = (weights[..., None] * rgb[neighbours[is_near]]).sum(axis=1)
-    size = _FAR_SHELL_OVERLAP * np.sqrt(4 * np.pi / most) * radius
+    size = _SHELL_OVERLAP * np.sqrt(4 * np.pi / most) * radius
     return round_gaussians(
         ball.middle + radius * directions[is_near],
         np.full(int(is_near.sum()), size),
         colors.astype(np.float32),
-        _OPACITY,
+        _SHELL_OPACITY,
     )
 
 
@@ -258,12 +250,9 @@ def even_directions(n: int) -> DoubleArray:
     return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)
 
 
-# --- What a training starts from: points, what covers the holes between them, and a background.
-
-
-_LARGEST = 0.05  # standard deviation, x the distance to the nearest camera
-_RESERVED = 4  # points leave one part in so many of the cap to what covers holes
-_SHELL = 20  # the shell takes at most one part in so many of the cap
+_LARGEST_SHARE = 0.05  # standard deviation, x the distance to the nearest camera
+_COVER_PART = 4  # points leave one part in so many of the cap to what covers holes
+_SHELL_PART = 20  # the shell takes at most one part in so many of the cap
 
 
 def first_splats_stage(
@@ -281,8 +270,8 @@ def first_splats_stage(
     """
     check_shape("points", points, ("P", 3))
     most = config.density.max_splats
-    n_shell = min(config.shell_of(len(views)), most // _SHELL)
-    most_points = most - min(config.cover + n_shell, most // _RESERVED)
+    n_shell = min(config.shell_of(len(views)), most // _SHELL_PART)
+    most_points = most - min(config.cover + n_shell, most // _COVER_PART)
     n_more = min(config.stereo, most_points) - len(points)
     if n_more > 0:
         more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
@@ -303,8 +292,8 @@ def first_splats_stage(
 
 
 def _limited(splats: Gaussians, views: Sequence[TrainView]) -> Gaussians:
-    """``splats`` no larger than `_LARGEST`: lone points do not stretch over what covers fill."""
+    """``splats`` no larger than `_LARGEST_SHARE`: lone points stretch over no cover."""
     positions = np.array([view.camera.position for view in views])
-    largest = np.log(_LARGEST * cKDTree(positions).query(splats.means)[0] + 1e-9)
+    largest = np.log(_LARGEST_SHARE * cKDTree(positions).query(splats.means)[0] + 1e-9)
     limits = largest.astype(np.float32)[:, None]
     return replace(splats, log_scales=np.minimum(splats.log_scales, limits))

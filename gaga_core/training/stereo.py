@@ -21,7 +21,7 @@ from gaga_core.training import stereo_kernels as kernels
 from gaga_core.training.views import TrainView
 
 STAGE = "Match surfaces"
-_SIDE = 160  # pixels of the longest side of the pictures that are matched
+_MATCH_SIDE = 160  # pixels of the longest side of the pictures that are matched
 _MOST_VIEWS = 40  # evenly among all: more bring more of the same
 _SOURCES = 4  # photos that each photo is compared with
 _FEWEST = 8  # points that two photos share, for either to be compared with the other
@@ -83,7 +83,7 @@ def stereo_points_stage(
     """
     check_shape("points", points, ("P", 3))
     photos = _photos(views)
-    seen = [_inside(photo.camera, points) for photo in photos]
+    seen = [photo.camera.shows(*photo.camera.project(points)) for photo in photos]
     sources = [_sources(i, photos, points, seen) for i in range(len(photos))]
     pixels = np.concatenate([photo.grey.ravel() for photo in photos])
     maps: list[_DepthMap] = []
@@ -103,22 +103,11 @@ def _photos(views: Sequence[TrainView]) -> list[_Photo]:
     photos, offset = list[_Photo](), 0
     for i in np.unique(np.linspace(0, len(views) - 1, n).astype(int)):
         camera = views[i].camera
-        view = views[i].smaller(min(1.0, _SIDE / max(camera.width, camera.height)))
+        view = views[i].smaller(min(1.0, _MATCH_SIDE / max(camera.width, camera.height)))
         grey = view.target() @ np.array([0.299, 0.587, 0.114], np.float32)
         photos.append(_Photo(view, np.ascontiguousarray(grey, np.float32), offset))
         offset += grey.size
     return photos
-
-
-def _inside(camera: Camera, points: DoubleArray) -> BoolArray:
-    """Whether each of ``points`` (P, 3) falls into the picture."""
-    pixels, depths = camera.project(points)
-    result: BoolArray = (
-        (depths > 0)
-        & (pixels > 0).all(axis=1)
-        & (pixels < [camera.width, camera.height]).all(axis=1)
-    )
-    return result
 
 
 def _sources(

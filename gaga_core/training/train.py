@@ -20,24 +20,23 @@ from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster.base import Rasterizer, TrainableRasterizer
 from gaga_core.training.checkpoint import (
     Best,
-    Exposures,
     TrainState,
     digest_of,
     load_checkpoint,
     save_checkpoint,
 )
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import SINGLE_WORKER, Engine, Setting, Team
-from gaga_core.training.optimizer import Splats, camera_extent, with_degree
+from gaga_core.training.distributed import SINGLE_WORKER, Team
+from gaga_core.training.engine import Engine, Setting
+from gaga_core.training.optimizer import camera_extent, with_degree
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.views import HeldOutQuality, TrainView, TrainViews, quality_stage
 
 # --- When a training is written to disk: often enough for a crash, rarely enough for the disk.
 
 
-_MOST_TIME = 0.02  # of the training's time may go into writing
-_MOST_LOST = 0.1  # of the time since its start a crash may cost, where that is more than the least
+_MOST_TIME_SHARE = 0.02  # of the training's time may go into writing
+_MOST_LOST_SHARE = 0.1  # of the time since its start a crash may cost, if more than the least
 
 
 def seconds_between(least: float, elapsed: float, took: float) -> float:
@@ -49,7 +48,7 @@ def seconds_between(least: float, elapsed: float, took: float) -> float:
     """
     if least <= 0:
         return 0.0
-    return max(least, took / _MOST_TIME, _MOST_LOST * elapsed)
+    return max(least, took / _MOST_TIME_SHARE, _MOST_LOST_SHARE * elapsed)
 
 
 class Keeper:
@@ -84,11 +83,6 @@ class Keeper:
             save_checkpoint(self._path, state, self._digest)
             self._last, self._saved = self._clock(), state.iteration
             self._took = self._last - start
-
-
-# --- Training of Gaussians on posed photos: 3D Gaussian Splatting (Kerbl 2023), view by view.
-# Deterministic from the seed: the same views and settings give the same splats, bit for bit, on
-# any number of threads, and whether or not the training was stopped and taken up again in between.
 
 
 STAGE = "Train splats"
@@ -145,7 +139,8 @@ def train_stage(
     the same splats. Raises ``GagaError`` when the checkpoint is damaged or cannot be written.
     """
     half = yield from _half_views(views.train, config)
-    state = _start(initial, views, config)
+    first = with_degree(initial, min(initial.sh_degree, config.sh_degree))
+    state = TrainState.first(first, len(views.train), config.iterations)
     digest = ""
     if checkpoint is not None:
         digest = digest_of(initial, views, config, team.size)
@@ -216,17 +211,6 @@ def _half_views(views: Sequence[TrainView], config: TrainConfig) -> Stage[tuple[
     return tuple(half)
 
 
-def _start(initial: Gaussians, views: TrainViews, config: TrainConfig) -> TrainState:
-    return TrainState(
-        iteration=0,
-        splats=Splats.of(with_degree(initial, min(initial.sh_degree, config.sh_degree))),
-        sums=ScreenSums.empty(len(initial)),
-        exposures=Exposures.neutral(len(views.train)),
-        losses=np.zeros(config.iterations, np.float32),
-        measured=np.zeros((0, 3)),
-    )
-
-
 def _is_due(state: TrainState, config: TrainConfig) -> bool:
     """Whether the curves get a point here (the end in any case) and have none yet."""
     i = state.iteration
@@ -295,7 +279,7 @@ class _Watcher:
 # --- What a training leaves to read: settings, curves and held-out quality for ``report.json``.
 
 
-_POINTS = 500  # of the loss curve
+_CURVE_POINTS = 500  # of the loss curve
 
 Json = dict[str, "Json"] | Sequence["Json"] | str | int | float | bool | None
 
@@ -344,7 +328,7 @@ def report_of(trained: Trained, config: TrainConfig, cost: Cost) -> dict[str, Js
 
 
 def _thinned(losses: FloatArray) -> list[Json]:
-    n = min(_POINTS, len(losses))
+    n = min(_CURVE_POINTS, len(losses))
     ends = np.linspace(0, len(losses), n + 1).astype(int)
     return [
         {"iteration": int(end), "loss": round(float(losses[start:end].mean()), 5)}

@@ -16,9 +16,6 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.training.losses import psnr, ssim
 
-# --- Photos and cameras as a training takes them: at one size, in memory.
-
-
 READ_STAGE = "Read photos"
 _FEWEST = 2  # views to train on
 _SHAPES_APART = 0.02  # a photo may differ from its camera by this in width over height

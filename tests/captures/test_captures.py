@@ -20,6 +20,7 @@ from tests.conftest import real_scene
 _OFF = 0.05  # of the cameras' extent
 
 
+@pytest.mark.capture
 def test_half_of_the_photos_blurred(tmp_path: Path) -> None:
     """0.1.0: 2 of 16 placed, refused without a word about blur."""
     blurred = scenes.walk(tmp_path / "in", effect=scenes.motion_blurred(13), share=0.5)

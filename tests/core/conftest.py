@@ -8,8 +8,8 @@ import pytest
 from gaga_core.camera import Camera
 from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
-from gaga_core.placing.sfm import SfmConfig, run_sfm
-from gaga_core.progress import run_stage
+from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
+from gaga_core.progress import Stage, run_stage
 from tests.core.reconstruct.photo_scenes import write_photos
 
 
@@ -24,6 +24,14 @@ class PlacedRoom:
 
 
 ROOM_SFM = SfmConfig(feature_side=320, n_features=1500, threads=2)
+
+
+def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFacts]:
+    """One attempt to place ``photos``, which lie in workspace/photos."""
+    yield from run_matching(photos, workspace, config)
+    require_overlap(workspace, len(photos.photos))
+    yield from run_step("map", photos, workspace, config)
+    return SfmFacts.load(workspace / "facts.npz")
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.raster.base import NEAR
+from gaga_core.camera import NEAR
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.sort_kernels import N_KEYS
 from gaga_studio.gpu.sorter import SortColumns, Sorter, SortJob, plain_order, sort

@@ -8,6 +8,7 @@ import glfw
 import moderngl
 
 from gaga_core.assets import assets
+from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
 
 GLSL_VERSION = 330  # OpenGL 3.3 core: what macOS has too
@@ -72,7 +73,7 @@ def load_program(
     """Program of two files of ``assets/shaders``, ``common.glsl`` put before each."""
     head = f"#version {GLSL_VERSION}\n"
     head += "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
-    head += "precision highp float;\nprecision highp int;\n"
+    head += f"#define NEAR {NEAR}\nprecision highp float;\nprecision highp int;\n"
     head += (assets() / "shaders" / "common.glsl").read_text(encoding="utf-8")
     sources = [
         (assets() / "shaders" / name).read_text(encoding="utf-8") for name in (vertex, fragment)

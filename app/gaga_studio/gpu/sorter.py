@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.kernels import is_compiled
-from gaga_core.raster.base import NEAR
 from gaga_core.scene.scene import Placements
 from gaga_studio.gpu import sort_kernels
 

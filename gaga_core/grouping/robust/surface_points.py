@@ -14,10 +14,9 @@ from scipy import ndimage
 from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.progress import Progress, Stage
-from gaga_core.raster.base import NEAR
 
 # --- Points on the surfaces that the masks show, and the mask that each point shows in every view.
 # Two masks of different views are compared by points that both views really see, found by

@@ -14,11 +14,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks, full_size
 from gaga_core.grouping.surfaces.surfels_kernels import choose_seeds, keep_apart, normals_at
 from gaga_core.progress import Progress, Stage
-from gaga_core.raster.base import NEAR
 from gaga_core.threads import n_threads
 
 # --- Samples of the surfaces that the views see, with fused normals and the region seen in each

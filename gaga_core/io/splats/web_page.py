@@ -21,6 +21,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.assets import assets
+from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, matrices_to_quats
@@ -255,10 +256,12 @@ def _parts() -> tuple[str, str, str]:
     """The page with its gaps, its style and its script."""
     web = assets() / "web"
     shaders = {name: _text(assets() / "shaders" / name) for name in _SHADERS}
+    shaders["common.glsl"] = f"#define NEAR {NEAR}\n" + shaders["common.glsl"]
+    sort_worker = f"const NEAR = {NEAR};\n" + _text(web / "sort_worker.js")
     script = "\n".join(
         [
             f"const SHADERS = {_json(shaders)};",
-            f"const SORT_WORKER = {_json(_text(web / 'sort_worker.js'))};",
+            f"const SORT_WORKER = {_json(sort_worker)};",
             *(_text(web / f"{name}.js") for name in _SCRIPTS),
         ]
     )

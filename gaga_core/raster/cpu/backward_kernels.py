@@ -58,7 +58,7 @@ SMALL_S, ALPHA, RED, GREEN, BLUE, AT_U, AT_V, PLAIN_S, PLAIN_R, N_COLUMNS = rang
 # 8 (rest - (SMALL_S x + shift)^2).
 ROW, SHIFT, REST, N_LISTS = range(4)
 _F = np.float32
-_ROW_KERNELS_ZERO, _HALF, _ROW_KERNELS_ONE = _F(0), _F(0.5), _F(1)
+_ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
 _EIGHTH, _ROOT = _F(1 / 8), _F(math.sqrt(1 / 8))
 # Of log2 of 255 alpha the eighth of the logarithm; what float32 may be wrong by lies in the 0.09
 # of `log2_above`, of which at least 0.003 is left.
@@ -73,7 +73,7 @@ def exp8(y: Any) -> Any:
     p = y * p + _F(0.16599582)
     p = y * p + _F(0.4998927)
     p = y * p + _F(0.9999943)
-    p = y * p + _ROW_KERNELS_ONE
+    p = y * p + _ONE
     p = p * p
     p = p * p
     return p * p
@@ -82,12 +82,10 @@ def exp8(y: Any) -> Any:
 @kernel
 def open_rows(planes: FloatArray, n_rows: int, n_columns: int) -> None:
     """Clear ``planes`` (TILE, C, TILE) of a tile, and set the transmittances, its first plane."""
-    planes[:] = _ROW_KERNELS_ZERO
+    planes[:] = _ZERO
     for y in range(TILE):
         for x in range(TILE):
-            planes[y, 0, x] = (
-                _ROW_KERNELS_ONE if y < n_rows and x < n_columns else -_ROW_KERNELS_ONE
-            )
+            planes[y, 0, x] = _ONE if y < n_rows and x < n_columns else -_ONE
 
 
 @kernel
@@ -96,7 +94,7 @@ def is_done(planes: FloatArray) -> bool:
     most = load(planes, 0)
     for y in range(1, TILE):
         most = larger(most, load(planes, y * planes.shape[1] * TILE))
-    end: int = run_at_least(most, fill(_ROW_KERNELS_ZERO))[1]
+    end: int = run_at_least(most, fill(_ZERO))[1]
     return end == 0
 
 
@@ -132,7 +130,7 @@ def list_rows(
         listed[q, AT_V] = v
         listed[q, PLAIN_S] = s
         listed[q, PLAIN_R] = r
-        y0 = max(_ROW_KERNELS_ZERO, splats[k, Y0] - _F(top))
+        y0 = max(_ZERO, splats[k, Y0] - _F(top))
         y1 = min(_F(TILE), splats[k, Y1] - _F(top))
         dy = x + (y0 - v)
         shift = dy * (-small * r) + (-small * u)
@@ -141,9 +139,7 @@ def list_rows(
         store(rows, SHIFT * ROWS + n, shift)
         store(rows, REST * ROWS + n, rest)
         # The least distance along the row: 0 if the ellipse's axis crosses it.
-        apart = larger(
-            fill(_ROW_KERNELS_ZERO), larger(shift, (shift + small * _LAST) * -_ROW_KERNELS_ONE)
-        )
+        apart = larger(fill(_ZERO), larger(shift, (shift + small * _LAST) * -_ONE))
         least = -(log2_above(opacity) + _LOG255) * _LN2_8
         first, end = run_at_least(rest - apart * apart, fill(least))
         end = min(end, int(y1 - y0))
@@ -152,25 +148,7 @@ def list_rows(
         n += max(0, end)
 
 
-# --- Kernels of training: color blending, and its gradient back to every parameter of a splat.
-# The backward pass runs front to back like the forward one and keeps no list per pixel. With g the
-# gradient of the loss by a pixel's color and R the share of g . color that is still to come (at
-# first all of it), a splat of weight w = alpha T and color c has
-#
-#     R -= w (g . c),    dL/dalpha = T (g . c) - R / (1 - alpha)
-#
-# (the usual back-to-front sums of 3D Gaussian Splatting, Kerbl 2023, written for the other end).
-#
-# Each (tile, splat) pair has sums of its own, in the order of the tile lists; then they are added
-# up by splat, tile by tile: no atomics, and no dependence of the result on threads.
-#
-# They are, over the pixels of the tile, with p the exponent, e = s (dx - r dy) and d = dL/dp: sums
-# of d, d e, d dy, d e^2, d e dy, d dy^2, and of w g (3). Written in e and dy, the Cholesky form of
-# `project_kernels`, these stay well scaled for long thin splats, and no 2D covariance is inverted.
-
-
 SUMS = 9
-_BACKWARD_KERNELS_ZERO, _BACKWARD_KERNELS_ONE = _F(0), _F(1)
 _MIDDLE = _F(7.5)  # of a tile, in its pixel columns and rows
 _LOW = _F(_LOWEST / 8)
 # Planes of a tile's working memory, those of a row one behind the other: T and the picture on the
@@ -198,7 +176,7 @@ def blend_colors(
     planes = np.empty((TILE, _N_DRAWN, TILE), np.float32)
     listed = np.empty((AT_ONCE, N_COLUMNS), np.float32)
     rows, spans = np.empty((N_LISTS, ROWS), np.float32), np.empty((AT_ONCE, 2), np.int64)
-    x, zero, t_min = lane_numbers(), fill(_BACKWARD_KERNELS_ZERO), fill(_T_MIN)
+    x, zero, t_min = lane_numbers(), fill(_ZERO), fill(_T_MIN)
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
@@ -257,7 +235,7 @@ def backward_tiles(
     listed = np.empty((AT_ONCE, N_COLUMNS), np.float32)
     rows, spans = np.empty((N_LISTS, ROWS), np.float32), np.empty((AT_ONCE, 2), np.int64)
     sums = np.empty(8, np.float32)
-    x, zero, one = lane_numbers(), fill(_BACKWARD_KERNELS_ZERO), fill(_BACKWARD_KERNELS_ONE)
+    x, zero, one = lane_numbers(), fill(_ZERO), fill(_ONE)
     alpha_max, t_min = fill(_ALPHA_MAX), fill(_T_MIN)
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
@@ -354,7 +332,6 @@ def add_tiles(
 # --- Kernel of training: from sums over pixels to the parameters of a splat.
 
 
-_SPLAT_GRADIENT_KERNELS_ZERO = np.float32(0)
 _AT_ONCE = 32  # splats whose rows are read before the first of them is worked on
 # Columns of what is read of a splat, behind its sums: projected columns but for the rows of pixels,
 # color, mean, quaternion, log scales.
@@ -469,13 +446,13 @@ def _walk_back(
         if moves + abs(c0) + abs(c1) + abs(c2) == 0.0:
             # Hidden behind others, or its colors are at rest: nothing to walk back.
             for c in range(3):
-                d_means[m, c] = _SPLAT_GRADIENT_KERNELS_ZERO
-                d_log_scales[m, c] = _SPLAT_GRADIENT_KERNELS_ZERO
-                by_color[m, c] = _SPLAT_GRADIENT_KERNELS_ZERO
+                d_means[m, c] = _ZERO
+                d_log_scales[m, c] = _ZERO
+                by_color[m, c] = _ZERO
             for c in range(4):
-                d_quats[m, c] = _SPLAT_GRADIENT_KERNELS_ZERO
-            d_logits[m] = _SPLAT_GRADIENT_KERNELS_ZERO
-            screen[m] = _SPLAT_GRADIENT_KERNELS_ZERO
+                d_quats[m, c] = _ZERO
+            d_logits[m] = _ZERO
+            screen[m] = _ZERO
             continue
         opacity = near[q, _DRAWN + OPACITY]
         # dp/du = 2 s e, dp/dv = -2 s r e + 2 h dy; dp/dcovariance is half their outer product.
@@ -566,9 +543,9 @@ def _walk_back(
         my = pose[0, 1] * dtx + pose[1, 1] * dty + pose[2, 1] * dtz
         mz = pose[0, 2] * dtx + pose[1, 2] * dty + pose[2, 2] * dtz
         # max(0, .) lets nothing through where it is at rest.
-        by_color[m, 0] = c0 if near[q, _COLOR] > _SPLAT_GRADIENT_KERNELS_ZERO else 0.0
-        by_color[m, 1] = c1 if near[q, _COLOR + 1] > _SPLAT_GRADIENT_KERNELS_ZERO else 0.0
-        by_color[m, 2] = c2 if near[q, _COLOR + 2] > _SPLAT_GRADIENT_KERNELS_ZERO else 0.0
+        by_color[m, 0] = c0 if near[q, _COLOR] > _ZERO else 0.0
+        by_color[m, 1] = c1 if near[q, _COLOR + 1] > _ZERO else 0.0
+        by_color[m, 2] = c2 if near[q, _COLOR + 2] > _ZERO else 0.0
         d_means[m, 0] = mx
         d_means[m, 1] = my
         d_means[m, 2] = mz

@@ -16,18 +16,9 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8
 from gaga_core.kernels import kernel
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
 
-# --- Kernels that blend tiles: color and depth, more channels, weights of sampled pixels.
-# Each works on tiles ``start`` to ``stop`` of 16 x 16 pixels; splat outside, pixels inside, whole
-# rows of 16 pixels so that a row is one or two vector registers (see `project_kernels` for a
-# splat's columns). T is the transmittance of a pixel; a finished pixel, or one beyond the picture,
-# holds it negated: every later splat then fails the same comparison without a branch. The row of
-# six lines that turns a splat into weights is repeated in each kernel on purpose: as a function it
-# is not vectorised together with what follows.
-
-
 WIDE = 16  # channels of one pass of `blend_wide`
 _F = np.float32
-_BLEND_KERNELS_ZERO, _BLEND_KERNELS_HALF, _ONE = _F(0), _F(0.5), _F(1)
+_ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
 # The image model of raster/base.py.
 _ALPHA_MIN, _ALPHA_MAX, _T_MIN = _F(1 / 255), _F(0.99), _F(1e-4)
 # exp(-5.7) < 1/255: under this exponent nothing is drawn, and `_exp` need not be right.
@@ -66,7 +57,7 @@ def _is_done(T: FloatArray) -> np.bool_:
     for y in range(TILE):
         for x in range(TILE):
             most = max(most, T[y, x])
-    return most <= _BLEND_KERNELS_ZERO
+    return most <= _ZERO
 
 
 @kernel
@@ -93,13 +84,10 @@ def blend(
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
         _open_tile(T, n_rows, n_columns)
-        planes[1:] = _BLEND_KERNELS_ZERO
+        planes[1:] = _ZERO
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
-            u, v = (
-                splats[k, U] - _F(left) - _BLEND_KERNELS_HALF,
-                splats[k, V] - _F(top) - _BLEND_KERNELS_HALF,
-            )
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
             f0, f1, f2, z = colors[k, 0], colors[k, 1], colors[k, 2], depths[k]
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
@@ -109,17 +97,17 @@ def blend(
                 for x in range(TILE):
                     e = s * _F(x) + shift
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
-                    a = a if a >= _ALPHA_MIN else _BLEND_KERNELS_ZERO
+                    a = a if a >= _ALPHA_MIN else _ZERO
                     before = planes[_T, y, x]
                     after = before - before * a
                     goes_on = after >= _T_MIN
-                    w = a * before if goes_on else _BLEND_KERNELS_ZERO
+                    w = a * before if goes_on else _ZERO
                     planes[_T, y, x] = after if goes_on else -abs(before)
                     planes[_C0, y, x] += w * f0
                     planes[_C1, y, x] += w * f1
                     planes[_C2, y, x] += w * f2
                     planes[_DEPTH, y, x] += w * z
-                    crosses = (before > _BLEND_KERNELS_HALF) & (after <= _BLEND_KERNELS_HALF)
+                    crosses = (before > _HALF) & (after <= _HALF)
                     planes[_MEDIAN, y, x] = z if crosses else planes[_MEDIAN, y, x]
             if (j & _CHECK) == _CHECK and _is_done(T):
                 break
@@ -129,9 +117,7 @@ def blend(
                 covered = _ONE - t
                 alpha[top + y, left + x] = covered
                 expected[top + y, left + x] = (
-                    planes[_DEPTH, y, x] / covered
-                    if covered > _BLEND_KERNELS_ZERO
-                    else _BLEND_KERNELS_ZERO
+                    planes[_DEPTH, y, x] / covered if covered > _ZERO else _ZERO
                 )
                 median[top + y, left + x] = planes[_MEDIAN, y, x]
                 image[top + y, left + x, 0] = planes[_C0, y, x] + t * background[0]
@@ -163,13 +149,10 @@ def blend_wide(
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
         _open_tile(T, n_rows, n_columns)
-        total[:] = _BLEND_KERNELS_ZERO
+        total[:] = _ZERO
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
-            u, v = (
-                splats[k, U] - _F(left) - _BLEND_KERNELS_HALF,
-                splats[k, V] - _F(top) - _BLEND_KERNELS_HALF,
-            )
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
                 dy = _F(y) - v
@@ -178,11 +161,11 @@ def blend_wide(
                 for x in range(TILE):
                     e = s * _F(x) + shift
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
-                    a = a if a >= _ALPHA_MIN else _BLEND_KERNELS_ZERO
+                    a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
                     after = before - before * a
                     goes_on = after >= _T_MIN
-                    weights[x] = a * before if goes_on else _BLEND_KERNELS_ZERO
+                    weights[x] = a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
                 for c in range(WIDE):
                     f = features[k, c]
@@ -238,10 +221,7 @@ def sample_weights(
             row_start[y + 1] += row_start[y]
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
-            u, v = (
-                splats[k, U] - _F(left) - _BLEND_KERNELS_HALF,
-                splats[k, V] - _F(top) - _BLEND_KERNELS_HALF,
-            )
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
             m0 = row_start[max(0, int(splats[k, Y0]) - top)]
             m1 = row_start[min(TILE, int(splats[k, Y1]) - top)]
@@ -249,11 +229,11 @@ def sample_weights(
                 dy = ys[m] - v
                 e = s * (xs[m] - u - r * dy)
                 a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, -h * dy * dy - e * e)))
-                a = a if a >= _ALPHA_MIN else _BLEND_KERNELS_ZERO
+                a = a if a >= _ALPHA_MIN else _ZERO
                 before = T[m]
                 after = before - before * a
                 goes_on = after >= _T_MIN
-                weights[m] = a * before if goes_on else _BLEND_KERNELS_ZERO
+                weights[m] = a * before if goes_on else _ZERO
                 T[m] = after if goes_on else -abs(before)
             if writes:
                 for m in range(m0, m1):
@@ -268,7 +248,7 @@ def sample_weights(
                 most = -_ONE
                 for m in range(n):
                     most = max(most, T[m])
-                if most <= _BLEND_KERNELS_ZERO:
+                if most <= _ZERO:
                     break
 
 
@@ -451,9 +431,6 @@ def add_ones(
 # Tiles are walked as in `blend_kernels`, whose image model they share.
 
 
-_LABEL_KERNELS_ZERO, _LABEL_KERNELS_HALF = _F(0), _F(0.5)
-
-
 @kernel
 def label_tiles(
     splats: FloatArray,
@@ -492,13 +469,10 @@ def label_tiles(
                 plane = n_planes
                 plane_of[splat_labels[k]] = plane
                 label_of[plane] = splat_labels[k]
-                planes[plane] = _LABEL_KERNELS_ZERO
+                planes[plane] = _ZERO
                 n_planes += 1
             total = planes[plane]
-            u, v = (
-                splats[k, U] - _F(left) - _LABEL_KERNELS_HALF,
-                splats[k, V] - _F(top) - _LABEL_KERNELS_HALF,
-            )
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
                 dy = _F(y) - v
@@ -507,20 +481,20 @@ def label_tiles(
                 for x in range(TILE):
                     e = s * _F(x) + shift
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
-                    a = a if a >= _ALPHA_MIN else _LABEL_KERNELS_ZERO
+                    a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
                     after = before - before * a
                     goes_on = after >= _T_MIN
-                    total[y, x] += a * before if goes_on else _LABEL_KERNELS_ZERO
+                    total[y, x] += a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
             if (j & _CHECK) == _CHECK and _is_done(T):
                 break
         for y in range(n_rows):
             for x in range(n_columns):
-                best, most = 0, _LABEL_KERNELS_ZERO
+                best, most = 0, _ZERO
                 for p in range(n_planes):
                     w = planes[p, y, x]
-                    if w > most or (w == most and w > _LABEL_KERNELS_ZERO and label_of[p] < best):
+                    if w > most or (w == most and w > _ZERO and label_of[p] < best):
                         best, most = label_of[p], w
                 labels[top + y, left + x] = best
                 confidence[top + y, left + x] = most
@@ -600,10 +574,7 @@ def vote_tiles(
         at = sum_offsets[tile - first]
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
-            u, v = (
-                splats[k, U] - _F(left) - _LABEL_KERNELS_HALF,
-                splats[k, V] - _F(top) - _LABEL_KERNELS_HALF,
-            )
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
                 dy = _F(y) - v
@@ -612,14 +583,14 @@ def vote_tiles(
                 for x in range(TILE):
                     e = s * _F(x) + shift
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
-                    a = a if a >= _ALPHA_MIN else _LABEL_KERNELS_ZERO
+                    a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
                     after = before - before * a
                     goes_on = after >= _T_MIN
-                    weights[x] = a * before if goes_on else _LABEL_KERNELS_ZERO
+                    weights[x] = a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
                 if row_label[y] >= 0:
-                    total = _LABEL_KERNELS_ZERO
+                    total = _ZERO
                     for x in range(TILE):
                         total += weights[x]
                     sums[at + row_label[y]] += total
@@ -659,7 +630,7 @@ def add_sums(
             if k >= start and k < stop:
                 for m in range(n_labels):
                     w = sums[at + m]
-                    if w > _LABEL_KERNELS_ZERO:
+                    if w > _ZERO:
                         histogram[order[k], found[tile, m]] += w
             at += n_labels
 
@@ -690,6 +661,6 @@ def add_sums_to_slots(
             if k >= start and k < stop:
                 for m in range(n_labels):
                     w = sums[at + m]
-                    if w > _LABEL_KERNELS_ZERO:
+                    if w > _ZERO:
                         add_to_slot(slot_labels, slot_weights, lost, order[k], found[tile, m], w)
             at += n_labels

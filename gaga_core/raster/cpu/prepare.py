@@ -1,15 +1,16 @@
 """From Gaussians and a camera to depth-sorted splats and the list of each tile."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import BLUR, NEAR
+from gaga_core.raster.base import BLUR
 from gaga_core.raster.cpu import project_kernels as kernels
-from gaga_core.threads import n_threads, run_chunks
+from gaga_core.threads import n_threads, run_kernel
 
 _CHUNK = 16384  # Gaussians of one piece of work
 TILES_AT_ONCE = 16  # tiles of one piece of work
@@ -30,6 +31,10 @@ class TiledView:
     def n_tiles(self) -> int:
         """Number of tiles of the picture."""
         return len(self.offsets) - 1
+
+    def run(self, kernel: Callable[..., None], *arguments: object) -> None:
+        """Call ``kernel(*arguments, start, stop)`` over the tiles, on all threads."""
+        run_kernel(kernel, self.n_tiles, TILES_AT_ONCE, *arguments)
 
 
 class _Memory:
@@ -69,22 +74,8 @@ def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = 
     sorted_depths, order = np.empty(n, np.float32), np.empty(n, np.int32)
     n_spans, row_of = np.empty(n, np.int64), np.empty(len(splats), np.int32)
 
-    def arrange(start: int, stop: int) -> None:
-        kernels.arrange(
-            by_depth,
-            splats,
-            depths,
-            index,
-            sorted_splats,
-            sorted_depths,
-            order,
-            row_of,
-            n_spans,
-            start,
-            stop,
-        )
-
-    run_chunks(arrange, n, _CHUNK)
+    into = (sorted_splats, sorted_depths, order, row_of, n_spans)
+    run_kernel(kernels.arrange, n, _CHUNK, by_depth, splats, depths, index, *into)
     offsets, ids = _bin(sorted_splats, n_spans, camera)
     return TiledView(sorted_splats, sorted_depths, order, row_of[packed], offsets, ids)
 
@@ -92,17 +83,8 @@ def prepare(gaussians: Gaussians, camera: Camera, *, antialiased: bool | None = 
 def pose_and_lens(camera: Camera, antialiased: bool = False) -> tuple[DoubleArray, DoubleArray]:
     """The camera as `project` takes it: pose (3, 4), and lens (9,), in the order below."""
     K = camera.K
-    lens = [
-        K[0, 0],
-        K[1, 1],
-        K[0, 2],
-        K[1, 2],
-        camera.width,
-        camera.height,
-        NEAR,
-        BLUR,
-        antialiased,
-    ]
+    size = (camera.width, camera.height)
+    lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *size, NEAR, BLUR, antialiased]
     return np.array(camera.cam_from_world[:3], np.float64, order="C"), np.array(lens, np.float64)
 
 
@@ -111,33 +93,15 @@ def _project(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Projected columns with gaps, and the rows that are filled, in the order of the Gaussians."""
     n = len(gaussians)
-    means = for_kernel(gaussians.means, np.float32)
-    quats = for_kernel(gaussians.quats, np.float32)
-    log_scales = for_kernel(gaussians.log_scales, np.float32)
-    logits = for_kernel(gaussians.logit_opacities, np.float32)
+    names = ("means", "quats", "log_scales", "logit_opacities")
+    columns = [for_kernel(getattr(gaussians, name), np.float32) for name in names]
     pose, lens = pose_and_lens(camera, antialiased)
     splats = np.empty((n, 8), np.float32)
     depths, index = np.empty(n, np.float32), np.empty(n, np.int32)
     counts = np.zeros((n + _CHUNK - 1) // _CHUNK, np.int64)
 
-    def project(start: int, stop: int) -> None:
-        kernels.project(
-            means,
-            quats,
-            log_scales,
-            logits,
-            pose,
-            lens,
-            splats,
-            depths,
-            index,
-            counts,
-            _CHUNK,
-            start,
-            stop,
-        )
-
-    run_chunks(project, n, _CHUNK)
+    into = (splats, depths, index, counts, _CHUNK)
+    run_kernel(kernels.project, n, _CHUNK, *columns, pose, lens, *into)
     pieces = [np.arange(c * _CHUNK, c * _CHUNK + k, dtype=np.int32) for c, k in enumerate(counts)]
     return splats, depths, index, np.concatenate([np.zeros(0, np.int32), *pieces])
 
@@ -153,12 +117,8 @@ def _bin(splats: FloatArray, n_spans: LongArray, camera: Camera) -> tuple[LongAr
     chunk = max(_CHUNK, -(-n // (2 * n_threads())))
     histogram = np.zeros((-(-n // chunk), n_tiles), np.int64)
 
-    def count(start: int, stop: int) -> None:
-        kernels.tile_spans(
-            splats, first_span, camera.width, n_tiles_x, spans, histogram, chunk, start, stop
-        )
-
-    run_chunks(count, n, chunk)
+    lists = (splats, first_span, camera.width, n_tiles_x, spans, histogram, chunk)
+    run_kernel(kernels.tile_spans, n, chunk, *lists)
     ends = np.cumsum(histogram.T.ravel())  # tile by tile, in it piece by piece
     cursor = np.ascontiguousarray(
         (ends - histogram.T.ravel()).reshape(n_tiles, len(histogram)).T, dtype=np.int64
@@ -168,8 +128,5 @@ def _bin(splats: FloatArray, n_spans: LongArray, camera: Camera) -> tuple[LongAr
         offsets[1:] = ends.reshape(n_tiles, -1)[:, -1]
     ids = np.empty(offsets[-1], np.int32)
 
-    def fill(start: int, stop: int) -> None:
-        kernels.fill_tiles(first_span, spans, cursor, ids, chunk, start, stop)
-
-    run_chunks(fill, n, chunk)
+    run_kernel(kernels.fill_tiles, n, chunk, first_span, spans, cursor, ids, chunk)
     return offsets, ids

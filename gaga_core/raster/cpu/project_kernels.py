@@ -18,17 +18,6 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt3
 from gaga_core.kernels import kernel
 from gaga_core.raster.cpu.simd_kernels import prefetch
 
-# --- Kernels before blending: projection, depth sort, tile lists.
-# Every kernel is one thread's share of the work: rows ``start`` to ``stop``. Geometry is computed
-# in float64 (these loops are scalar anyway, and long thin splats lose everything in float32) and
-# stored in float32 for the blending kernels.
-#
-# A projected splat is a row of 8 float32: ``u, v`` centre in pixels; ``s, r, h`` such that at
-# offset (dx, dy) the exponent is -(s (dx - r dy))^2 - h dy^2, the Cholesky form of -q/2: as cheap
-# as expanding q, never positive, and without the cancellation of needle-shaped conics;
-# ``opacity``; and the half-open range of pixel rows ``y0, y1`` that it can touch.
-
-
 TILE = 16
 U, V, S, R, H, OPACITY, Y0, Y1 = range(8)
 # Added to log(255 opacity): tile lists must hold a little more than float32 blending can draw.
@@ -461,11 +450,9 @@ def _slope(w: DoubleArray, n_sh: int) -> None:
         for q in range(_LANES):
             x, y, z = w[0, q], w[1, q], w[2, q]
             sx, sy, sz = w[_SLOPE, q], w[_SLOPE + 1, q], w[_SLOPE + 2, q]
-            c4, c5, c7 = (
-                1.0925484305920792 * w[_SHADE + 4, q],
-                -1.0925484305920792 * w[_SHADE + 5, q],
-                1.0925484305920792 * w[_SHADE + 7, q],
-            )
+            c4 = 1.0925484305920792 * w[_SHADE + 4, q]
+            c5 = -1.0925484305920792 * w[_SHADE + 5, q]
+            c7 = 1.0925484305920792 * w[_SHADE + 7, q]
             c6, c8 = 0.6307831305050401 * w[_SHADE + 6, q], 1.0925484305920792 * w[_SHADE + 8, q]
             sx += c4 * y - c6 * x - c7 * z + c8 * x
             sy += c4 * x + c5 * z - c6 * y - c8 * y
@@ -478,15 +465,11 @@ def _slope(w: DoubleArray, n_sh: int) -> None:
             x, y, z = w[0, q], w[1, q], w[2, q]
             xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
             sx, sy, sz = w[_SLOPE, q], w[_SLOPE + 1, q], w[_SLOPE + 2, q]
-            c9, c15 = (
-                -1.7701307697799304 * w[_SHADE + 9, q],
-                -1.7701307697799304 * w[_SHADE + 15, q],
-            )
+            c9 = -1.7701307697799304 * w[_SHADE + 9, q]
+            c15 = -1.7701307697799304 * w[_SHADE + 15, q]
             c10, c14 = 2.890611442640554 * w[_SHADE + 10, q], 1.445305721320277 * w[_SHADE + 14, q]
-            c11, c13 = (
-                -0.4570457994644658 * w[_SHADE + 11, q],
-                -0.4570457994644658 * w[_SHADE + 13, q],
-            )
+            c11 = -0.4570457994644658 * w[_SHADE + 11, q]
+            c13 = -0.4570457994644658 * w[_SHADE + 13, q]
             c12 = 1.1195289977703462 * w[_SHADE + 12, q]
             sx += 2.0 * c9 * xy + c10 * yz - 2.0 * c11 * xy - 2.0 * c12 * xz
             sx += c13 * (4.0 * zz - 3.0 * xx - yy) + 2.0 * c14 * xz + c15 * (xx - yy)
@@ -502,22 +485,14 @@ def _slope(w: DoubleArray, n_sh: int) -> None:
             x, y, z = w[0, q], w[1, q], w[2, q]
             xx, yy, zz, xy = x * x, y * y, z * z, x * y
             sx, sy, sz = w[_SLOPE, q], w[_SLOPE + 1, q], w[_SLOPE + 2, q]
-            c16, c17 = (
-                2.5033429417967046 * w[_SHADE + 16, q],
-                -1.7701307697799304 * w[_SHADE + 17, q],
-            )
-            c18, c19 = (
-                0.9461746957575601 * w[_SHADE + 18, q],
-                -0.6690465435572892 * w[_SHADE + 19, q],
-            )
-            c20, c21 = (
-                0.10578554691520431 * w[_SHADE + 20, q],
-                -0.6690465435572892 * w[_SHADE + 21, q],
-            )
-            c22, c23 = (
-                0.47308734787878004 * w[_SHADE + 22, q],
-                -1.7701307697799304 * w[_SHADE + 23, q],
-            )
+            c16 = 2.5033429417967046 * w[_SHADE + 16, q]
+            c17 = -1.7701307697799304 * w[_SHADE + 17, q]
+            c18 = 0.9461746957575601 * w[_SHADE + 18, q]
+            c19 = -0.6690465435572892 * w[_SHADE + 19, q]
+            c20 = 0.10578554691520431 * w[_SHADE + 20, q]
+            c21 = -0.6690465435572892 * w[_SHADE + 21, q]
+            c22 = 0.47308734787878004 * w[_SHADE + 22, q]
+            c23 = -1.7701307697799304 * w[_SHADE + 23, q]
             c24 = 2.5033429417967046 * w[_SHADE + 24, q]
             f1, f3 = 7.0 * zz - 1.0, 7.0 * zz - 3.0
             sx += c16 * y * (3.0 * xx - yy) + 6.0 * c17 * xy * z + c18 * y * f1 + c21 * z * f3

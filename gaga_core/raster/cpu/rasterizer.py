@@ -1,10 +1,11 @@
 """The numba backend of `raster.base.Rasterizer`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import (
@@ -21,10 +22,14 @@ from gaga_core.raster.base import (
     check_vote,
     empty_gradients,
 )
-from gaga_core.raster.cpu import backward_kernels
 from gaga_core.raster.cpu import blend_kernels as kernels
-from gaga_core.raster.cpu.backward_kernels import backward_splats
-from gaga_core.raster.cpu.blend_kernels import label_tiles
+from gaga_core.raster.cpu.backward_kernels import (
+    SUMS,
+    add_tiles,
+    backward_splats,
+    backward_tiles,
+    blend_colors,
+)
 from gaga_core.raster.cpu.prepare import (
     TILES_AT_ONCE,
     TiledView,
@@ -34,7 +39,7 @@ from gaga_core.raster.cpu.prepare import (
 )
 from gaga_core.raster.cpu.project_kernels import TILE, backward_colors, sh_colors
 from gaga_core.raster.vote_slots import VoteSlots
-from gaga_core.threads import n_threads, run_chunks
+from gaga_core.threads import n_threads, run_chunks, run_kernel
 
 # --- Blending weights of sampled pixels as sparse rows (rows of W).
 
@@ -50,26 +55,10 @@ def sampled_weights(view: TiledView, width: int, pixels: LongArray, w_min: float
     row_ends = np.zeros(len(flat), np.int64)
 
     def run(indices: IntArray, values: FloatArray, writes: bool) -> None:
-        def work(start: int, stop: int) -> None:
-            kernels.sample_weights(
-                view.splats,
-                view.order,
-                view.offsets,
-                view.ids,
-                samples,
-                sample_offsets,
-                n_tiles_x,
-                width,
-                w_min,
-                row_ends,
-                indices,
-                values,
-                writes,
-                start,
-                stop,
-            )
-
-        run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+        lists = (view.order, view.offsets, view.ids, samples, sample_offsets, n_tiles_x, width)
+        view.run(
+            kernels.sample_weights, view.splats, *lists, w_min, row_ends, indices, values, writes
+        )
 
     run(np.empty(0, np.int32), np.empty(0, np.float32), False)
     counts = np.empty(len(flat), np.int64)
@@ -87,15 +76,6 @@ def sampled_weights(view: TiledView, width: int, pixels: LongArray, w_min: float
 _BATCH = 1 << 23  # partial sums held at a time: 32 MiB
 
 
-@dataclass(frozen=True, eq=False)
-class _TileLabels:
-    """The label map of a view, numbered again in each tile."""
-
-    local: IntArray  # (n_tiles, TILE, TILE) position in `found`; -1 = ignore
-    found: IntArray  # (n_tiles, TILE * TILE) label of each position
-    n_found: LongArray  # (n_tiles,)
-
-
 def add_votes(view: TiledView, labels: IntArray, histogram: FloatArray | VoteSlots) -> None:
     """histogram[i, k] += sum of w_i over the pixels of ``labels`` (H, W) that are k >= 0.
 
@@ -104,74 +84,29 @@ def add_votes(view: TiledView, labels: IntArray, histogram: FloatArray | VoteSlo
     result on the number of threads.
     """
     size = np.array([labels.shape[1], labels.shape[0]], np.int64)
-    tiles = _number_labels(labels, view.n_tiles)
-    n_sums = np.cumsum(np.append(0, np.diff(view.offsets) * tiles.n_found))
+    # The label map, numbered again in each tile: position in `found`, -1 = ignore.
+    local = np.empty((view.n_tiles, TILE, TILE), np.int32)
+    found = np.empty((view.n_tiles, TILE * TILE), np.int32)  # label of each position
+    n_found = np.zeros(view.n_tiles, np.int64)
+    view.run(kernels.tile_labels, labels, local, found, n_found)
+    if isinstance(histogram, VoteSlots):
+        add: Callable[..., None] = kernels.add_sums_to_slots
+        table: tuple[AnyArray, ...] = (histogram.labels, histogram.weights, histogram.lost)
+    else:
+        add, table = kernels.add_sums, (histogram,)
+    lists, n = (view.offsets, view.ids), len(view.order)
+    n_sums = np.cumsum(np.append(0, np.diff(view.offsets) * n_found))
     first = 0
     while first < view.n_tiles:
         last = int(np.searchsorted(n_sums, n_sums[first] + _BATCH, side="right")) - 1
         last = min(view.n_tiles, max(last, first + 1))
-        sum_offsets = n_sums[first : last + 1] - n_sums[first]
-        sums = _vote_sum_tiles(view, tiles, size, first, sum_offsets)
-        _add_sums(view, tiles, first, sum_offsets, sums, histogram)
+        at = n_sums[first : last + 1] - n_sums[first]  # where a tile's sums begin
+        sums = np.zeros(at[-1], np.float32)  # of each (splat, label) of the batch
+        tiles = (view.splats, *lists, local, n_found, at, first, size, sums)
+        run_kernel(kernels.vote_tiles, last - first, TILES_AT_ONCE, *tiles)
+        rows = (view.order, *lists, found, n_found, at, first, sums, *table)
+        run_kernel(add, n, max(1, -(-n // n_threads())), *rows)
         first = last
-
-
-def _number_labels(labels: IntArray, n_tiles: int) -> _TileLabels:
-    local = np.empty((n_tiles, TILE, TILE), np.int32)
-    found = np.empty((n_tiles, TILE * TILE), np.int32)
-    n_found = np.zeros(n_tiles, np.int64)
-
-    def work(start: int, stop: int) -> None:
-        kernels.tile_labels(labels, local, found, n_found, start, stop)
-
-    run_chunks(work, n_tiles, TILES_AT_ONCE)
-    return _TileLabels(local, found, n_found)
-
-
-def _vote_sum_tiles(
-    view: TiledView, tiles: _TileLabels, size: LongArray, first: int, sum_offsets: LongArray
-) -> FloatArray:
-    """Sums of each (splat, label) of the batch of tiles that begins at ``first``."""
-    sums = np.zeros(sum_offsets[-1], np.float32)
-
-    def work(start: int, stop: int) -> None:
-        kernels.vote_tiles(
-            view.splats,
-            view.offsets,
-            view.ids,
-            tiles.local,
-            tiles.n_found,
-            sum_offsets,
-            first,
-            size,
-            sums,
-            start,
-            stop,
-        )
-
-    run_chunks(work, len(sum_offsets) - 1, TILES_AT_ONCE)
-    return sums
-
-
-def _add_sums(
-    view: TiledView,
-    tiles: _TileLabels,
-    first: int,
-    sum_offsets: LongArray,
-    sums: FloatArray,
-    histogram: FloatArray | VoteSlots,
-) -> None:
-    batch = (view.order, view.offsets, view.ids, tiles.found, tiles.n_found, sum_offsets, first)
-
-    def work(start: int, stop: int) -> None:
-        if isinstance(histogram, VoteSlots):
-            slots = (histogram.labels, histogram.weights, histogram.lost)
-            kernels.add_sums_to_slots(*batch, sums, *slots, start, stop)
-        else:
-            kernels.add_sums(*batch, sums, histogram, start, stop)
-
-    n = len(view.order)
-    run_chunks(work, n, max(1, -(-n // n_threads())))
 
 
 # --- Training on the CPU: draw a view, and take a gradient of its picture back to the parameters.
@@ -197,21 +132,8 @@ def forward(view: TiledView, camera: Camera, colors: FloatArray, background: Flo
     image, transmittance = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
     ends = np.empty(view.n_tiles, np.int64)
 
-    def work(start: int, stop: int) -> None:
-        backward_kernels.blend_colors(
-            view.splats,
-            colors,
-            view.offsets,
-            view.ids,
-            background,
-            image,
-            transmittance,
-            ends,
-            start,
-            stop,
-        )
-
-    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    lists = (view.offsets, view.ids, background)
+    view.run(blend_colors, view.splats, colors, *lists, image, transmittance, ends)
     return Forward(view, colors, image, transmittance, ends)
 
 
@@ -238,33 +160,14 @@ def _backward_sum_tiles(
 ) -> FloatArray:
     """Sums (n, SUMS) over the pixels of each splat in view, see `backward_kernels`."""
     view = drawn.view
-    partials = np.empty((len(view.ids), backward_kernels.SUMS), np.float32)
-    sums = np.zeros((len(view.order), backward_kernels.SUMS), np.float32)
-    by_image = for_kernel(image_gradient, np.float32)
-    by_alpha = for_kernel(alpha_gradient, np.float32)
-    transmittance = drawn.transmittance
-
-    def work(start: int, stop: int) -> None:
-        backward_kernels.backward_tiles(
-            view.splats,
-            drawn.colors,
-            view.offsets,
-            view.ids,
-            drawn.image,
-            transmittance,
-            drawn.ends,
-            by_image,
-            by_alpha,
-            partials,
-            start,
-            stop,
-        )
-
-    def add(start: int, stop: int) -> None:
-        backward_kernels.add_tiles(view.offsets, view.ids, drawn.ends, partials, sums, start, stop)
-
-    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
-    run_chunks(add, len(sums), max(_CHUNK, -(-len(sums) // n_threads())))
+    partials = np.empty((len(view.ids), SUMS), np.float32)
+    sums = np.zeros((len(view.order), SUMS), np.float32)
+    gradients = (for_kernel(g, np.float32) for g in (image_gradient, alpha_gradient))
+    picture = (drawn.image, drawn.transmittance, drawn.ends, *gradients)
+    lists = (view.offsets, view.ids)
+    view.run(backward_tiles, view.splats, drawn.colors, *lists, *picture, partials)
+    piece = max(_CHUNK, -(-len(sums) // n_threads()))
+    run_kernel(add_tiles, len(sums), piece, *lists, drawn.ends, partials, sums)
     return sums
 
 
@@ -289,46 +192,24 @@ def _walk_back(
     indices, n_sh = view.order[view.rows], sh.shape[1]
     result = empty_gradients(indices if sink is None else indices[:0], n_sh)
 
+    known = (means, quats, log_scales, pose, lens, view.order)
+
     def work(start: int, stop: int) -> None:
         if sink is None:
-            piece = _rows(result, start, stop)
+            columns = (getattr(result, field.name)[start:stop] for field in fields(Gradients))
+            piece = Gradients(*columns)
         else:
             piece = empty_gradients(indices[start:stop], n_sh)
         by_color = np.empty((stop - start, 3), np.float32)
-        backward_splats(
-            means,
-            quats,
-            log_scales,
-            pose,
-            lens,
-            view.order,
-            view.rows[start:stop],
-            view.splats,
-            drawn.colors,
-            sums,
-            piece.means,
-            piece.quats,
-            piece.log_scales,
-            piece.logit_opacities,
-            by_color,
-            piece.screen,
-            piece.radii,
-        )
+        of_shape = (piece.means, piece.quats, piece.log_scales, piece.logit_opacities)
+        found = (*of_shape, by_color, piece.screen, piece.radii)
+        backward_splats(*known, view.rows[start:stop], view.splats, drawn.colors, sums, *found)
         backward_colors(sh, means, piece.indices, eye, by_color, piece.sh, piece.means)
         if sink is not None:
             sink(piece)
 
     run_chunks(work, len(indices), _CHUNK)
     return result
-
-
-def _rows(gradients: Gradients, start: int, stop: int) -> Gradients:
-    """Views of the rows ``start`` to ``stop``."""
-    columns = (getattr(gradients, field.name)[start:stop] for field in fields(Gradients))
-    return Gradients(*columns)
-
-
-# --- The numba backend of `raster.base.Rasterizer`.
 
 
 class CpuRasterizer:
@@ -365,7 +246,8 @@ class CpuRasterizer:
         frame = _blend(view, camera, colors, behind, n_channels)
         for c in range(3, n_channels, kernels.WIDE):
             features = _gather(channels[:, c : c + kernels.WIDE], view.order, kernels.WIDE)
-            _blend_wide(view, features, behind, frame.image, c)
+            lists = (view.offsets, view.ids, behind)
+            view.run(kernels.blend_wide, view.splats, features, *lists, frame.image, c)
         return frame
 
     def weights(
@@ -401,20 +283,8 @@ class CpuRasterizer:
         out = np.zeros((camera.height, camera.width), np.int32)
         confidence = np.zeros((camera.height, camera.width), np.float32)
 
-        def work(start: int, stop: int) -> None:
-            label_tiles(
-                view.splats,
-                dense,
-                view.offsets,
-                view.ids,
-                len(values),
-                out,
-                confidence,
-                start,
-                stop,
-            )
-
-        run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+        lists = (view.offsets, view.ids, len(values))
+        view.run(kernels.label_tiles, view.splats, dense, *lists, out, confidence)
         return LabelFrame(values[out], confidence)
 
     def backward(
@@ -507,10 +377,7 @@ def _colors(gaussians: Gaussians, camera: Camera, view: TiledView) -> FloatArray
     eye = np.array(camera.position, np.float64)
     colors = np.empty((len(view.order), 3), np.float32)
 
-    def work(start: int, stop: int) -> None:
-        sh_colors(sh, means, view.order, view.rows, eye, colors, start, stop)
-
-    run_chunks(work, len(colors), 16384)
+    run_kernel(sh_colors, len(colors), 16384, sh, means, view.order, view.rows, eye, colors)
     return colors
 
 
@@ -528,32 +395,7 @@ def _blend(
     image = np.zeros((*shape, n_channels), np.float32)
     alpha, expected, median = (np.empty(shape, np.float32) for _ in range(3))
 
-    def work(start: int, stop: int) -> None:
-        kernels.blend(
-            view.splats,
-            view.depths,
-            colors,
-            view.offsets,
-            view.ids,
-            background,
-            image,
-            alpha,
-            expected,
-            median,
-            start,
-            stop,
-        )
-
-    run_chunks(work, view.n_tiles, TILES_AT_ONCE)
+    lists = (view.offsets, view.ids, background)
+    planes = (image, alpha, expected, median)
+    view.run(kernels.blend, view.splats, view.depths, colors, *lists, *planes)
     return Frame(image, alpha, expected, median)
-
-
-def _blend_wide(
-    view: TiledView, features: FloatArray, background: FloatArray, image: FloatArray, first: int
-) -> None:
-    def work(start: int, stop: int) -> None:
-        kernels.blend_wide(
-            view.splats, features, view.offsets, view.ids, background, image, first, start, stop
-        )
-
-    run_chunks(work, view.n_tiles, TILES_AT_ONCE)

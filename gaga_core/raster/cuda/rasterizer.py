@@ -15,32 +15,21 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import (
     Frame,
-    Gradients,
-    GradientSink,
-    ImageLoss,
     LabelFrame,
     PixelWeights,
-    TrainStep,
     check_pixels,
     check_render,
     check_vote,
-    empty_gradients,
 )
 from gaga_core.raster.cuda.view import (
     CHANNELS,
     TILE,
-    Parameters,
-    Projected,
     View,
     blend,
     fetch,
-    find_splats,
     indices,
-    list_tiles,
-    long_radii,
     memory_in_words,
     prepare,
-    project_again,
     send,
 )
 from gaga_core.raster.vote_slots import VoteSlots
@@ -142,97 +131,6 @@ def _running_sum(values: Tensor, pixels: Tensor) -> Tensor:
     last = torch.cumsum(lengths, dim=0) - 1
     before = torch.cat([total.new_zeros(1), total[last[:-1]]]) if len(last) else total
     return total - torch.repeat_interleave(before, lengths)
-
-
-# --- Training on the graphics card: draw a view so that autograd can take its gradients back.
-# gsplat differentiates the blending and the spherical harmonics; our own projection in float64
-# (`project`) is differentiated by torch.
-
-
-@dataclass(frozen=True, eq=False)
-class CudaForward:
-    """A drawn view and what its way back needs."""
-
-    index: Tensor  # (n,) int64 Gaussian, ascending
-    parameters: Parameters  # of these: leaves of the graph
-    sh: Tensor  # (n, S, 3) float32, a leaf too
-    splats: Projected | None  # None when no tile lists a splat
-    image: Tensor  # (H, W, 3) background included
-    alpha: Tensor  # (H, W)
-
-
-def forward(
-    gsplat: Any, gaussians: Gaussians, camera: Camera, background: Tensor, device: torch.device
-) -> CudaForward:
-    """Draw SH color over ``background`` (3,), keeping the graph of every parameter in view."""
-    index = find_splats(gaussians, camera, device).index
-    rows = index.cpu().numpy()
-    parameters, sh = Parameters.of(gaussians, rows, device), send(gaussians.sh[rows], device)
-    for leaf in (*_columns(parameters), sh):
-        leaf.requires_grad_()
-    with torch.enable_grad():
-        splats = project_again(parameters, index, camera)
-        view = list_tiles(gsplat, splats, camera)
-        if view.is_empty:
-            size = (camera.height, camera.width)
-            alpha = torch.zeros(size, device=device)
-            return CudaForward(index, parameters, sh, None, background.expand(*size, 3), alpha)
-        eye = torch.tensor(camera.position, device=device).double()
-        colors = sh_colors(gsplat, gaussians.sh_degree, parameters.means - eye, sh)
-        image, alpha = blend(gsplat, view, colors)
-        image = image + (1 - alpha)[..., None] * background
-    return CudaForward(index, parameters, sh, splats, image, alpha)
-
-
-def sh_colors(gsplat: Any, degree: int, directions: Tensor, sh: Tensor) -> Tensor:
-    """Color (n, 3) of splats seen along ``directions`` (n, 3); 0 where it is no number."""
-    finite = torch.isfinite(sh)
-    # Not only in the result: 0 times NaN would come back as the gradient of the direction.
-    color = gsplat.spherical_harmonics(degree, directions.float(), torch.where(finite, sh, 0.0))
-    color = color + 0.5
-    return torch.where((color > 0) & (color < 1e30) & finite.all(dim=1), color, 0.0)
-
-
-def backward(
-    drawn: CudaForward, camera: Camera, by_image: Tensor, by_alpha: Tensor | None = None
-) -> Gradients:
-    """Gradients from those by the image (H, W, 3) and by alpha (H, W; None = 0)."""
-    leaves = (*_columns(drawn.parameters), drawn.sh)
-    n = len(drawn.index)
-    if drawn.splats is None:
-        found = [torch.zeros_like(leaf) for leaf in leaves]
-        by_centre, radii = leaves[0].new_zeros((n, 2)), leaves[0].new_zeros(n)
-    else:
-        outputs, slopes = [drawn.image], [by_image]
-        if by_alpha is not None:
-            outputs, slopes = [*outputs, drawn.alpha], [*slopes, by_alpha]
-        asked = (*leaves, drawn.splats.centres)
-        *found, by_centre = torch.autograd.grad(outputs, asked, slopes)
-        radii = long_radii(drawn.splats)
-    half_picture = by_centre.new_tensor([camera.width / 2, camera.height / 2])
-    means, quats, log_scales, logit_opacities, sh = (fetch(column) for column in found)
-    return Gradients(
-        indices=drawn.index.int().cpu().numpy(),
-        means=means,
-        quats=quats,
-        log_scales=log_scales,
-        logit_opacities=logit_opacities,
-        sh=sh,
-        screen=fetch((by_centre * half_picture).norm(dim=1)),
-        radii=fetch(radii),
-    )
-
-
-def _columns(parameters: Parameters) -> tuple[Tensor, ...]:
-    return (
-        parameters.means,
-        parameters.quats,
-        parameters.log_scales,
-        parameters.logit_opacities,
-    )
-
-
-# --- The gsplat backend of `raster.base.Rasterizer`.
 
 
 class CudaRasterizer:
@@ -379,64 +277,20 @@ class CudaRasterizer:
             best = torch.where(better, weight, best)
         return LabelFrame(winner.cpu().numpy(), fetch(best))
 
-    @memory_in_words()
-    def backward(
-        self,
-        gaussians: Gaussians,
-        camera: Camera,
-        image_gradient: FloatArray,
-        *,
-        alpha_gradient: FloatArray | None = None,
-        background: DoubleArray | FloatArray | None = None,
-    ) -> Gradients:
-        """Gradients by the parameters, from those by the image (H, W, 3) and alpha (H, W)."""
-        shape = (camera.height, camera.width)
-        check_shape("image_gradient", image_gradient, (*shape, 3), np.float32)
-        if alpha_gradient is not None:
-            check_shape("alpha_gradient", alpha_gradient, shape, np.float32)
-        drawn = self._forward(gaussians, camera, background)
-        by_alpha = None if alpha_gradient is None else send(alpha_gradient, self._device)
-        return backward(drawn, camera, send(image_gradient, self._device), by_alpha)
-
-    @memory_in_words()
-    def train_step(
-        self,
-        gaussians: Gaussians,
-        camera: Camera,
-        target: FloatArray,
-        loss: ImageLoss,
-        *,
-        background: DoubleArray | FloatArray | None = None,
-        sink: GradientSink | None = None,
-    ) -> TrainStep:
-        """Render, compare with ``target`` (H, W, 3) by ``loss`` on the CPU, and differentiate."""
-        check_shape("target", target, (camera.height, camera.width, 3), np.float32)
-        drawn = self._forward(gaussians, camera, background)
-        image = fetch(drawn.image)
-        value, image_gradient = loss(image, target)
-        gradients = backward(drawn, camera, send(image_gradient, self._device))
-        if sink is not None:
-            sink(gradients)
-            gradients = empty_gradients(np.zeros(0, np.int32), gradients.sh.shape[1])
-        return TrainStep(value, image, gradients)
-
-    def _forward(
-        self, gaussians: Gaussians, camera: Camera, background: DoubleArray | FloatArray | None
-    ) -> CudaForward:
-        if background is not None:
-            check_shape("background", background, (3,))
-        behind = send(np.zeros(3) if background is None else background, self._device)
-        return forward(self._gsplat, gaussians, camera, behind, self._device)
-
     def _prepare(self, gaussians: Gaussians, camera: Camera) -> View:
         return prepare(self._gsplat, gaussians, camera, self._device)
 
     def _sh_colors(self, gaussians: Gaussians, camera: Camera, view: View) -> Tensor:
-        """SH color (n, 3) of the splats in view, seen from the camera's position."""
+        """SH color (n, 3) of the splats in view, seen from the camera's position; 0 where it is no
+        number."""
         rows = indices(view)
         directions = gaussians.means[rows].astype(np.float64) - camera.position
         sh = send(gaussians.sh[rows], self._device)
-        return sh_colors(self._gsplat, gaussians.sh_degree, send(directions, self._device), sh)
+        finite = torch.isfinite(sh)
+        color = 0.5 + self._gsplat.spherical_harmonics(
+            gaussians.sh_degree, send(directions, self._device), torch.where(finite, sh, 0.0)
+        )
+        return torch.where((color > 0) & (color < 1e30) & finite.all(dim=1), color, 0.0)
 
     def _median(self, view: View) -> Tensor:
         """Depth (H, W) at which T falls to 1/2, 0 if never."""

@@ -10,37 +10,12 @@ import torch
 from torch import Tensor
 
 from gaga_core.arrays import AnyArray, FloatArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import ALPHA_MIN, BLUR, NEAR
+from gaga_core.raster.base import ALPHA_MIN, BLUR
 
 # --- EWA projection in plain torch and float64, on whatever device the picture is blended.
-# Autograd goes through it where its parameters ask for gradients.
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters:
-    """Raw parameters of n splats, float64."""
-
-    means: Tensor  # (n, 3) world
-    quats: Tensor  # (n, 4) wxyz of any length
-    log_scales: Tensor  # (n, 3)
-    logit_opacities: Tensor  # (n,)
-
-    @staticmethod
-    def of(gaussians: Gaussians, rows: slice | LongArray, device: torch.device) -> "Parameters":
-        """Parameters of some Gaussians on the device."""
-
-        def send(array: FloatArray) -> Tensor:
-            return torch.tensor(np.asarray(array)[rows], device=device).double()
-
-        return Parameters(
-            send(gaussians.means),
-            send(gaussians.quats),
-            send(gaussians.log_scales),
-            send(gaussians.logit_opacities),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,88 +30,48 @@ class Projected:
     radii: Tensor  # (n, 2) int32 half size of the box outside which alpha is under 1/255
 
 
-@dataclass(frozen=True, eq=False)
-class _Ellipses:
-    """Projection of splats, in the picture or not."""
-
-    centres: Tensor  # (n, 2)
-    covariances: Tensor  # (n, 3) xx, xy, yy, blur included
-    opacities: Tensor  # (n,)
-    depths: Tensor  # (n,)
-
-    def pick(self, chosen: Tensor) -> "_Ellipses":
-        columns = (self.centres, self.covariances, self.opacities, self.depths)
-        return _Ellipses(*(column[chosen] for column in columns))
-
-
 def project_rows(
     gaussians: Gaussians, rows: slice, camera: Camera, device: torch.device
 ) -> Projected:
     """EWA projection of some Gaussians, as in `raster.reference.project`: those in the picture."""
-    parameters = Parameters.of(gaussians, rows, device)
-    found = _ellipses(parameters, camera, antialiased=gaussians.is_antialiased)
-    half = _half_sizes(found)
-    size = torch.tensor([camera.width, camera.height], device=device).double()
-    xx, xy, yy = found.covariances.unbind(dim=1)
-    keep = (found.depths >= NEAR) & (found.depths < 1e30) & (found.opacities >= ALPHA_MIN)
-    # Not "outside" but "inside": anything that is no number fails these.
-    keep &= (xx * yy - xy * xy > 0) & (xx + yy < 1e30)
-    keep &= ((found.centres + half >= 0.5) & (found.centres - half <= size - 0.5)).all(dim=1)
-    index = torch.nonzero(keep)[:, 0]
-    return _projected(found.pick(index), index + (rows.start or 0))
-
-
-def project_again(parameters: Parameters, index: Tensor, camera: Camera) -> Projected:
-    """The same for splats that are known to be in the picture: all of them, nothing is tested."""
-    return _projected(_ellipses(parameters, camera), index)
-
-
-def long_radii(splats: Projected) -> Tensor:
-    """3 standard deviations (n,) along the long axis, in pixels."""
-    a, b, c = splats.conics.unbind(dim=1)  # the longest axis of the inverse is the shortest here
-    shortest = 0.5 * (a + c) - torch.sqrt((0.5 * (a - c)) ** 2 + b * b)
-    return 3 / torch.sqrt(shortest)
-
-
-def _projected(found: _Ellipses, index: Tensor) -> Projected:
-    xx, xy, yy = found.covariances.unbind(dim=1)
-    det = xx * yy - xy * xy
-    conics = torch.stack([yy, -xy, xx], dim=1) / det[:, None]
-    radii = _half_sizes(found).detach().ceil().clamp(1, 1e6).int()
-    return Projected(index, found.centres, conics, found.opacities, found.depths, radii)
-
-
-def _half_sizes(found: _Ellipses) -> Tensor:
-    cut = 2 * torch.log((found.opacities / ALPHA_MIN).clamp_min(1.0))
-    return torch.sqrt(cut[:, None] * found.covariances[:, [0, 2]])
-
-
-def _ellipses(p: Parameters, camera: Camera, *, antialiased: bool = False) -> _Ellipses:
-    device = p.means.device
+    names = ("means", "quats", "log_scales", "logit_opacities")
+    means, quats, log_scales, logits = (
+        torch.tensor(np.asarray(getattr(gaussians, name))[rows], device=device).double()
+        for name in names
+    )
     pose = torch.tensor(np.asarray(camera.cam_from_world[:3]), device=device).double()
     K = torch.tensor(np.asarray(camera.K), device=device).double()
     focal = torch.stack([K[0, 0], K[1, 1]])
     size = torch.tensor([camera.width, camera.height], device=device).double()
-    p_cam = p.means @ pose[:, :3].T + pose[:, 3]
-    depth = p_cam[:, 2]
-    slope = p_cam[:, :2] / depth[:, None]
+    p_cam = means @ pose[:, :3].T + pose[:, 3]
+    depths = p_cam[:, 2]
+    slope = p_cam[:, :2] / depths[:, None]
     limit = 1.3 * 0.5 * size / focal
     clamped = slope.clamp(-limit, limit)
-    axes = _rotations(p.quats) * p.log_scales.exp()[:, None, :]
+    axes = _rotations(quats) * log_scales.exp()[:, None, :]
     # J W R S: a row of J is (focal, 0, -focal * slope) / depth.
     turned = torch.einsum("ij,njk->nik", pose[:, :3], axes)
-    M = (turned[:, :2] - clamped[..., None] * turned[:, 2:]) * (focal / depth[:, None])[..., None]
+    M = (turned[:, :2] - clamped[..., None] * turned[:, 2:]) * (focal / depths[:, None])[..., None]
     xx, yy = (M * M).sum(dim=2).unbind(dim=1)
     xy = (M[:, 0] * M[:, 1]).sum(dim=1)
-    opacities = torch.sigmoid(p.logit_opacities)
-    if antialiased:
-        plain = (xx * yy - xy * xy).clamp_min(0.0)
-        opacities = opacities * torch.sqrt(plain / ((xx + BLUR) * (yy + BLUR) - xy * xy))
-    return _Ellipses(
-        slope * focal + torch.stack([K[0, 2], K[1, 2]]),
-        torch.stack([xx + BLUR, xy, yy + BLUR], dim=1),
-        opacities,
-        depth,
+    plain = xx * yy - xy * xy
+    xx, yy = xx + BLUR, yy + BLUR
+    det = xx * yy - xy * xy
+    opacities = torch.sigmoid(logits)
+    if gaussians.is_antialiased:
+        opacities = opacities * torch.sqrt(plain.clamp_min(0.0) / det)
+    centres = slope * focal + torch.stack([K[0, 2], K[1, 2]])
+    cut = 2 * torch.log((opacities / ALPHA_MIN).clamp_min(1.0))
+    half = torch.sqrt(cut[:, None] * torch.stack([xx, yy], dim=1))
+    keep = (depths >= NEAR) & (depths < 1e30) & (opacities >= ALPHA_MIN)
+    # Not "outside" but "inside": anything that is no number fails these.
+    keep &= (det > 0) & (xx + yy < 1e30)
+    keep &= ((centres + half >= 0.5) & (centres - half <= size - 0.5)).all(dim=1)
+    index = torch.nonzero(keep)[:, 0]
+    conics = (torch.stack([yy, -xy, xx], dim=1) / det[:, None])[index]
+    radii = half[index].ceil().clamp(1, 1e6).int()
+    return Projected(
+        index + (rows.start or 0), centres[index], conics, opacities[index], depths[index], radii
     )
 
 
@@ -149,9 +84,6 @@ def _rotations(quats: Tensor) -> Tensor:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
-
-
-# --- What a camera sees, on the device: projected splats and the list of each tile.
 
 
 TILE = 16
@@ -218,7 +150,7 @@ def list_tiles(gsplat: Any, splats: Projected, camera: Camera) -> View:
     ids = torch.zeros(0, dtype=torch.int32, device=device)
     means2d, depths = splats.centres.float()[None], splats.depths.float()[None]
     if len(splats.index):
-        where = (means2d.detach(), splats.radii[None], depths.detach())
+        where = (means2d, splats.radii[None], depths)
         _, keys, ids = gsplat.isect_tiles(*where, TILE, columns, rows, n_images=1)
         if len(ids):
             offsets = gsplat.isect_offset_encode(keys, 1, columns, rows)
@@ -270,5 +202,4 @@ def fetch(tensor: Tensor) -> FloatArray:
 
 def indices(view: View) -> LongArray:
     """Gaussians (n,) of the rows of a view."""
-    result: LongArray = view.index.cpu().numpy()
-    return result
+    return view.index.cpu().numpy()

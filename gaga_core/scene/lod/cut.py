@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
-from gaga_core.camera import Camera
-from gaga_core.raster.base import NEAR
+from gaga_core.camera import NEAR, Camera
 from gaga_core.scene.lod.tree import FAN, LodTree
 
 # --- The cut of a tree: for every part of the scene the one node that is drawn.

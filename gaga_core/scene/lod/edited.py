@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.base import NEAR
 from gaga_core.scene.bake import bake
 from gaga_core.scene.lod.build import merged_level
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, check_shape
-from gaga_core.camera import Camera
-from gaga_core.raster.base import NEAR
+from gaga_core.camera import NEAR, Camera
 from gaga_core.raster.cpu.prepare import for_kernel, pose_and_lens
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.selection_kernels import covered, project_centres

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.camera import NEAR, Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -38,7 +38,7 @@ from gaga_core.grouping.surfaces.surfels import (
     small_pieces,
 )
 from gaga_core.progress import Progress, Stage, part
-from gaga_core.raster.base import NEAR, Rasterizer
+from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.orientation import estimate_up, upright_basis
 from gaga_core.scene.scene import Scene

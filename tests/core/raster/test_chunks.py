@@ -49,7 +49,7 @@ def _cameras() -> list[Camera]:
 
 @pytest.fixture
 def divided(monkeypatch: pytest.MonkeyPatch) -> SpatialChunks:
-    monkeypatch.setattr(base, "_SIZE", 64)
+    monkeypatch.setattr(base, "_CHUNK_SPLATS", 64)
     found = SpatialChunks.of(_wide_scene())
     assert found is not None
     return found
@@ -70,8 +70,8 @@ def test_a_chunk_is_seen_as_soon_as_one_of_its_splats_is_drawn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Chunks of one splat each: those in view are all that projection keeps, and hardly more."""
-    monkeypatch.setattr(base, "_SIZE", 1)
-    monkeypatch.setattr(base, "_MOST", 1.0)
+    monkeypatch.setattr(base, "_CHUNK_SPLATS", 1)
+    monkeypatch.setattr(base, "_MOST_SHARE", 1.0)
     rng = np.random.default_rng(6)
     cameras = _cameras()
     n = 4000

@@ -3,13 +3,9 @@
 import itertools
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from gaga_core.training.checkpoint import Exposures, TrainState, iteration_of
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.optimizer import Splats
-from gaga_core.training.settings import TrainConfig
+from gaga_core.training.checkpoint import TrainState, iteration_of
 from gaga_core.training.train import Keeper, seconds_between
 from tests.scenes import random_gaussians
 
@@ -38,13 +34,6 @@ def test_writing_takes_little_time_and_a_crash_costs_little(length: float, took:
         assert now - before <= max(60.0, 50 * took, 0.1 * now) + took + 1
 
 
-def test_the_hour_of_a_standard_training_writes_a_tenth_of_what_it_did() -> None:
-    """177 MB each at 250,000 splats: 30 times in the first half hour, 120 by every 30 seconds."""
-    assert len(times(1800, 0.5)) <= 24
-    assert len(times(3600, 0.5)) <= 32
-    assert TrainConfig.of("standard").checkpoint_seconds == 60
-
-
 class _Resting:
     """An engine whose state is always right."""
 
@@ -56,14 +45,7 @@ class _Resting:
 
 def test_one_file_and_only_when_due(tmp_path: Path) -> None:
     clock = [0.0]
-    state = TrainState(
-        0,
-        Splats.of(random_gaussians(5)),
-        ScreenSums.empty(5),
-        Exposures.neutral(2),
-        np.zeros(100, np.float32),
-        np.zeros((0, 3)),
-    )
+    state = TrainState.first(random_gaussians(5), 2, 100)
     engine = _Resting()
     keeper = Keeper(engine, tmp_path / "train.npz", "", 60.0, lambda: clock[0])  # type: ignore[arg-type]
     seen = []

@@ -6,24 +6,20 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import FloatArray
-from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import HIGHEST, SINGLE_WORKER, Setting, thinned, turns_of
+from gaga_core.training.distributed import SINGLE_WORKER
+from gaga_core.training.engine import HIGHEST_OPACITY, Setting, thinned, turns_of
 from gaga_core.training.losses import photometric
-from gaga_core.training.optimizer import COLUMNS, Splats, adam_step
+from gaga_core.training.optimizer import COLUMNS, adam_step
 from gaga_core.training.settings import TrainConfig
-from tests.core.reconstruct.train_scenes import CPU, known_scene, short
+from tests.core.reconstruct.train_scenes import CPU, Known, short
 from tests.scenes import orbit_cameras, random_gaussians
-
-
-def test_no_share_changes_nothing() -> None:
-    gaussians = random_gaussians(50, seed=0)
-    assert thinned(gaussians, 0.0, np.random.default_rng(0)).gaussians is gaussians
 
 
 def test_what_is_left_covers_as_much_on_average() -> None:
     gaussians = random_gaussians(400, seed=0)
+    assert thinned(gaussians, 0.0, np.random.default_rng(0)).gaussians is gaussians
     gaussians = replace(gaussians, logit_opacities=np.linspace(-5, 1, 400).astype(np.float32))
     rng = np.random.default_rng(1)
     draws = np.array([thinned(gaussians, 0.25, rng).gaussians.opacities for _ in range(400)])
@@ -39,7 +35,7 @@ def test_opacities_stay_below_one() -> None:
     kept = thinned(gaussians, 1e-9, np.random.default_rng(0)).gaussians.opacities
     np.testing.assert_allclose(kept, gaussians.opacities, rtol=1e-5)
     raised = thinned(gaussians, 0.3, np.random.default_rng(0)).gaussians.opacities
-    assert raised.max() <= max(HIGHEST, float(gaussians.opacities.max())) + 1e-6
+    assert raised.max() <= max(HIGHEST_OPACITY, float(gaussians.opacities.max())) + 1e-6
 
 
 def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
@@ -71,25 +67,18 @@ def test_the_gradient_is_that_of_the_logits_that_are_stored() -> None:
     np.testing.assert_allclose(found, numeric, rtol=0.02, atol=0.01 * np.abs(numeric).max())
 
 
-def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored() -> None:
+def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored(
+    known: Known,
+) -> None:
     """An iteration of the engine, whose gradients come in pieces, against its single steps."""
-    known = known_scene()
     config = replace(short(30), dropout=0.3, half_until=0.0)
     setting = Setting(known.views.train, (), config, 1.0, SINGLE_WORKER)
     n_views = len(known.views.train)
-    states = [
-        TrainState(
-            iteration=20,
-            splats=Splats.of(known.initial),
-            sums=ScreenSums.empty(len(known.initial)),
-            exposures=Exposures.neutral(n_views),
-            losses=np.zeros(30, np.float32),
-            measured=np.zeros((0, 3)),
-        )
-        for _ in range(2)
-    ]
+    states = [TrainState.first(known.initial, n_views, 30) for _ in range(2)]
     got, want = states
-    for state in states:  # without a past, Adam's step does not depend on a gradient's size
+    for state in states:
+        state.iteration = 20
+        # without a past, Adam's step does not depend on a gradient's size
         state.splats.second.logit_opacities[:] = 1e-6
     want.splats = want.splats.with_degree(config.degree_at(21 / 30))
     view = setting.view(turns_of(20, setting)[0].view, 21 / 30)

@@ -90,10 +90,11 @@ def test_what_no_other_photo_confirms_is_left_out(
     """Photos of noise match nothing: no point comes of them, and few of the others are lost."""
     rng = np.random.default_rng(0)
     noise = [rng.integers(0, 256, v.picture.shape).astype(np.uint8) for v in views]
-    assert len(_found(known, tuple(map(TrainView, [v.camera for v in views], noise)))[0]) < 10
-    one = (*views[:5], TrainView(views[5].camera, noise[5]), *views[6:])
+    noisy = tuple(TrainView(v.camera, picture) for v, picture in zip(views, noise, strict=True))
+    assert len(_found(known, noisy[:5])[0]) < 10
+    one = (*views[:5], noisy[5], *views[6:8])
     points, _ = _found(known, one)
-    assert len(points) > 1500
+    assert len(points) > 800
     assert np.quantile(_off(points), 0.98) < 0.03
 
 
@@ -136,7 +137,7 @@ def test_a_training_starts_from_them(known: DoubleArray, views: tuple[TrainView,
 
     def first(stereo: int, cap: int) -> int:
         config = short(5, stereo=stereo, cover=0).with_cap(cap)
-        return len(run_stage(first_splats_stage(known, colors, views, config, CPU)))
+        return len(run_stage(first_splats_stage(known, colors, views[:5], config, CPU)))
 
     assert first(0, 1000) == len(known)
     assert first(300, 1000) == 300

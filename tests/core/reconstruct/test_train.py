@@ -14,30 +14,20 @@ from gaga_core.geometry import look_at
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
 from gaga_core.training.densification import ScreenSums
-from gaga_core.training.optimizer import COLUMNS, Splats
+from gaga_core.training.optimizer import Splats
 from gaga_core.training.settings import QUALITIES, TrainConfig
 from gaga_core.training.start import first_splats_stage, initial_gaussians
-from gaga_core.training.train import Cost, Trained, TrainUpdate, report_of, train, train_stage
+from gaga_core.training.train import Cost, TrainUpdate, report_of, train, train_stage
 from gaga_core.training.views import TrainView, TrainViews, quality_stage
-from tests.core.reconstruct.train_scenes import CPU, Known, known_scene, short
+from tests.core.reconstruct.train_scenes import CPU, Known, assert_same, followed, short, stop_at
 
 BLACK = np.zeros(3, np.float32)
-
-
-@pytest.fixture(scope="module")
-def known() -> Known:
-    return known_scene()
 
 
 def quality_of(gaussians: Gaussians, known: Known) -> float:
     quality = run_stage(quality_stage(gaussians, known.views.test, CPU, BLACK))
     assert quality is not None
     return quality.psnr
-
-
-def assert_same(a: Gaussians, b: Gaussians) -> None:
-    for name in COLUMNS:
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
 @pytest.mark.parametrize("strategy", ["gradient", "mcmc"])
@@ -69,35 +59,20 @@ def test_the_same_seed_gives_the_same_splats(known: Known, monkeypatch: pytest.M
     assert not np.array_equal(one.losses, other.losses)
 
 
-def watched(known: Known, config: TrainConfig, checkpoint: Path, stop_at: int) -> int:
-    """Train until ``stop_at`` and close the stage there, as Cancel does."""
-    stage = train_stage(known.initial, known.views, config, CPU, checkpoint=checkpoint)
-    for progress in stage:
-        update = progress.payload
-        if isinstance(update, TrainUpdate) and update.iteration == stop_at:
-            stage.close()
-            return stop_at
-    raise AssertionError("the training ended before")
-
-
 @pytest.mark.parametrize("strategy", ["gradient", "mcmc"])
-@pytest.mark.parametrize("stop_at", [7, 40, 63])
+@pytest.mark.parametrize("stopped", [7, 40, 63])
 def test_a_stopped_training_goes_on_as_if_nothing_had_been(
-    known: Known, tmp_path: Path, strategy: str, stop_at: int
+    known: Known, tmp_path: Path, strategy: str, stopped: int
 ) -> None:
     """Stopped before, at and after density control: bit for bit the uninterrupted result."""
     config = short(70, exposure=True)
     config = replace(config, density=replace(config.density, strategy=strategy))  # type: ignore[arg-type]
     whole = train(known.initial, known.views, config, CPU)
     file = tmp_path / "training.npz"
-    watched(known, config, file, stop_at)
-    seen: list[int] = []
+    stop_at(stopped, known.initial, known.views, config, file)
     stage = train_stage(known.initial, known.views, config, CPU, checkpoint=file)
-    resumed = run_stage(
-        stage,
-        lambda p: seen.append(p.payload.iteration) if isinstance(p.payload, TrainUpdate) else None,
-    )
-    assert seen[0] == stop_at + 1
+    seen, resumed = followed(stage)
+    assert seen[0].iteration == stopped + 1
     assert_same(whole.gaussians, resumed.gaussians)
     np.testing.assert_array_equal(whole.losses, resumed.losses)
     assert whole.measured == resumed.measured
@@ -106,7 +81,7 @@ def test_a_stopped_training_goes_on_as_if_nothing_had_been(
 
 def test_a_checkpoint_of_another_training_is_not_taken(known: Known, tmp_path: Path) -> None:
     file = tmp_path / "training.npz"
-    watched(known, short(30), file, 20)
+    stop_at(20, known.initial, known.views, short(30), file)
     for config in (short(31), short(30, seed=5)):
         stage = train_stage(known.initial, known.views, config, CPU, checkpoint=file)
         first = next(p.payload for p in stage if isinstance(p.payload, TrainUpdate))
@@ -116,7 +91,7 @@ def test_a_checkpoint_of_another_training_is_not_taken(known: Known, tmp_path: P
 
 def test_a_damaged_checkpoint_is_named(known: Known, tmp_path: Path) -> None:
     file = tmp_path / "training.npz"
-    watched(known, short(30), file, 20)
+    stop_at(20, known.initial, known.views, short(30), file)
     file.write_bytes(file.read_bytes()[:3000])
     with pytest.raises(GagaError, match=r"training\.npz is damaged"):
         run_stage(train_stage(known.initial, known.views, short(30), CPU, checkpoint=file))
@@ -195,12 +170,8 @@ def test_too_few_photos_and_points_are_named(known: Known) -> None:
 
 def test_the_published_schedule_resets_opacities_and_recovers(known: Known) -> None:
     config = replace(TrainConfig.of("full").with_cap(700), iterations=100, snapshot_seconds=0.0)
-    highest: dict[int, float] = {}
-    stage = train_stage(known.initial, known.views, config, CPU)
-    for progress in stage:
-        update = progress.payload
-        if isinstance(update, TrainUpdate) and update.gaussians is not None:
-            highest[update.iteration] = float(update.gaussians.opacities.max())
+    updates, _ = followed(train_stage(known.initial, known.views, config, CPU))
+    highest = {u.iteration: float(u.gaussians.opacities.max()) for u in updates if u.gaussians}
     cut = {i for i in range(2, 101) if highest[i] < 0.9 * highest[i - 1]}
     assert cut == {11, 21, 31, 41}
     assert max(highest[i] for i in cut) < 0.011
@@ -225,12 +196,6 @@ def test_decay_thins_and_shrinks(known: Known) -> None:
     small = train(known.initial, known.views, short(60, scale_decay=5.0), CPU).gaussians
     assert thin.opacities.mean() < 0.8 * plain.opacities.mean()
     assert small.scales.mean() < 0.9 * plain.scales.mean()
-
-
-def test_without_held_out_views_nothing_is_measured(known: Known) -> None:
-    trained: Trained = train(known.initial, TrainViews(known.views.train, ()), short(4), CPU)
-    assert trained.quality is None
-    assert trained.measured == ()
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
@@ -260,6 +225,7 @@ def test_the_report_is_plain_json_and_says_what_came_out(known: Known) -> None:
     assert report["loss_curve"][3]["loss"] == pytest.approx(trained.losses[3], abs=1e-5)
     assert report["curve"][-1]["iteration"] == 30
     alone = train(known.initial, TrainViews(known.views.train, ()), short(4), CPU)
+    assert (alone.quality, alone.measured) == (None, ())
     assert report_of(alone, short(4), Cost(1, 1))["held_out"] is None
 
 

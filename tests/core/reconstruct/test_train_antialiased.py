@@ -7,25 +7,23 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.progress import run_stage
 from gaga_core.training import cuda_train
-from gaga_core.training.checkpoint import Exposures, TrainState
+from gaga_core.training.checkpoint import TrainState
 from gaga_core.training.cpu_train import CpuEngine
-from gaga_core.training.densification import ScreenSums
-from gaga_core.training.engine import SINGLE_WORKER, Engine, Setting
-from gaga_core.training.optimizer import Splats
-from gaga_core.training.train import Trained, TrainUpdate, train_stage
+from gaga_core.training.distributed import SINGLE_WORKER
+from gaga_core.training.engine import Engine, Setting
+from gaga_core.training.train import train_stage
 from gaga_core.training.views import TrainView, quality_stage
 from tests.core.reconstruct import train_gsplat
-from tests.core.reconstruct.train_scenes import CPU, known_scene, short
+from tests.core.reconstruct.train_scenes import CPU, Known, followed, short
 from tests.scenes import orbit_cameras, random_gaussians
 
 BLACK = np.zeros(3, np.float32)
 
 
-def test_previews_and_the_result_say_how_they_were_trained() -> None:
+def test_previews_and_the_result_say_how_they_were_trained(known: Known) -> None:
     """Measured and previewed in the mode of the training, which a viewer takes from the file."""
-    known = known_scene()
     for antialiased in (False, True):
         config = short(20, antialiased=antialiased, snapshot_seconds=0.0)
         stage = train_stage(known.initial, known.views, config, CPU)
@@ -35,17 +33,6 @@ def test_previews_and_the_result_say_how_they_were_trained() -> None:
         assert looks == {antialiased}
         measured = run_stage(quality_stage(trained.gaussians, known.views.test, CPU, BLACK))
         assert measured == trained.quality
-
-
-def followed(stage: Stage[Trained]) -> tuple[list[TrainUpdate], Trained]:
-    """A training to its end, with all that it showed."""
-    updates: list[TrainUpdate] = []
-
-    def look(progress: Progress) -> None:
-        if isinstance(progress.payload, TrainUpdate):
-            updates.append(progress.payload)
-
-    return updates, run_stage(stage, look)
 
 
 def test_both_engines_draw_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,14 +51,7 @@ def test_both_engines_draw_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
             "cuda": partial(cuda_train.CudaEngine, device="cpu"),
         }
         for name, engine in engines.items():
-            state = TrainState(
-                0,
-                Splats.of(small),
-                ScreenSums.empty(21),
-                Exposures.neutral(2),
-                np.zeros(10, np.float32),
-                np.zeros((0, 3)),
-            )
+            state = TrainState.first(small, 2, 10)
             setting = Setting(views, (), config, 1.0, SINGLE_WORKER)
             engine(state, setting).advance(state)
             losses[name, antialiased] = float(state.losses[0])

@@ -8,17 +8,15 @@ import pytest
 
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
-from gaga_core.training.optimizer import COLUMNS
 from gaga_core.training.settings import TrainConfig
-from gaga_core.training.train import Trained, TrainUpdate, train, train_stage
+from gaga_core.training.train import Trained, train, train_stage
 from gaga_core.training.views import TrainView, TrainViews
-from tests.core.reconstruct.train_scenes import CPU, Known, known_scene, short
+from tests.core.reconstruct.train_scenes import CPU, Known, assert_same, followed, short, stop_at
 
 
 @pytest.fixture(scope="module")
-def contrary() -> Known:
+def contrary(known: Known) -> Known:
     """Held-out views show the first splats: whatever the photos teach is wrong there."""
-    known = known_scene()
     views = []
     for view in known.views.test:
         image = np.clip(CPU.render(known.initial, view.camera).image, 0, 1)
@@ -30,24 +28,13 @@ def config(**changes: object) -> TrainConfig:
     return short(30, measure_every=0.2, snapshot_seconds=0.0, sh_degree=1, **changes)
 
 
-def assert_same(a: Gaussians, b: Gaussians) -> None:
-    for name in COLUMNS:
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-
-
-def trained_with_previews(known: Known, settings: TrainConfig) -> tuple[Trained, list[Gaussians]]:
-    previews: list[Gaussians] = []
-
-    def look(update: object) -> None:
-        if isinstance(update, TrainUpdate) and update.gaussians is not None:
-            previews.append(update.gaussians)
-
-    stage = train_stage(known.initial, known.views, settings, CPU)
-    return run_stage(stage, lambda p: look(p.payload)), previews
+def previewed(known: Known, settings: TrainConfig) -> tuple[Trained, list[Gaussians]]:
+    updates, trained = followed(train_stage(known.initial, known.views, settings, CPU))
+    return trained, [u.gaussians for u in updates if u.gaussians is not None]
 
 
 def test_the_best_measured_splats_are_the_result(contrary: Known) -> None:
-    trained, previews = trained_with_previews(contrary, config())
+    trained, previews = previewed(contrary, config())
     best = max(trained.measured, key=lambda m: m.psnr)
     assert best.iteration == trained.kept < 30
     assert trained.quality is not None
@@ -61,7 +48,7 @@ def test_the_best_measured_splats_are_the_result(contrary: Known) -> None:
 
 def test_the_last_ones_where_nothing_was_better_or_photos_are_many(contrary: Known) -> None:
     for settings in (replace(config(), measure_every=1.0), config(keep_best=False)):
-        trained, previews = trained_with_previews(contrary, settings)
+        trained, previews = previewed(contrary, settings)
         assert trained.kept == 30
         assert_same(trained.gaussians, previews[-1])
     assert TrainConfig().keeps_best(49)
@@ -70,16 +57,11 @@ def test_the_last_ones_where_nothing_was_better_or_photos_are_many(contrary: Kno
     assert train(contrary.initial, nothing, config(), CPU).kept == 30
 
 
-@pytest.mark.parametrize("stop_at", [6, 13])
-def test_the_best_ones_survive_a_stop(contrary: Known, tmp_path: Path, stop_at: int) -> None:
+@pytest.mark.parametrize("stopped", [6, 13])
+def test_the_best_ones_survive_a_stop(contrary: Known, tmp_path: Path, stopped: int) -> None:
     settings, file = config(), tmp_path / "training.npz"
     whole = train(contrary.initial, contrary.views, settings, CPU)
-    stage = train_stage(contrary.initial, contrary.views, settings, CPU, checkpoint=file)
-    for progress in stage:
-        update = progress.payload
-        if isinstance(update, TrainUpdate) and update.iteration == stop_at:
-            stage.close()
-            break
+    stop_at(stopped, contrary.initial, contrary.views, settings, file)
     again = train_stage(contrary.initial, contrary.views, settings, CPU, checkpoint=file)
     resumed = run_stage(again)
     assert (resumed.kept, resumed.measured) == (whole.kept, whole.measured)

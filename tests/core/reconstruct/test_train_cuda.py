@@ -18,8 +18,9 @@ from gaga_core.training.engine import thinned
 from gaga_core.training.losses import photometric
 from gaga_core.training.optimizer import COLUMNS
 from gaga_core.training.settings import TrainConfig
-from gaga_core.training.train import Trained, TrainUpdate, train_stage
+from gaga_core.training.train import Trained, train_stage
 from gaga_core.training.views import TrainView, TrainViews
+from tests.core.reconstruct.train_scenes import followed, stop_at
 from tests.scenes import orbit_cameras, random_gaussians
 
 CPU = CpuRasterizer()
@@ -100,11 +101,7 @@ def test_a_stopped_training_goes_on(
     """A checkpoint holds parameters, running means, sums of density control, and exposures."""
     config = tiny(strategy, 8, exposure=True)
     whole = run_stage(train_stage(*scene, config, cuda))
-    stage = train_stage(*scene, config, cuda, checkpoint=tmp_path / "c.npz")
-    for progress in stage:
-        if isinstance(progress.payload, TrainUpdate) and progress.payload.iteration == 6:
-            stage.close()
-            break
+    stop_at(6, *scene, config, tmp_path / "c.npz", cuda)
     resumed: Trained = run_stage(train_stage(*scene, config, cuda, checkpoint=tmp_path / "c.npz"))
     np.testing.assert_allclose(whole.losses, resumed.losses, rtol=1e-4)
     for name in COLUMNS:
@@ -116,11 +113,8 @@ def test_opacities_are_reset(cuda: base.Rasterizer, scene: tuple[Gaussians, Trai
     """gsplat 1.5.3 itself never gets to it."""
     config = tiny("gradient", 5, snapshot_seconds=0.0)
     config = replace(config, density=replace(config.density, reset_every=0.4))
-    highest = {}
-    for progress in train_stage(*scene, config, cuda):
-        update = progress.payload
-        if isinstance(update, TrainUpdate) and update.gaussians is not None:
-            highest[update.iteration] = update.gaussians.opacities.max()
+    updates, _ = followed(train_stage(*scene, config, cuda))
+    highest = {u.iteration: u.gaussians.opacities.max() for u in updates if u.gaussians}
     assert min(highest[1], highest[2]) > 0.5
     assert highest[3] < 1.1 * config.density.reset_opacity  # and one step
 

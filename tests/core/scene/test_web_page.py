@@ -13,13 +13,13 @@ import pytest
 from PIL import Image
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
 from gaga_core.export.export import export_objects_stage, export_scene_stage
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.io.splats.splat_files import SplatFormat, losses, write_splats
 from gaga_core.io.splats.web_page import check_room
 from gaga_core.progress import run_stage
-from gaga_core.raster.base import NEAR
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import Scene, State
