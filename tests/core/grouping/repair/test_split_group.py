@@ -93,3 +93,10 @@ def test_what_a_view_does_not_see_does_not_tell_its_masks_apart() -> None:
     covers = np.zeros((6, 100), np.bool_)
     covers[:3, :60], covers[3:, 40:] = True, True
     assert two_sides(covers, covers.copy()) is None
+
+
+def test_masks_that_show_one_thing_have_no_sides() -> None:
+    """Any cut of them is as good as any other: the eigenvector says nothing, whatever it is."""
+    for seed in range(20):
+        covers = np.random.default_rng(seed).random((8, 400)) > 0.05
+        assert two_sides(covers, np.ones_like(covers)) is None
