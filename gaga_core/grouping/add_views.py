@@ -41,14 +41,6 @@ from gaga_core.progress import Progress, Stage, mapped, part
 from gaga_core.raster import for_many_views
 from gaga_core.raster.base import Rasterizer, SpatialChunks
 
-# --- New views of a scene that was associated: their masks join its groups, or open new ones.
-# Nothing of the former views is done again: their decisions stay in the memory bank's log, and
-# their votes count by the weight that was saved with the labels. Preset "paper": the bank goes on
-# as in section 3.2, as if the new views came last. Preset "robust": a mask takes the group that
-# most of its pixels show; masks of things that no former mask showed are left, and the consensus
-# of the new views finds the groups among them.
-
-
 STAGE = "Add views"
 _SEEN, _SEEN_SHARE = 0.5, 0.03  # of views: least votes of a Gaussian that a mask has shown
 _KNOWN = 0.5  # share of a mask's pixels that must show groups, or it is of something new

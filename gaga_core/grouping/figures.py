@@ -16,9 +16,6 @@ from gaga_core.grouping.views import GatedViews
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
-# --- How a saved memory bank grew: which Gaussians each view gave to which group (figure 2).
-
-
 STAGE = "Replay the memory bank"
 
 

@@ -107,5 +107,5 @@ def _of_largest(cluster: LongArray, labels: IntArray) -> IntArray:
 
 def agreement_of(groups: IntArray, chosen: IntArray) -> FloatArray:
     """Share (N,) of the neighbours' groups (N, k) that are the chosen one (N,)."""
-    share: FloatArray = (groups == chosen[:, None]).mean(axis=1).astype(np.float32)
-    return share
+    result: FloatArray = (groups == chosen[:, None]).mean(axis=1).astype(np.float32)
+    return result

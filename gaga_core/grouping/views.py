@@ -23,8 +23,6 @@ from gaga_core.masks import MaskSet, resize_labels
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer, SpatialChunks
 
-# --- The views that take part in an association, and their label maps.
-
 
 def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:
     """The cameras that have masks, in `camera.natural_order` of their names.

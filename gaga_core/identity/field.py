@@ -49,11 +49,6 @@ def encoding_colors(encodings: FloatArray) -> UInt8Array:
     return colors
 
 
-# --- Identity encodings (section 3.3): a code per Gaussian, and the linear layer that reads it.
-# A rendered encoding is F = sum w_i e_i, without background and without normalisation, as the
-# published code blends it; its label is the argmax of the layer, its probability the softmax.
-
-
 FILE = "identity.npz"  # in the work folder of a scene
 _BLOCK = 1024  # rows whose scores are held at a time by a thread
 _CURE = "Lift the groups again."

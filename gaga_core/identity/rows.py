@@ -127,12 +127,6 @@ def join_rows(parts: Sequence[PixelWeights]) -> PixelWeights:
     )
 
 
-# --- Training data of an identity field: rows of W and labels at sampled pixels of every view.
-# Pixels are stratified: the labelled pixels of a view, tile by tile, are cut into as many runs as
-# rows are wanted, and each run gives one at random. Rows are drawn once and kept: 16k pixels of a
-# view are enough for gradients that differ little from those of the whole view, and fit in memory.
-
-
 _TILE = 16
 _HELD_OUT = 8  # one view in so many judges
 _FEWEST = 256  # rows of a view, however little memory there is

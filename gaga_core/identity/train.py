@@ -105,18 +105,6 @@ def load_checkpoint(path: Path, digest: str, n_gaussians: int, n_groups: int) ->
     return training
 
 
-# --- Mode "paper": identity encodings trained from zeros (section 3.3 and supplement).
-# Cross-entropy over ln(K) on splatted encodings, a view a step, views in random order without
-# replacement; every fifth step the 3D regulariser of Gaussian Grouping over cached nearest
-# neighbours; Adam; 10k iterations of which, as in the published code, the last takes no step.
-#
-# The geometry is frozen, so F = W E: rows of W are cached once instead of rasterizing every step.
-# With ``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that
-# rasterizes its view; by default it takes 16k stratified pixels of the view, drawn once, without
-# the smallest weights. The regulariser's neighbours are those among all Gaussians (published:
-# among 200k random ones).
-
-
 STAGE = "Train identities"
 
 

@@ -15,9 +15,6 @@ from gaga_core.identity.rows import Batch
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads, run_chunks
 
-# --- One training step of an identity field on cached rows: cross-entropy, its gradients, Adam.
-
-
 _BLOCK = 1024  # pixels whose scores are held at a time by a thread
 _ADAM_CHUNK = 1 << 18
 _TINY = np.float32(1e-30)

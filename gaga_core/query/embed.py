@@ -107,12 +107,6 @@ def _load_companion(name: Companion, folder: Path) -> object:
             ) from error
 
 
-# --- CLIP and SigLIP behind one protocol: pictures and texts to unit vectors of one space.
-# Models are read from a local folder, never downloaded; transformers and torch are imported when
-# one is loaded. Pictures are prepared here (square already, resized, normalised), so no
-# torchvision.
-
-
 _KINDS = ("clip", "siglip")
 # Means and deviations of the published models, for folders without a preprocessor_config.json.
 _NORMAL = {

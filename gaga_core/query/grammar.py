@@ -156,14 +156,6 @@ VOCABULARY = frozenset(
 ) | (COLOR_WORDS | FILLERS | NEGATIONS)
 
 
-# --- From text to what it asks for: a small grammar of traits, one superlative, and relations.
-#     phrase    = (trait | superlative)* (relation anchor)*
-#     trait     = [not] color ["or" | "and" color] | [not] "big", "dark", ... | [not] noun
-#     anchor    = phrase without relations; "between" has two, joined by "and"
-#
-# Any other word is a noun: part of a name, or what an index of pictures is asked for.
-
-
 _WORD = re.compile(r"[^\W_]+(?:['’-][^\W_]+)*")
 _LONGEST_RUN = 5
 _TYPO_LENGTH = 5  # shorter words are never taken for misspelt ones

@@ -19,12 +19,6 @@ from gaga_core.query.colors import LEVELS, NAMES, color_table
 from gaga_core.scene.orientation import estimate_up, upright_basis
 from gaga_core.scene.scene import Scene
 
-# --- What can be said of a group without any model: where it is, how large, of which colors.
-# Measured in three passes over the splats, robust against strays: boxes hold the middle of each
-# axis by opacity, colors are weighted with what is seen of a splat (opacity x its largest face x
-# the share of a few directions from which nothing of its own group hides it).
-
-
 _BINS = 64
 _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
 _AREA_MAX = 4.0  # splats larger than this times their group's mean count as this large
@@ -72,8 +66,7 @@ class GroupFacts:
     @property
     def height(self) -> DoubleArray:
         """Extent (G,) along up."""
-        result: DoubleArray = self.hi[:, 2] - self.lo[:, 2]
-        return result
+        return self.hi[:, 2] - self.lo[:, 2]
 
     def row(self, group: int) -> int | None:
         """Row of a group; None when it has no splats."""
@@ -246,8 +239,7 @@ def _scattered(extents: DoubleArray, area: DoubleArray) -> BoolArray:
     """Groups (G,) that are crumbs of other things over a large place, not one thing."""
     cover = 2 * np.pi * area / np.maximum(extents[:, 0] * extents[:, 1], 1e-30)
     long = extents[:, 0] > _LONG * np.median(extents[:, 0]) if len(extents) else extents[:, 0] > 0
-    scattered: BoolArray = (cover < _COVER) & long
-    return scattered
+    return (cover < _COVER) & long
 
 
 def _background(
@@ -328,8 +320,7 @@ def view_axes(frame: DoubleArray, cameras: Sequence[Camera]) -> DoubleArray:
         axis=1,
     )
     right = np.stack([-np.sin(around), np.cos(around), np.zeros(len(around))], axis=1)
-    axes: DoubleArray = np.stack([right, np.cross(forward, right), forward], axis=1)
-    return axes
+    return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
 def seen_colors(

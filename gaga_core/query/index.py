@@ -101,14 +101,6 @@ def _square(picture: UInt8Array, side: int) -> UInt8Array:
     return np.asarray(Image.fromarray(board).resize((side, side), Image.Resampling.BICUBIC))
 
 
-# --- The index of a scene: one vector a group, from its best views, and how texts are ranked by
-# it.
-# A group's vector is the mean of those of its crops, plain and with dimmed surroundings. Only
-# groups whose splats have changed are looked at again. The relevancy of a text is its similarity
-# against that of phrases that fit anything, the least favourable one (LERF, Kerr et al., ICCV
-# 2023).
-
-
 STAGE = "Index the objects"
 THUMBNAIL = 64  # pixels a side
 _CURE = "Remove it and build the index again."
@@ -202,8 +194,7 @@ def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> Doub
     rival = index.vectors @ anything.T
     ahead = _SHARPNESS * (own[:, None] - rival).min(axis=1).astype(np.float64)
     seen = np.abs(index.vectors).max(axis=1, initial=0) > 0
-    result: DoubleArray = np.where(seen, 1 / (1 + np.exp(-np.clip(ahead, -60, 60))), 0.0)
-    return result
+    return np.where(seen, 1 / (1 + np.exp(-np.clip(ahead, -60, 60))), 0.0)
 
 
 class TextVectors:
@@ -338,8 +329,7 @@ def _thumbnail(crop: UInt8Array) -> UInt8Array:
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    result: FloatArray = (vector / max(float(np.linalg.norm(vector)), 1e-12)).astype(np.float32)
-    return result
+    return (vector / max(float(np.linalg.norm(vector)), 1e-12)).astype(np.float32)
 
 
 def _read_texts(path: Path | None, model: str) -> dict[str, FloatArray]:

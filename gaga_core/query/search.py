@@ -159,8 +159,7 @@ def color_scores(facts: GroupFacts, color: str) -> DoubleArray:
 
 def presence(facts: GroupFacts, color: str) -> DoubleArray:
     """How surely groups (G,) have some of a color at all: an eighth of what is seen is plenty."""
-    result: DoubleArray = np.clip(facts.colors @ kinship(color) / 0.125, 0, 1)
-    return result
+    return np.clip(facts.colors @ kinship(color) / 0.125, 0, 1)
 
 
 def background_scores(noun: str, facts: GroupFacts) -> DoubleArray | None:
@@ -243,13 +242,6 @@ def _alike(wanted: str, word: str) -> float:
         return worth
     ratio = SequenceMatcher(None, stem(wanted), stem(word)).ratio()
     return _MISSPELT * ratio if ratio >= _ALIKE and len(wanted) > n else 0.0
-
-
-# --- Search by words alone: names, colors, sizes, places. No model, no index: the box is never
-# dead.
-# A text is parsed into a phrase (`grammar`); every trait and relation scores all groups 0..1, and
-# the product ranks them; a superlative then orders those that fit. What was understood is said
-# back.
 
 
 FITS = 0.5  # a group that scores this is one of those meant
@@ -414,8 +406,7 @@ def _told_apart(part: DoubleArray, called: DoubleArray) -> DoubleArray:
     top = float(part[fits].max(initial=0))
     if not _SOME <= top < _TELLS:
         return part
-    result: DoubleArray = np.minimum(part * (_TELLS / top), 1)
-    return result
+    return np.minimum(part * (_TELLS / top), 1)
 
 
 def _own_names(word: str, around: Searched) -> DoubleArray:
@@ -532,5 +523,4 @@ def _end(base: DoubleArray, part: DoubleArray) -> DoubleArray:
     top = float(part[fits].max(initial=0))
     if top <= 0:
         return base * 0
-    result: DoubleArray = np.where(fits, np.where(part >= top, 1.0, 0.49 * part / top), 0.0)
-    return result
+    return np.where(fits, np.where(part >= top, 1.0, 0.49 * part / top), 0.0)

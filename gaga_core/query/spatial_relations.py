@@ -174,18 +174,15 @@ def _inside(facts: GroupFacts, a: int) -> DoubleArray:
 
 
 def _near(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = np.exp(-((_gap(facts, a) / _NEAR_GAP) ** 2))
-    return result
+    return np.exp(-((_gap(facts, a) / _NEAR_GAP) ** 2))
 
 
 def _nearest(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = 1 / (1 + _gap(facts, a))
-    return result
+    return 1 / (1 + _gap(facts, a))
 
 
 def _away(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = 1 - np.exp(-_gap(facts, a) / 4)
-    return result
+    return 1 - np.exp(-_gap(facts, a) / 4)
 
 
 _IN_WORLD: dict[str, Callable[[GroupFacts, int], DoubleArray]] = {

@@ -20,14 +20,6 @@ from gaga_core.segmentation import regions_kernels
 from gaga_core.segmentation import regions_kernels as kernels
 from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
 
-# --- Masks without any model: regions merged on color, contour and the splats' depth.
-# Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is
-# cut where a merge is unlikely: parts that differ, or a shape that objects do not have. Depth adds
-# the shape of the surface: objects meet what they stand on in a concave crease (Stein 2014,
-# "Convexity based object partitioning"), and their own edges are convex. Nothing here knows what
-# an object is: a quick start, not a match for Segment Anything.
-
-
 NAME = "regions"
 FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
 _SMOOTH_RADIUS = 3  # pixels
@@ -149,8 +141,7 @@ def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
 
 def _seen(depth: FloatArray) -> BoolArray:
     """Where there is a surface, (H, W)."""
-    result: BoolArray = np.isfinite(depth) & (depth > 0)
-    return result
+    return np.isfinite(depth) & (depth > 0)
 
 
 def _sampled(values: FloatArray, like: UInt8Array) -> FloatArray:
@@ -268,8 +259,7 @@ def _dense(labels: IntArray) -> IntArray:
     shown = np.flatnonzero(ids > 0)
     names = np.zeros(len(ids), np.int32)
     names[shown[np.argsort(first[shown])]] = np.arange(1, len(shown) + 1, dtype=np.int32)
-    result: IntArray = names[places].reshape(labels.shape)
-    return result
+    return names[places].reshape(labels.shape)
 
 
 # --- The tree of the weights-free regions: superpixels merged pair by pair, and where to stop.

@@ -25,10 +25,6 @@ from gaga_core.segmentation.settings import GeneratorConfig
 if TYPE_CHECKING:
     from transformers import PreTrainedModel
 
-# --- Segment Anything models of transformers: SAM, SAM-HQ, SAM 2 and 2.1, the tracker of SAM 3.
-# Pictures are prepared here with pillow, since the image processors of transformers need
-# torchvision for most of these models.
-
 
 _IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 _HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
@@ -175,8 +171,7 @@ class SamPrompter:
         if len(corners) == 0:
             return np.zeros((0, *image.shape[:2]), np.bool_)
         encoded = self._encoded(image)
-        masks: BoolArray = (encoded.upscale(encoded.boxes(corners).float()) > 0).cpu().numpy()
-        return masks
+        return (encoded.upscale(encoded.boxes(corners).float()) > 0).cpu().numpy()
 
     def _encoded(self, image: UInt8Array) -> Encoded:
         if self._model is None:

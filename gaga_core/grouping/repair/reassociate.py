@@ -230,15 +230,6 @@ def _logged(
     return tuple(log)
 
 
-# --- Repair an association by hand: a mask goes to another group, and what follows from it is
-# redone.
-# The bank before the mask's view stays; from that view on every mask is decided again in the same
-# order, the moved one as given: with "paper" by the splats behind it, with "robust" by points on
-# its surface (see `reassociate_points`). Either way decisions made by hand stay, ids of groups
-# stay, and only splats of groups whose masks changed get another label. (The authors name "a
-# dynamic reassignment mechanism" as future work.)
-
-
 STAGE = "Associate again"
 NEW = -1  # a group of its own
 NONE = 0  # no group
@@ -509,5 +500,4 @@ def _settled(
 
 
 def _among(labels: IntArray, groups: Iterable[int] | Sequence[int]) -> BoolArray:
-    result: BoolArray = np.isin(labels, np.array(sorted(groups), np.int64))
-    return result
+    return np.isin(labels, np.array(sorted(groups), np.int64))

@@ -150,8 +150,8 @@ def _fiedler(weight: DoubleArray) -> DoubleArray:
     _, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     vector: DoubleArray = vectors[:, -2] / np.sqrt(degree)
     # Where the graph falls apart the vector is flat on each part: cut between them.
-    centred: DoubleArray = vector - (vector.max() + vector.min()) / 2
-    return centred
+    result: DoubleArray = vector - (vector.max() + vector.min()) / 2
+    return result
 
 
 def _covered(

@@ -237,8 +237,7 @@ def renumbered(cluster: IntArray) -> IntArray:
     _, first, inverse = np.unique(cluster, return_index=True, return_inverse=True)
     order = np.empty(len(first), np.int32)
     order[np.argsort(first)] = np.arange(1, len(first) + 1)
-    result: IntArray = order[inverse]
-    return result
+    return order[inverse]
 
 
 def _pairs(
@@ -303,19 +302,6 @@ def _roots(parent: IntArray) -> IntArray:
     while (root[root] != root).any():
         root = root[root]
     return root
-
-
-# --- Beyond the paper: groups by the consensus of all views (the preset "robust").
-# A segmenter errs view by view: it splits an object in one view and merges two objects in another.
-# Two points of one object show in one mask in most of the views that see both; two points of
-# different objects rarely do. So points on the surfaces (`surface_points`) are clustered by the
-# share of views that show them in one mask, over the views that see both: average linkage, where a
-# cluster's agreement with another is the mean over all pairs of their points. No view comes first,
-# and a mask that merges two objects is one vote among many. (The view consensus rate between masks
-# is from MaskClustering, Yan et al., CVPR 2024; here its members are points, so that merged masks
-# need not be found and dropped beforehand.)
-#
-# What was tried on top of this and left out, with its figures: docs/experiments.md.
 
 
 STAGE = "Compare views"

@@ -26,12 +26,6 @@ from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 from gaga_core.threads import n_threads
 
-# --- Beyond the paper: the surfaces that Gaussians form, as a graph of neighbours.
-# A Gaussian's normal is its thinnest axis; where it has none, that of the plane through its
-# neighbours. Over an edge the surface is smooth, convex, or has a crease: two objects that touch
-# mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
-
-
 _FLAT = 0.5  # a splat whose thinnest axis has at most this share of the next one has a normal
 _FAR = 3.0  # an edge is at most so many times longer than the median edge of either end
 _ALIKE = 0.7  # cosine of normals that are averaged
@@ -85,8 +79,7 @@ def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:
     offsets = around - around.mean(axis=1, keepdims=True)
     if len(unclear) > 0:
         normals[unclear] = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
-    result: DoubleArray = np.nan_to_num(normals)
-    return result
+    return np.nan_to_num(normals)
 
 
 def towards_cameras(

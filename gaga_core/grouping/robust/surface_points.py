@@ -19,12 +19,6 @@ from gaga_core.grouping.gate import ViewMasks
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import NEAR
 
-# --- Points on the surfaces that the masks show, and the mask that each point shows in every view.
-# Two masks of different views are compared by points that both views really see, found by
-# comparing depths, instead of by Gaussians whose centres project into them: points inside a mask,
-# away from its ragged edge, are reliable.
-
-
 _TOLERANCE = 0.02  # share of its depth by which a point may miss the surface that a view shows
 _FLAT = 0.05  # share of the depth by which neighbours of a sampled pixel may differ
 _BY_AREA = 40  # times ``per_mask`` more points of a mask that fills the picture
@@ -50,8 +44,7 @@ class DepthMaps:
 
     def at(self, view: str, rows: LongArray, columns: LongArray) -> FloatArray:
         """Depths at pixels (P,) of a view."""
-        depths: FloatArray = self._by_view[view][rows // self.stride, columns // self.stride]
-        return depths
+        return self._by_view[view][rows // self.stride, columns // self.stride]
 
 
 def sample_points(
@@ -148,8 +141,7 @@ def _pixels_to_add(
     few = len(masks) < 1 << 16  # numbers of 16 bits are sorted by their digits
     order = np.argsort(mask.astype(np.uint16) if few else mask, kind="stable")
     pixels, mask = pixels[order], mask[order]
-    chosen: LongArray = pixels[_ranks(mask) < wanted[mask]]
-    return chosen
+    return pixels[_ranks(mask) < wanted[mask]]
 
 
 def full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
@@ -165,8 +157,7 @@ def _lifted(camera: Camera, depths: DepthMaps, pixels: LongArray) -> DoubleArray
     x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
     y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
     pose = camera.world_from_cam
-    points: DoubleArray = np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
-    return points
+    return np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _ranks(sorted_ids: IntArray) -> LongArray:
@@ -249,8 +240,7 @@ class PointTables(Sequence[csr_matrix]):
         rows, columns, data = self.entries()
         cells = self.view_of_row()[rows] * self.width + columns
         found = np.bincount(cells, data, len(self) * self.width).astype(np.float64)
-        result: DoubleArray = found.reshape(len(self), self.width)
-        return result
+        return found.reshape(len(self), self.width)
 
     def by_name(self, names: Sequence[str]) -> "TablesByName":
         """The same by the names of the views."""

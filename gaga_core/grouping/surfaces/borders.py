@@ -133,26 +133,6 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
     return np.unique(parent, return_inverse=True)[1].astype(np.int64)
 
 
-# --- Two witnesses of a border between pieces: what the views say, and the shape of the surface.
-# Views: the share of them that show both sides in one region. Regions of several levels of detail
-# count as so many views, because a single level is an accident of its threshold. Shape: concave
-# creases and steps speak for two things, even and bulging borders for one (local convexity: Stein
-# et al., CVPR 2014). Where the surface is even, views say nothing against one thing: print,
-# shadows and texture part regions as well. Two pieces that both stand on a plane and meet in a
-# crease are two things, too.
-#
-# A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
-# pieces asks the views about all samples near it on either side. And splats that a training left
-# rough have creases and steps everywhere: what pieces of one plane show of them is noise, and what
-# of it goes beyond the scenes that the weights were fitted to is taken off. Of the borders that
-# are left in rough splats after pieces have joined, noise made more the later, so they are not
-# judged at each level (`is_calm`).
-#
-# The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of
-# the demo scene and of one generated room, from regions of two widths each
-# (`tests.bench.bench_objects` reports other widths and scenes).
-
-
 KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
 
 _STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
@@ -400,8 +380,7 @@ def _standing(
         foot += np.bincount(thing[on], length[on], len(size))
     share = foot / outlines(size)
     least = np.clip(np.minimum(share[first], share[second]), 0, 1)
-    result: DoubleArray = np.where(supports[first] | supports[second], 0, least)
-    return result
+    return np.where(supports[first] | supports[second], 0, least)
 
 
 def _summed(
@@ -558,8 +537,7 @@ def _is_enclosed(near: Neighbourhood, cluster: LongArray) -> BoolArray:
     key, length = np.unique(one[apart] * n + other[apart], return_counts=True)
     outline = np.bincount(key // n, length, n)
     most = (size[key % n] >= _LARGER * size[key // n]) & (length >= _ENCLOSED * outline[key // n])
-    result: BoolArray = np.bincount(key[most] // n, minlength=n) > 0
-    return result
+    return np.bincount(key[most] // n, minlength=n) > 0
 
 
 def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> DoubleArray:
@@ -580,8 +558,7 @@ def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> Doubl
             np.maximum.at(best, common.row, iou)
         total += best * seen
         weight += seen
-    result: DoubleArray = total / np.maximum(weight, 1)
-    return result
+    return total / np.maximum(weight, 1)
 
 
 # --- How clusters grow to parts: their borders are judged, they join, and borders are judged

@@ -128,8 +128,7 @@ def _spread(
     of_group[:, given[order]] = clusters[:, order]
     own = given[around] == labels[:, None]
     sample = around[np.arange(len(labels)), own.argmax(axis=1)]
-    result: LongArray = np.where(own.any(axis=1), clusters[:, sample], of_group[:, labels])
-    return result
+    return np.where(own.any(axis=1), clusters[:, sample], of_group[:, labels])
 
 
 def _dense(ids: LongArray) -> LongArray:

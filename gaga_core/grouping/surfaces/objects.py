@@ -169,8 +169,7 @@ def _standing(
         foot += np.bincount(cluster[thing[on]], minlength=n)
     size = np.bincount(cluster, minlength=n)
     flat = np.bincount(cluster, large[plane], n) > _IN_PLANE * size
-    result: BoolArray = flat | (foot >= _FOOT * outlines(size))
-    return result
+    return flat | (foot >= _FOOT * outlines(size))
 
 
 # --- Levels below the smallest parts: things of few samples, told apart by their color, too.
@@ -207,8 +206,7 @@ def colors_of_samples(
     tree = cKDTree(gaussians.means[rows[opaque]].astype(np.float64))
     nearest = opaque[np.asarray(tree.query(points, k=ranks, workers=n_threads())[1])]
     around = np.stack([hue_of(rgb[rank]) for rank in nearest.T])
-    result: DoubleArray = np.median(around, axis=0)
-    return result
+    return np.median(around, axis=0)
 
 
 def smaller_levels(
@@ -344,9 +342,6 @@ def _normal(surfels: Surfels, rows: LongArray) -> DoubleArray:
     points = surfels.points[rows]
     normal: DoubleArray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
     return normal if normal @ surfels.normals[rows].sum(axis=0) > 0 else -normal
-
-
-# --- Objects of regions: pieces of surface join, best evidence first, to levels of objects.
 
 
 STAGE = "Find objects"

@@ -21,12 +21,6 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import NEAR
 from gaga_core.threads import n_threads
 
-# --- Samples of the surfaces that the views see, with fused normals and the region seen in each
-# view.
-# Normals of single splats are too rough to tell a crease from noise. Those of planes fitted to the
-# rendered depth maps, averaged over all views that see a point, are not.
-
-
 LoadFurther = Callable[[Camera], Sequence[IntArray]]  # label maps (H, W) of a view, dense
 
 _ACROSS = 213  # samples along the longer side of a view
@@ -236,8 +230,7 @@ class Neighbourhood:
 
 def outlines(n_samples: AnyArray) -> DoubleArray:
     """Edges (n,) along the outline of compact pieces of surface of so many samples (n,)."""
-    result: DoubleArray = _OUTLINE * np.sqrt(n_samples)
-    return result
+    return _OUTLINE * np.sqrt(n_samples)
 
 
 def small_pieces(
@@ -341,8 +334,7 @@ def _promising(
     away = points[probe] @ normals[tried].T - (points[tried] * normals[tried]).sum(axis=1)
     on = np.abs(away) < _AWAY * spacing[probe][:, None]
     on &= normals[probe] @ normals[tried].T > _TURNED
-    result: LongArray = tried[np.argsort(-on.sum(axis=0), kind="stable")[:_FITTED]]
-    return result
+    return tried[np.argsort(-on.sum(axis=0), kind="stable")[:_FITTED]]
 
 
 def _grown(

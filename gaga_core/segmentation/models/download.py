@@ -187,13 +187,6 @@ def check_folder(folder: Path, lock: ModelLock) -> None:
             )
 
 
-# --- Weights from a hub, after a person has accepted the licence: whole and checked, or not at
-# all.
-# Files come over plain HTTPS into ``models/.downloads/NAME/COMMIT``, and go on where they broke
-# off, also after a cancel: ``snapshot_download`` of huggingface_hub throws such parts away. When
-# all are there and have the hashes that the hub states, one rename puts the folder in its place.
-
-
 STAGE = "Download"
 _STEPS = 1000
 _SPARE = 64 << 20  # bytes of the disk that are left free

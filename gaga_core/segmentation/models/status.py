@@ -99,9 +99,6 @@ def _write(speed: _Speed) -> None:
         return
 
 
-# --- What there is to say of each known model on this machine.
-
-
 _PURPOSES = {
     "masks": "masks of photos (gaga masks)",
     "words": "objects by words (gaga query --index-with)",
