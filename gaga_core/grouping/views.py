@@ -112,6 +112,14 @@ class GatedViews:
             depths.add(camera.name, depth, frame.alpha, self.gate.alpha_min)
         self.bounds[camera.name] = depth_bounds(masks, depth, frame.alpha, self.gate)
 
+    def rendered(
+        self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
+    ) -> tuple[ViewMasks, IntArray]:
+        """`gaussians_of`, after `render` where the view has not been rendered yet."""
+        if camera.name not in self.bounds:
+            self.render(camera, rasterizer, depths)
+        return self.gaussians_of(camera)
+
     def masks_of(self, camera: Camera) -> ViewMasks:
         """The masks of a view, ids made dense."""
         labels, is_resized = load_labels(self.masks, camera)
@@ -142,8 +150,7 @@ class GatedViews:
     def notes(self, n_cameras: int, *, wants_levels: bool) -> tuple[str, ...]:
         """Sentences for the user about the views, of ``n_cameras`` that there are."""
         n_views, notes = len(self.views), []
-        has_levels = self.masks.are_regions or has_further(self.masks, self.views)
-        if wants_levels and not has_levels:
+        if wants_levels and not self.masks.are_regions and not has_further(self.masks, self.views):
             notes.append("These masks have no levels: the detail has no effect.")
         if n_views < n_cameras:
             notes.append(

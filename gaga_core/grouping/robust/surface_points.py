@@ -5,9 +5,8 @@ depths, instead of by Gaussians whose centres project into them: points inside a
 ragged edge, are reliable.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import numpy as np
 from scipy import ndimage
@@ -194,9 +193,17 @@ class Leaders:
         total = np.bincount(row, table.data, n).astype(np.float64)
         return Leaders(groups[0], counts[0], groups[1], counts[1], total)
 
+    def by_mask(self, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
+        """By the ``ids`` (M + 1,) of the masks: the group of most points and the next one, each
+        followed by its share of the points."""
+        total = np.maximum(self.total, 1)
+        columns = (self.first, self.n_first / total, self.second, self.n_second / total)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return dict(zip(ids.tolist(), rows, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
-class PointTables(Sequence[csr_matrix]):
+class PointTables:
     """For each view a sparse table (M + 1, C + 1) of points; row 0 and column 0 are empty.
 
     The views' rows lie below each other in one matrix: a dense table of many masks and groups
@@ -209,17 +216,11 @@ class PointTables(Sequence[csr_matrix]):
     def __len__(self) -> int:
         return len(self.first_row) - 1
 
-    @overload
-    def __getitem__(self, v: int) -> csr_matrix: ...
-    @overload
-    def __getitem__(self, v: slice) -> list[csr_matrix]: ...
-    def __getitem__(self, v: int | slice) -> csr_matrix | list[csr_matrix]:
-        if isinstance(v, slice):
-            return [self[i] for i in range(*v.indices(len(self)))]
-        if not -len(self) <= v < len(self):
-            raise IndexError(v)
-        v %= len(self)
+    def __getitem__(self, v: int) -> csr_matrix:
         return self.counts[self.first_row[v] : self.first_row[v + 1]]
+
+    def __iter__(self) -> Iterator[csr_matrix]:
+        return (self[v] for v in range(len(self)))
 
     @property
     def width(self) -> int:
@@ -241,27 +242,6 @@ class PointTables(Sequence[csr_matrix]):
         cells = self.view_of_row()[rows] * self.width + columns
         found = np.bincount(cells, data, len(self) * self.width).astype(np.float64)
         return found.reshape(len(self), self.width)
-
-    def by_name(self, names: Sequence[str]) -> "TablesByName":
-        """The same by the names of the views."""
-        return TablesByName(self, {name: v for v, name in enumerate(names)})
-
-
-@dataclass(frozen=True, eq=False)
-class TablesByName(Mapping[str, csr_matrix]):
-    """`PointTables` by the names of the views."""
-
-    tables: PointTables
-    places: Mapping[str, int]
-
-    def __getitem__(self, name: str) -> csr_matrix:
-        return self.tables[self.places[name]]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.places)
-
-    def __len__(self) -> int:
-        return len(self.places)
 
 
 @dataclass(frozen=True, eq=False)
