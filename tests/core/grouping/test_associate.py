@@ -51,12 +51,6 @@ def test_voted_labels_follow_the_truth(scene: Synthetic, association: Associatio
     assert (association.labels[voted] == group_of[truth[voted]]).mean() > 0.97
 
 
-def test_confidence_and_labels_agree(association: Association) -> None:
-    assert association.labels.dtype == np.int32
-    assert (association.confidence >= 0).all()
-    assert (association.confidence <= 1).all()
-
-
 def test_who_no_mask_sees_keeps_the_banks_group(scene: Synthetic) -> None:
     """Every third splat is too faint to be drawn: nothing votes for it."""
     gaussians = scene.gaussians.take(np.arange(len(scene.gaussians)))
@@ -173,13 +167,6 @@ def test_nothing_to_associate_is_a_plain_sentence(scene: Synthetic) -> None:
         run_stage(associate_stage(nothing, scene.cameras, masks_of(scene, scene.cameras), choose()))
 
 
-def test_label_maps_without_any_mask_open_no_group(scene: Synthetic) -> None:
-    empty = MaskSet({c.name: lambda: np.zeros((120, 160), np.int32) for c in scene.cameras})
-    result = run_stage(associate_stage(scene.gaussians, scene.cameras, empty, choose()))
-    assert result.bank.n_groups == 0
-    assert (result.labels == 0).all()
-
-
 def test_all_gaussians_ablation_ignores_depth(scene: Synthetic) -> None:
     masks = masks_of(scene, scene.cameras[:1])
     gated = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose()))
@@ -192,8 +179,3 @@ def test_all_gaussians_ablation_ignores_depth(scene: Synthetic) -> None:
 def test_config_is_checked(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"threshold|depth|histogram"):
         AssociateConfig(**bad)  # type: ignore[arg-type]
-
-
-def test_unknown_preset_names_the_choice() -> None:
-    with pytest.raises(GagaError, match="paper"):
-        AssociateConfig.of("quick")

@@ -86,27 +86,6 @@ def test_pixels_that_vote_later_add_to_the_same_sums(
     np.testing.assert_allclose(both.confidence, once.confidence, rtol=1e-5)
 
 
-def test_unseen_gaussians_have_no_label_and_no_confidence(
-    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
-) -> None:
-    gaussians, cameras, label_map = scene
-    lone = gaussians.take(np.array([0, 0, 1]))
-    lone.means[0] = [0, 0, 50]  # above every camera's picture
-    votes = run_stage(vote_labels(lone, cameras, label_map, _N_GROUPS, choose()))
-    assert votes.labels[0] == 0
-    assert votes.confidence[0] == 0
-
-
-@pytest.mark.parametrize("columns", [1, 2, 3])
-def test_blocks_of_groups_change_nothing(
-    columns: int, scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]]
-) -> None:
-    whole = _vote(scene)
-    blocks = _vote(scene, histogram_bytes=columns * 4 * len(scene[0]))
-    assert (blocks.labels == whole.labels).all()
-    np.testing.assert_allclose(blocks.confidence, whole.confidence, atol=1e-6)
-
-
 def test_pseudo_labels_map_mask_ids_to_groups() -> None:
     labels = np.array([[0, 4, 300], [4, 9, 1000]], np.int32)
     group_of_mask = np.zeros(301, np.int32)

@@ -55,22 +55,6 @@ def test_pictures_gain_and_labels_stay(
     assert fitted.n_rows > 5000
 
 
-def test_random_errors_are_not_fitted(
-    scene: Synthetic, closed: ClosedForm, fit: Callable[[FitConfig], Fitted]
-) -> None:
-    """Every sixth block of every map is wrong: held-out views stop the fit in time."""
-    fitted = fit(CONFIG)
-    assert fitted.after >= fitted.before
-    before = right_pixels(scene, closed.identity.field)
-    assert right_pixels(scene, fitted.closed.identity.field) >= before - 0.002
-
-
-def test_without_sweeps_it_is_the_vote(
-    closed: ClosedForm, fit: Callable[[FitConfig], Fitted]
-) -> None:
-    assert fit(FitConfig(sweeps=0)).closed is closed
-
-
 def test_who_no_row_shows_keeps_its_code(
     scene: Synthetic, closed: ClosedForm, train: Sequence[Camera]
 ) -> None:

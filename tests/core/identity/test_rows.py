@@ -33,15 +33,6 @@ def test_rows_are_labelled_pixels_spread_over_the_view(
         assert np.abs(share - got).max() < 0.03
 
 
-def test_all_pixels_when_none_are_named(
-    scene: Synthetic, label_map: Callable[[Camera], IntArray], maps: dict[str, IntArray]
-) -> None:
-    views = _rows(scene, label_map, RowConfig(per_view=0, w_min=0, train_void=True))
-    assert [len(view.labels) for view in views] == [maps[view.view].size for view in views]
-    views = _rows(scene, label_map, RowConfig(per_view=0))
-    assert [len(v.labels) for v in views] == [int((maps[v.view] > 0).sum()) for v in views]
-
-
 def test_rows_keep_to_the_memory(scene: Synthetic, label_map: Callable[[Camera], IntArray]) -> None:
     limit = 3_000_000
     views = _rows(scene, label_map, RowConfig(per_view=0, memory_bytes=limit))

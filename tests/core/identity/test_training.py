@@ -68,22 +68,6 @@ def test_refine_moves_and_stops_when_it_does_not_help(
     assert np.array_equal(refined.identity.field.encodings, closed.identity.field.encodings)
 
 
-def test_refine_is_deterministic(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    config = RefineConfig(rows=ROWS, steps=10)
-    one = _refined(scene, closed, train, label_map, config)
-    monkeypatch.setenv("GAGA_THREADS", "1")
-    two = _refined(scene, closed, train, label_map, config)
-    assert np.array_equal(one.identity.field.encodings, two.identity.field.encodings)
-    assert np.array_equal(one.identity.field.weight, two.identity.field.weight)
-    assert one.after == two.after
-
-
 def _train(
     scene: Synthetic,
     train: Sequence[Camera],

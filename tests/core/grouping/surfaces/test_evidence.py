@@ -39,13 +39,6 @@ def test_the_normal_of_a_plane_is_exact_also_next_to_a_step(
     np.testing.assert_allclose(found, np.stack([wanted, wanted]), atol=1e-3)
 
 
-def test_where_nothing_is_there_is_no_normal() -> None:
-    found = np.ones((1, 3))
-    nothing = np.zeros((40, 60), np.float32)
-    normals_at(nothing, np.array([20]), np.array([25]), _LENS, 5, 1, _SHARES, found)
-    assert not found.any()
-
-
 def _sheet(height: float, n: int, side: float) -> DoubleArray:
     x, y = np.meshgrid(np.linspace(-side, side, n), np.linspace(-side, side, n))
     return np.stack([x.ravel(), y.ravel(), np.full(n * n, height)], axis=1)
