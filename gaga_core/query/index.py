@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
@@ -84,12 +84,9 @@ def cut_out(
     right, bottom = min(width, right + dx), min(height, bottom + dy)
     cut = picture[top:bottom, left:right]
     own = labels[top:bottom, left:right] == one.group
-    return _square(cut, side), _square(_dimmed(cut, own), side)
-
-
-def _dimmed(picture: UInt8Array, own: BoolArray) -> UInt8Array:
-    grey: FloatArray = KEEP * picture.astype(np.float32) + (1 - KEEP) * np.float32(_GREY)
-    return np.where(own[:, :, None], picture, np.rint(grey).astype(np.uint8))
+    grey: FloatArray = KEEP * cut.astype(np.float32) + (1 - KEEP) * np.float32(_GREY)
+    dimmed = np.where(own[:, :, None], cut, np.rint(grey).astype(np.uint8))
+    return _square(cut, side), _square(dimmed, side)
 
 
 def _square(picture: UInt8Array, side: int) -> UInt8Array:
@@ -240,14 +237,7 @@ class TextVectors:
 def save_index(path: Path, index: GroupIndex) -> None:
     """Write ``index`` to an .npz in one step."""
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            model=np.array(index.model),
-            groups=index.groups,
-            digests=index.digests,
-            vectors=index.vectors,
-            thumbnails=index.thumbnails,
-        )
+        np.savez_compressed(file, **vars(index) | {"model": np.array(index.model)})
 
 
 def load_index(path: Path) -> GroupIndex | None:
@@ -302,6 +292,7 @@ def _look_at(
             by_view.setdefault(one.view, []).append(one)
     sums: dict[int, FloatArray] = {}
     thumbnails: dict[int, UInt8Array] = {}
+    side = (THUMBNAIL, THUMBNAIL)
     firsts = {(best[0].group, best[0].view) for best in chosen.values()}
     for i, camera in enumerate(cameras):
         ones = by_view.get(i, [])
@@ -316,20 +307,11 @@ def _look_at(
                 both = vectors[2 * k] + vectors[2 * k + 1]
                 sums[one.group] = sums.get(one.group, np.zeros_like(both)) + both
                 if (one.group, one.view) in firsts:
-                    thumbnails[one.group] = _thumbnail(pairs[k][0])
+                    small = Image.fromarray(pairs[k][0]).resize(side, Image.Resampling.BICUBIC)
+                    thumbnails[one.group] = np.asarray(small)
     yield Progress(STAGE, total, total, f"{len(sums)} objects")
-    return {g: (_unit(total_), thumbnails[g]) for g, total_ in sums.items()}
-
-
-def _thumbnail(crop: UInt8Array) -> UInt8Array:
-    from PIL import Image
-
-    side = (THUMBNAIL, THUMBNAIL)
-    return np.asarray(Image.fromarray(crop).resize(side, Image.Resampling.BICUBIC))
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return (vector / max(float(np.linalg.norm(vector)), 1e-12)).astype(np.float32)
+    lengths = {g: max(float(np.linalg.norm(total_)), 1e-12) for g, total_ in sums.items()}
+    return {g: ((total_ / lengths[g]).astype("f4"), thumbnails[g]) for g, total_ in sums.items()}
 
 
 def _read_texts(path: Path | None, model: str) -> dict[str, FloatArray]:

@@ -64,15 +64,23 @@ def sentence_of(
 def _said(phrase: Phrase, lost: list[str], n_fit: int) -> str:
     """The clause without its full stop; empty when nothing was understood."""
     traits = [t for t in phrase.traits if t.words[0] not in lost]
-    relations = [r for r in phrase.relations if r.word not in lost and _kept(r, lost)]
+    relations = [
+        r
+        for r in phrase.relations
+        if r.word not in lost
+        and not any(t.words[0] in lost for anchor in r.anchors for t in anchor.traits)
+    ]
     superlative = phrase.superlative
     if superlative is not None and superlative.word in lost:
         superlative = None
     if not (traits or relations or superlative):
         return ""
     adjectives = " ".join(_adjective(t) for t in traits if t.kind != "noun" and not t.negated)
-    called = " ".join(_called(t) for t in traits if t.kind == "noun")
-    where = " and ".join(_where(r) for r in relations)
+    nouns = [t for t in traits if t.kind == "noun"]
+    called = " ".join(f"{'not ' * t.negated}called “{t.words[0]}”" for t in nouns)
+    where = " and ".join(
+        f"{r.word} " + " and ".join(f"the {_anchor(a)}" for a in r.anchors) for r in relations
+    )
     denied = [_adjective(t) for t in traits if t.kind != "noun" and t.negated]
     but = " and ".join(f"{'is' if n_fit == 1 else 'are'} not {words}" for words in denied)
     but = f"that {but}" if but else ""
@@ -97,16 +105,7 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 def _adjective(trait: Trait) -> str:
-    joint = " and " if trait.together else " or "
-    return joint.join(trait.words)
-
-
-def _called(trait: Trait) -> str:
-    return ("not " if trait.negated else "") + f"called “{trait.words[0]}”"
-
-
-def _where(relation: Relation) -> str:
-    return f"{relation.word} " + " and ".join(f"the {_anchor(a)}" for a in relation.anchors)
+    return (" and " if trait.together else " or ").join(trait.words)
 
 
 def _anchor(phrase: Phrase) -> str:
@@ -114,10 +113,6 @@ def _anchor(phrase: Phrase) -> str:
     adjectives = " ".join(_adjective(t) for t in phrase.traits if t.kind != "noun")
     nouns = " ".join(t.words[0] for t in phrase.traits if t.kind == "noun")
     return " ".join(filter(None, [best, adjectives, nouns or "one"]))
-
-
-def _kept(relation: Relation, lost: list[str]) -> bool:
-    return not any(t.words[0] in lost for a in relation.anchors for t in a.traits)
 
 
 def _uses_view(phrase: Phrase) -> bool:
