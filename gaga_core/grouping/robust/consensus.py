@@ -36,6 +36,7 @@ from gaga_core.grouping.robust.surface_points import (
     PointTables,
     Sightings,
     full_size,
+    lifted,
     masks_of_points,
     point_tables,
     sample_points,
@@ -156,9 +157,7 @@ def _normals(
     depth = full_size(camera, depths)[rows, columns].astype(np.float64)
     near = np.abs(depth - z[:, None]) < _DEEP * z[:, None]
     usable = near & (labels[rows, columns] == mask[:, None])
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * depth
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * depth
-    cloud = np.stack([x, y, depth], axis=2)
+    cloud = lifted(camera, rows, columns, depth)
     weight = usable[:, :, None]
     middle = (cloud * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
     offsets = (cloud - middle[:, None]) * weight

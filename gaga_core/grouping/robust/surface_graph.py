@@ -56,16 +56,23 @@ class Neighbours:
         found = cKDTree(points).query(points, k=range(2, k + 2), workers=n_threads())
         distance, nearest = np.asarray(found[0]), np.asarray(found[1], np.int64)
         spacing = np.median(distance, axis=1)
-        a, b = np.repeat(np.arange(len(points)), k), nearest.ravel()
-        key = np.minimum(a, b) * len(points) + np.maximum(a, b)
-        _, once = np.unique(key, return_index=True)
-        a, b = key[once] // len(points), key[once] % len(points)
-        length = distance.ravel()[once]
+        a, b, length = edges_once(nearest, distance)
         near = length <= _FAR * np.minimum(spacing[a], spacing[b])
         kept = (length > 0) & (a != b) & (near | (not only_near))
         a, b, length, near = a[kept], b[kept], length[kept], near[kept]
         way = (points[b] - points[a]) / length[:, None]
         return Neighbours(nearest, a, b, way, length, near)
+
+
+def edges_once(
+    nearest: LongArray, distance: DoubleArray
+) -> tuple[LongArray, LongArray, DoubleArray]:
+    """Edges (E,) from each point to its ``nearest`` (N, k) at ``distance`` (N, k), each once: the
+    lower end, the higher end and the length."""
+    n, k = nearest.shape
+    a, b = np.repeat(np.arange(n), k), nearest.ravel()
+    keys, once = np.unique(np.minimum(a, b) * n + np.maximum(a, b), return_index=True)
+    return keys // n, keys % n, distance.ravel()[once]
 
 
 def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:

@@ -72,7 +72,10 @@ def sample_points(
         wanted = np.ceil(per_mask * size).astype(np.int64) - count
         pixels = _pixels_to_add(camera, masks, depths, wanted, rng)
         mask = masks.labels.ravel()[pixels]
-        added, ranks = _lifted(camera, depths, pixels), (count[mask] + _ranks(mask)) / size[mask]
+        rows, columns = np.divmod(pixels, camera.width)
+        z = depths.at(camera.name, rows, columns).astype(np.float64)
+        added = to_world(camera, lifted(camera, rows, columns, z))
+        ranks = (count[mask] + _ranks(mask)) / size[mask]
         points, rank = np.concatenate([points, added]), np.concatenate([rank, ranks])
         while len(points) > max_points and per_mask > 1:
             per_mask = 3 * per_mask // 4
@@ -99,13 +102,38 @@ def _masks_at(
     camera: Camera, masks: ViewMasks, sure: BoolArray, depths: DepthMaps, points: DoubleArray
 ) -> IntArray:
     """The mask (S,) that each point shows in one view, 0 = none."""
+    result = np.zeros(len(points), np.int32)
+    inside, rows, columns, z = in_picture(camera, points)
+    depth = depths.at(camera.name, rows, columns)
+    seen = sure[rows, columns] & (np.abs(z - depth) < _TOLERANCE * depth)
+    result[inside[seen]] = masks.labels[rows[seen], columns[seen]]
+    return result
+
+
+def in_picture(
+    camera: Camera, points: DoubleArray
+) -> tuple[LongArray, LongArray, LongArray, DoubleArray]:
+    """Indices (K,) of the points (S, 3) that fall into a picture, whatever hides them, their pixels
+    (rows (K,), columns (K,)) and camera depths (K,)."""
     pixels, z = camera.project(points)
     size = (camera.width, camera.height)
-    inside = (z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1)
-    columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
-    depth = depths.at(camera.name, rows, columns)
-    seen = inside & sure[rows, columns] & (np.abs(z - depth) < _TOLERANCE * depth)
-    return np.where(seen, masks.labels[rows, columns], 0).astype(np.int32)
+    inside = np.flatnonzero((z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1))
+    columns, rows = pixels[inside].astype(np.int64).T
+    return inside, rows, columns, z[inside]
+
+
+def lifted(camera: Camera, rows: LongArray, columns: LongArray, z: DoubleArray) -> DoubleArray:
+    """Points (..., 3), camera frame, behind the centres of pixels at depths ``z`` (...)."""
+    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
+    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
+    return np.stack([x, y, z], axis=-1)
+
+
+def to_world(camera: Camera, points: DoubleArray) -> DoubleArray:
+    """Points (P, 3) of the camera's frame in the world."""
+    pose = camera.world_from_cam
+    result: DoubleArray = points @ pose[:3, :3].T + pose[:3, 3]
+    return result
 
 
 def _inner(masks: ViewMasks, radius: int) -> BoolArray:
@@ -147,16 +175,6 @@ def full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
     """The kept depths (H, W) of a view, at its size; 0 = nothing there."""
     rows, columns = np.arange(camera.height), np.arange(camera.width)
     return depths.at(camera.name, rows[:, None], columns[None, :])
-
-
-def _lifted(camera: Camera, depths: DepthMaps, pixels: LongArray) -> DoubleArray:
-    """World points (P, 3) behind the centres of pixels (P,)."""
-    rows, columns = np.divmod(pixels, camera.width)
-    z = depths.at(camera.name, rows, columns).astype(np.float64)
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
-    pose = camera.world_from_cam
-    return np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _ranks(sorted_ids: IntArray) -> LongArray:

@@ -21,6 +21,7 @@ from gaga_core.grouping.surfaces.borders import (
     Agreement,
     Clusters,
     Judge,
+    coarser_of,
     fine_graph,
     is_outside,
     joined,
@@ -32,6 +33,7 @@ from gaga_core.grouping.surfaces.surfels import (
     LoadFurther,
     Neighbourhood,
     Surfels,
+    dense,
     outlines,
     planes_of,
     sample_surfels,
@@ -69,7 +71,7 @@ def divided(
     """
     leaf, levels, n = parts[0], [cluster, *parts], int(cluster.max()) + 1
     members = vstack([_members(level, leaf) for level in levels], format="csr")
-    inside = np.concatenate([_coarser_of(level, cluster) for level in levels])
+    inside = np.concatenate([coarser_of(level, cluster) for level in levels])
     whole = shown_whole(surfels, leaf, members)  # of the clusters, then of all parts
     count, size = members @ np.bincount(leaf), members @ np.bincount(leaf, shown)
     outline = outlines(np.minimum(count, count[inside] - count))
@@ -88,19 +90,12 @@ def divided(
             own = inside[found[k]]
             side[cluster == own] = own
             side[np.isin(leaf, members[found[k]].indices)] = n + own
-    return np.unique(side, return_inverse=True)[1].astype(np.int64)
-
-
-def _coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
-    """The cluster (n,) at a ``coarser`` level (S,) of each one at a ``level`` (S,)."""
-    result = np.zeros(int(level.max()) + 1, np.int64)
-    result[level] = coarser
-    return result
+    return dense(side)
 
 
 def _members(level: LongArray, leaf: LongArray) -> csr_matrix:
     """Which leaves (n, m) each cluster of a level (S,) consists of."""
-    of_leaf = _coarser_of(leaf, level)
+    of_leaf = coarser_of(leaf, level)
     return csr_matrix((np.ones(len(of_leaf)), (of_leaf, np.arange(len(of_leaf)))))
 
 
@@ -152,7 +147,7 @@ def held_together(
     joins = (held > 0) & (held < _HELD * outlines(size))
     joins &= size < _MOST * len(cluster)
     ids = np.where(joins[part], part, n + np.arange(n))
-    return np.unique(ids, return_inverse=True)[1].astype(np.int64)
+    return dense(ids)
 
 
 def _standing(
@@ -228,22 +223,17 @@ def smaller_levels(
         return np.zeros((0, len(part)), np.int64)
     piece = small_pieces(surfels, near, color)
     piece = np.where(part < 0, 0, 1 + piece * (int(part.max()) + 1) + part)
-    piece = np.unique(piece, return_inverse=True)[1].astype(np.int64)
+    piece = dense(piece)
     graph = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
-    part_of = np.zeros(len(graph.size), np.int64)
-    part_of[piece] = part
+    part_of = coarser_of(piece, part)
     count = np.bincount(piece)
     mean = np.stack([np.bincount(piece, column) / count for column in color.T], axis=1)
     unlike = np.linalg.norm(mean[graph.first] - mean[graph.second], axis=1)
     size = np.bincount(piece, shown).astype(np.float64)
     graph = replace(graph, size=size, evidence=graph.evidence - _AGAINST * unlike)
     now = Clusters(piece, graph.only(part_of[graph.first] == part_of[graph.second]))
-    fine_to_coarse = []
-    for i, evidence in enumerate(least_evidence[::-1]):
-        now = now.joined(evidence)
-        now = now if i > 0 else now.joined(-np.inf, least_size)
-        fine_to_coarse.append(now.cluster)
-    return np.stack(fine_to_coarse[::-1])
+    levels = now.levels(least_evidence[::-1], least_size)
+    return np.stack([level.cluster for level in levels[::-1]])
 
 
 def carriers_by_color(
@@ -512,7 +502,7 @@ def _nested_clusters(
     two = divided(surfels, near, now.cluster, fine_to_coarse, judge.shown, config.least_object)
     if two.max() > now.cluster.max():
         now = keep_enclosed(surfels, near, judge.judged(two), config.least_object)
-        fine_to_coarse = [_overlaid(level, two) for level in fine_to_coarse]
+        fine_to_coarse = [dense(level * (int(two.max()) + 1) + two) for level in fine_to_coarse]
     now = now.merged(held_together(near, plane, now.cluster, judge.shown))
     now = now.merged(spanned(surfels, near, plane, color, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
@@ -523,16 +513,6 @@ def _nested_clusters(
     background = outside[now.cluster]
     behind = np.where(outside, 1 + np.cumsum(outside & ~crumbs) * ~crumbs, 0)[now.cluster]
     now = now.set_apart(outside)
-    fine_to_coarse.append(now.cluster)
-    for evidence in config.coarser:
-        now = now.joined(evidence)
-        fine_to_coarse.append(now.cluster)
+    fine_to_coarse += [level.cluster for level in (now, *now.levels(config.coarser))]
     levels = np.stack(fine_to_coarse[::-1])
     return np.where(background, levels.max() + 1, levels), behind
-
-
-def _overlaid(one: LongArray, other: LongArray) -> LongArray:
-    """Dense ids (S,) of the samples that two clusterings (S,) have in common."""
-    key = one * (int(other.max()) + 1) + other
-    result: LongArray = np.unique(key, return_inverse=True)[1].astype(np.int64)
-    return result

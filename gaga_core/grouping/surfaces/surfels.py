@@ -15,10 +15,17 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks, full_size
+from gaga_core.grouping.robust.surface_graph import edges_once
+from gaga_core.grouping.robust.surface_points import (
+    DepthMaps,
+    LoadMasks,
+    full_size,
+    in_picture,
+    lifted,
+    to_world,
+)
 from gaga_core.grouping.surfaces.surfels_kernels import choose_seeds, keep_apart, normals_at
 from gaga_core.progress import Progress, Stage
-from gaga_core.raster.base import NEAR
 from gaga_core.threads import n_threads
 
 LoadFurther = Callable[[Camera], Sequence[IntArray]]  # label maps (H, W) of a view, dense
@@ -97,12 +104,9 @@ def _seen(
     camera: Camera, depth: FloatArray, points: DoubleArray, miss: float
 ) -> tuple[LongArray, LongArray, LongArray]:
     """Indices (K,) of the points that a view shows, and their pixels: rows (K,), columns (K,)."""
-    pixels, z = camera.project(points)
-    size = (camera.width, camera.height)
-    inside = np.flatnonzero((z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1))
-    columns, rows = pixels[inside].astype(np.int64).T
+    inside, rows, columns, z = in_picture(camera, points)
     shown = depth[rows, columns]
-    seen = np.abs(z[inside] - shown) < miss * shown
+    seen = np.abs(z - shown) < miss * shown
     return inside[seen], rows[seen], columns[seen]
 
 
@@ -125,11 +129,8 @@ def _uncovered(
     near = ndimage.maximum_filter(covered, 3)
     new = (z > 0) & (covered == 0) & ~((near > 0) & (np.abs(near - z) < _COVERED * z))
     z, rows, columns = z[new], rows[new], columns[new]
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
-    pose = camera.world_from_cam
-    lifted: DoubleArray = np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
-    return lifted, stride * z / camera.K[0, 0]
+    points = to_world(camera, lifted(camera, rows, columns, z))
+    return points, stride * z / camera.K[0, 0]
 
 
 def _thinned(points: DoubleArray, size: DoubleArray, wanted: int) -> DoubleArray:
@@ -206,14 +207,10 @@ class Neighbourhood:
     @staticmethod
     def of(points: DoubleArray) -> "Neighbourhood":
         """Neighbours among points (S, 3); S must be over 16."""
-        n = len(points)
         found = cKDTree(points).query(points, k=_AROUND + 1, workers=n_threads())
         distance, nearest = np.asarray(found[0])[:, 1:], np.asarray(found[1], np.int64)[:, 1:]
         spacing = np.median(distance[:, :_EDGES], axis=1)
-        a, b = np.repeat(np.arange(n), _EDGES), nearest[:, :_EDGES].ravel()
-        key = np.minimum(a, b) * n + np.maximum(a, b)
-        keys, once = np.unique(key, return_index=True)
-        a, b, length = keys // n, keys % n, distance[:, :_EDGES].ravel()[once]
+        a, b, length = edges_once(nearest[:, :_EDGES], distance[:, :_EDGES])
         near = (length > 0) & (length <= _FAR * np.minimum(spacing[a], spacing[b]))
         return Neighbourhood(nearest, spacing, a[near], b[near], length[near])
 
@@ -226,6 +223,11 @@ class Neighbourhood:
         both = (a >= 0) & (b >= 0)
         ones = np.ones(int(both.sum()), np.int8)
         return coo_matrix((ones, (a[both], b[both])), shape=(len(rows), len(rows))).tocsr()
+
+
+def dense(ids: AnyArray) -> LongArray:
+    """The same ids as 0, 1, ... in their order."""
+    return np.unique(ids, return_inverse=True)[1].astype(np.int64)
 
 
 def outlines(n_samples: AnyArray) -> DoubleArray:
@@ -254,7 +256,7 @@ def small_pieces(
     order = np.random.default_rng(0).permutation(n)
     choose_seeds(order, np.ascontiguousarray(near.around[:, :_EDGES]), seeds)
     source = _sources(graph, seeds)
-    return np.unique(source, return_inverse=True)[1].astype(np.int64)
+    return dense(source)
 
 
 def _sources(graph: csr_matrix, seeds: BoolArray) -> LongArray:
