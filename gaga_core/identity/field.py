@@ -116,6 +116,24 @@ class Identity:
         check_shape("confidence", self.confidence, (n,), np.float32)
 
 
+@dataclass(frozen=True)
+class LiftFigures:
+    """What a mode counted and measured; None where it has no such figure."""
+
+    from_bank: int | None = None  # Gaussians labelled by the memory bank alone
+    from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours
+    max_cosine: float | None = None  # of the two closest codes
+    sweeps: int | None = None  # of the fit to the vote; 0 = the vote was not improved
+    rows: int | None = None  # sampled pixels fitted to or trained on
+    steps: int | None = None
+    best_step: int | None = None  # refine: 0 = the vote was not improved
+    resumed_at: int | None = None  # paper: step that the run went on from
+    accuracy_before: float | None = None  # right pixels, held out
+    accuracy: float | None = None  # vote, refine: held out; paper: of the last views trained on
+    loss_before: float | None = None  # refine: nats, held out; paper: over ln(classes)
+    loss: float | None = None
+
+
 def _copied(array: FloatArray) -> FloatArray:
     """A copy as kernels take it, however the original lies in memory."""
     return np.array(array, np.float32, order="C")

@@ -125,7 +125,8 @@ def _beyond(facts: GroupFacts, a: int, seen: Sight, sign: int) -> DoubleArray:
     reach = 2 * (seen.half_width + seen.half_width[a])
     with np.errstate(invalid="ignore"):
         aside = np.nan_to_num(np.abs(seen.u - seen.u[a]) / reach)
-    return away * np.exp(-(np.maximum(aside - 0.5, 0) ** 2) * 2) * seen.inside
+    result: DoubleArray = away * np.exp(-(np.maximum(aside - 0.5, 0) ** 2) * 2) * seen.inside
+    return result
 
 
 _IN_VIEW = {
