@@ -62,32 +62,35 @@ def sam_encoder(module: Module) -> Encoder:
         pixels = normalized(image, inner_w, inner_h, mean, std)
         pixels = pad(pixels, (0, side - inner_w, 0, side - inner_h))
         parameter = next(model.parameters())
-        embeddings = _embed(model, pixels.to(parameter.device, parameter.dtype), kind)
+        found = _embed(model, pixels.to(parameter.device, parameter.dtype), kind)
         scale = torch.tensor([inner_w / width, inner_h / height])
+
+        def placed(corners: FloatArray) -> Tensor:
+            """Points (..., 2) or boxes (..., 4) of the picture as the model takes them."""
+            at = torch.from_numpy(corners) * scale.repeat(corners.shape[-1] // 2)
+            return at[None].to(parameter.device, parameter.dtype)
 
         @torch.inference_mode()
         def decode(points: FloatArray) -> tuple[Tensor, Tensor]:
-            placed = (torch.from_numpy(points) * scale)[None, :, None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
-            ones = torch.ones(placed.shape[:3], dtype=torch.long, device=parameter.device)
-            out = model(input_points=placed, input_labels=ones, multimask_output=True, **embeddings)
+            at = placed(points[:, None])
+            ones = torch.ones(at.shape[:3], dtype=torch.long, device=parameter.device)
+            out = model(input_points=at, input_labels=ones, multimask_output=True, **found)
             return out.pred_masks[0], out.iou_scores[0]
 
         @torch.inference_mode()
         def prompt(points: FloatArray, is_on: BoolArray) -> tuple[Tensor, Tensor]:
-            placed = (torch.from_numpy(points) * scale)[None, None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
             signs = torch.from_numpy(is_on.astype(np.int64))[None, None].to(parameter.device)
             out = model(
-                input_points=placed, input_labels=signs, multimask_output=True, **embeddings
+                input_points=placed(points[None]),
+                input_labels=signs,
+                multimask_output=True,
+                **found,
             )
             return out.pred_masks[0, 0], out.iou_scores[0, 0]
 
         @torch.inference_mode()
         def boxes(corners: FloatArray) -> Tensor:
-            placed = (torch.from_numpy(corners) * scale.repeat(2))[None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
-            out = model(input_boxes=placed, multimask_output=False, **embeddings)
+            out = model(input_boxes=placed(corners), multimask_output=False, **found)
             return cast(Tensor, out.pred_masks[0, :, 0])
 
         def upscale(logits: Tensor) -> Tensor:
