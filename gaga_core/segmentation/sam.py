@@ -5,7 +5,7 @@ for most of these models.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -17,7 +17,7 @@ from torch.nn.functional import interpolate, pad
 
 from gaga_core.arrays import BoolArray, FloatArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
-from gaga_core.segmentation.base import FlattenConfig, MaskMaker
+from gaga_core.segmentation.base import MaskMaker
 from gaga_core.segmentation.generator import Encoded, Encoder, generate
 from gaga_core.segmentation.loading import normalized
 from gaga_core.segmentation.settings import GeneratorConfig
@@ -36,13 +36,6 @@ def load_sam(
 ) -> MaskMaker:
     """What makes masks with the model that ``load`` reads; progress counts points."""
     return partial(generate, sam_encoder(load().to(device)), config=generator)
-
-
-def sam_settings(generator: GeneratorConfig, flatten_config: FlattenConfig) -> dict[str, object]:
-    """The settings of a provider that change its masks, for its card."""
-    values = asdict(generator) | asdict(flatten_config)
-    del values["points_per_batch"]
-    return values
 
 
 def sam_encoder(module: Module) -> Encoder:

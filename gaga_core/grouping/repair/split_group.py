@@ -63,18 +63,16 @@ def split_group_stage(
     some = np.sort(rng.permutation(len(rows))[:_SAMPLE])
     covers, sees = yield from part(_covered(own, log, means[some]), 1, 3, STAGE)
     side = two_sides(covers, sees)
+    hint = "Paint a part of it and use Separate."
+    one_piece = GagaError(f"The masks of {name} show it in one piece. {hint}")
     if side is None:
-        raise GagaError(
-            f"The masks of {name} show it in one piece. Paint a part of it and use Separate."
-        )
+        raise one_piece
     score = yield from part(_scores(own, log, means, side), 2, 3, STAGE)
     second = _filled(means, score) < 0
     if second.mean() > 0.5:
         second, side = ~second, -side
     if second.mean() < _LEAST:
-        raise GagaError(
-            f"The masks of {name} show it in one piece. Paint a part of it and use Separate."
-        )
+        raise one_piece
     masks = frozenset((d.view, d.mask) for d, s in zip(log, side, strict=True) if s < 0)
     return GroupSplit(rows[second], masks)
 
@@ -84,19 +82,11 @@ def split_bank(bank: MemoryBank, split: GroupSplit, group: int, into: int) -> Me
     log, opened = [], False
     for d in bank.log:
         if d.group == group and (d.view, d.mask) in split.masks:
-            d = Decision(  # noqa: PLW2901
-                d.view,
-                d.mask,
-                into,
-                not opened,
-                d.overlap,
-                group,
-                d.overlap,
-                d.n_gaussians,
-                by_hand=True,
-            )
+            moved = (d.view, d.mask, into, not opened, d.overlap, group, d.overlap, d.n_gaussians)
+            log.append(Decision(*moved, by_hand=True))
             opened = True
-        log.append(d)
+        else:
+            log.append(d)
     owners = bank.group.copy()
     rows = split.rows[owners[split.rows] == group]
     owners[rows] = into
