@@ -101,19 +101,9 @@ def write_lock(
     folder: Path, listing: Listing, licence: str, accepted_at: str, files: list[LockedFile]
 ) -> ModelLock:
     """Write the lock of ``listing`` into ``folder``."""
-    lock = ModelLock(
-        _FORMAT,
-        _VERSION,
-        listing.model.name,
-        listing.model.hub,
-        listing.endpoint,
-        listing.revision,
-        listing.commit,
-        licence,
-        listing.licence,
-        accepted_at,
-        files,
-    )
+    model, where = listing.model, (listing.endpoint, listing.revision, listing.commit)
+    said = (licence, listing.licence, accepted_at)
+    lock = ModelLock(_FORMAT, _VERSION, model.name, model.hub, *where, *said, files)
     with atomic_write(folder / LOCK_FILE) as temporary:
         text = json.dumps(msgspec.to_builtins(lock), indent=1)
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -161,11 +151,7 @@ def check_against(listing: Listing, lock: ModelLock) -> Listing:
     files = []
     for locked in lock.files:
         file = stated.get(locked.name)
-        if (
-            file is None
-            or file.size != locked.size
-            or (file.sha256 and file.sha256 != locked.sha256)
-        ):
+        if file is None or file.size != locked.size or file.sha256 not in ("", locked.sha256):
             raise GagaError(
                 f"{locked.name} on {listing.endpoint} is not the file of the lock "
                 f"({lock.commit[:12]}). Get the model without --lock, or use the hub of the lock, "
@@ -270,11 +256,14 @@ def download(
         try:
             with connected(model, config) as client:
                 for file in listing.files:
-                    locked.append(
-                        (yield from _fetch(client, listing, file, staging, meter, config))
-                    )
+                    fetched = _fetch(client, listing, file, staging, meter, config)
+                    locked.append((yield from fetched))
             write_lock(staging, listing, consent.licence, consent.accepted_at, locked)
-            path = _install(model, staging)
+            if not is_model_folder(staging):
+                raise GagaError(
+                    f"The files of {model.hub} make no whole model. Get it again later."
+                )
+            path = staging.replace(models_folder() / model.name)
         except OSError as error:
             raise GagaError(explain_os_error(error, staging)) from error
         shutil.rmtree(parts, ignore_errors=True)
@@ -455,12 +444,3 @@ def _append(
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.is_file() else 0
-
-
-def _install(model: KnownModel, staging: Path) -> Path:
-    """Move the whole folder to its place."""
-    if not is_model_folder(staging):
-        raise GagaError(f"The files of {model.hub} make no whole model. Get it again later.")
-    target = models_folder() / model.name
-    staging.replace(target)
-    return target
