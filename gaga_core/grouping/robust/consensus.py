@@ -228,7 +228,9 @@ def linkage_stage(
         n_merges = kernels.merge_clusters(
             *state, end, parent, seen, size, numbers, partner, score, tree, _MERGES
         )
-    return renumbered(_roots(parent))
+    while (parent[parent] != parent).any():
+        parent = parent[parent]
+    return renumbered(parent)
 
 
 def renumbered(cluster: IntArray) -> IntArray:
@@ -255,18 +257,8 @@ def _pairs(
     other, together = np.zeros(0, np.int32), np.zeros(0)
 
     def work(begin: int, stop: int) -> None:
-        kernels.list_pairs(
-            mask_of,
-            first_row,
-            row_start,
-            members,
-            first + begin,
-            first + stop,
-            pair_start,
-            degree,
-            other,
-            together,
-        )
+        rows = mask_of, first_row, row_start, members, first + begin, first + stop
+        kernels.list_pairs(*rows, pair_start, degree, other, together)
 
     for is_written in (False, True):
         if is_written:
@@ -295,12 +287,7 @@ def _maxima(score: DoubleArray) -> DoubleArray:
     return np.concatenate([[-1.0], *reversed(levels)])
 
 
-def _roots(parent: IntArray) -> IntArray:
-    """The surviving cluster (S,) of each point."""
-    root = parent
-    while (root[root] != root).any():
-        root = root[root]
-    return root
+# --- Clusters that join by the votes of the views.
 
 
 STAGE = "Compare views"
@@ -477,17 +464,13 @@ def _view_agreement(
     agreement[voice < config.min_voice] = 0
     apart = np.flatnonzero((agreement > config.view_agreement) & (priors.of(key) <= APART))
     if len(apart) > 0:
-        agreement[apart[_shared_points(tables, key[apart]) < config.min_shared]] = 0
+        # Points of the lesser of both in masks that show both, view by view: of clusters far apart
+        # one stray point in one view would else join them.
+        first, second = np.divmod(key[apart], tables.width)
+        points = tables.counts.tocsc()
+        shared = points[:, first].minimum(points[:, second]).sum(axis=0)
+        agreement[apart[np.asarray(shared).ravel() < config.min_shared]] = 0
     return key, np.round(agreement, _DIGITS)
-
-
-def _shared_points(tables: PointTables, key: LongArray) -> DoubleArray:
-    """How many points (P,) of the lesser of two clusters lie in masks that show both, view by
-    view. Of clusters far apart one stray point in one view would else join them."""
-    first, second = np.divmod(key, tables.width)
-    columns = tables.counts.tocsc()
-    shared = columns[:, first].minimum(columns[:, second]).sum(axis=0)
-    return np.asarray(shared, np.float64).ravel()
 
 
 def _supported(tables: PointTables, n_points: LongArray, config: ConsensusConfig) -> IntArray:
