@@ -1,6 +1,5 @@
 """Association on scenes with known groups."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -86,22 +85,6 @@ def test_views_go_by_name_and_need_masks(scene: Synthetic) -> None:
     views = [decision.view for decision in result.bank.log]
     assert list(dict.fromkeys(views)) == ["002.png", "004.png"]
     assert any("6 of 8 views have no masks" in note for note in result.notes)
-
-
-def test_zero_padding_of_names_changes_nothing() -> None:
-    """Layouts of other publishers call the third view rgb_2 or rgb_0002: it stays the third."""
-    scene = objects_scene(n_objects=3, n_cameras=12, seed=1)
-
-    def associated(form: str) -> Association:
-        cameras = [replace(c, name=form.format(k)) for k, c in enumerate(scene.cameras)]
-        masks = masks_of(scene, cameras)
-        return run_stage(associate_stage(scene.gaussians, cameras[::-1], masks, choose()))
-
-    short, padded = associated("rgb_{}.png"), associated("rgb_{:04d}.png")
-    views = list(dict.fromkeys(decision.view for decision in short.bank.log))
-    assert views == [f"rgb_{k}.png" for k in range(12)]
-    assert (short.bank.group == padded.bank.group).all()
-    assert (short.labels == padded.labels).all()
 
 
 def test_the_same_again_bit_for_bit(

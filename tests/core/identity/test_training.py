@@ -1,44 +1,35 @@
 """Modes "refine" and "paper", on a scene with known groups."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.identity.train import PaperConfig, TimeEstimate, train_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.identity.noisy import ROWS, G, right_pixels
+from tests.core.identity.noisy import ROWS, G, Views, right_pixels
 from tests.scenes import Synthetic
 
 PAPER = PaperConfig(iterations=40, rows=ROWS, reg_samples=100, checkpoint_every=8)
 
 
 def _refined(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
-    config: RefineConfig,
+    scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap, config: RefineConfig
 ) -> tuple[Identity, LiftFigures]:
     stage = refine_identity(scene.gaussians, closed, train, label_map, choose(), config)
     return run_stage(stage)
 
 
 def test_refine_is_not_worse_than_the_vote(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
+    scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap
 ) -> None:
     config = RefineConfig(rows=ROWS)
     identity, figures = _refined(scene, closed, train, label_map, config)
@@ -54,10 +45,7 @@ def test_refine_is_not_worse_than_the_vote(
 
 
 def test_refine_moves_and_stops_when_it_does_not_help(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
+    scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap
 ) -> None:
     """Steps a thousand times too long destroy the field: the closed form must come back."""
     config = RefineConfig(rows=ROWS, patience=2, check_every=3)
@@ -69,8 +57,8 @@ def test_refine_moves_and_stops_when_it_does_not_help(
 
 def _train(
     scene: Synthetic,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
+    train: Views,
+    label_map: LabelMap,
     config: PaperConfig,
     checkpoint: Path | None = None,
 ) -> tuple[Identity, LiftFigures]:
@@ -82,7 +70,7 @@ def _train(
 
 
 def test_training_from_zeros_learns_the_groups(
-    scene: Synthetic, train: Sequence[Camera], label_map: Callable[[Camera], IntArray]
+    scene: Synthetic, train: Views, label_map: LabelMap
 ) -> None:
     config = replace(PAPER, iterations=300)
     identity, figures = _train(scene, train, label_map, config)
@@ -94,9 +82,7 @@ def test_training_from_zeros_learns_the_groups(
     assert (identity.labels > 0).all()  # class 0 was never trained
 
 
-def test_the_estimate_comes_first(
-    scene: Synthetic, train: Sequence[Camera], label_map: Callable[[Camera], IntArray]
-) -> None:
+def test_the_estimate_comes_first(scene: Synthetic, train: Views, label_map: LabelMap) -> None:
     stage = train_identity(scene.gaussians, G, train, label_map, choose(), PAPER)
     first = next(stage)
     assert isinstance(first.payload, TimeEstimate)
@@ -107,11 +93,7 @@ def test_the_estimate_comes_first(
 
 @pytest.mark.parametrize("stop_at", [3, 17])
 def test_a_stopped_run_goes_on_as_if_it_never_stopped(
-    scene: Synthetic,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
-    tmp_path: Path,
-    stop_at: int,
+    scene: Synthetic, train: Views, label_map: LabelMap, tmp_path: Path, stop_at: int
 ) -> None:
     whole, of_whole = _train(scene, train, label_map, PAPER)
     path = tmp_path / "run.npz"
@@ -128,10 +110,7 @@ def test_a_stopped_run_goes_on_as_if_it_never_stopped(
 
 
 def test_a_checkpoint_of_another_run_is_not_used(
-    scene: Synthetic,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
-    tmp_path: Path,
+    scene: Synthetic, train: Views, label_map: LabelMap, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.npz"
     short = replace(PAPER, iterations=10)
@@ -144,7 +123,7 @@ def test_a_checkpoint_of_another_run_is_not_used(
 
 
 def test_the_regulariser_spreads_labels_to_hidden_gaussians(
-    train: Sequence[Camera], label_map: Callable[[Camera], IntArray], scene: Synthetic
+    train: Views, label_map: LabelMap, scene: Synthetic
 ) -> None:
     logits = scene.gaussians.logit_opacities.copy()
     logits[::4] = -9

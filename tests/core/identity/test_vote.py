@@ -1,26 +1,20 @@
 """Mode "vote": labels, who gets them without a vote, and their encodings."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
-from gaga_core.grouping.votes import vote_labels
+from gaga_core.grouping.votes import LabelMap, vote_labels
 from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
 from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.identity.noisy import G, right_pixels
+from tests.core.identity.noisy import G, Views, right_pixels
 from tests.scenes import Synthetic
 
 
 def test_vote_decodes_to_the_voted_labels(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
+    scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap
 ) -> None:
     votes = run_stage(vote_labels(scene.gaussians, train, label_map, G, choose()))
     voted = votes.labels > 0

@@ -132,22 +132,6 @@ def test_the_same_again_bit_for_bit(scene: Synthetic, monkeypatch: pytest.Monkey
     assert again.bank.log == first.bank.log
 
 
-def test_it_stops_at_any_step(scene: Synthetic) -> None:
-    masks = masks_of(scene, scene.cameras[:3])
-    config = AssociateConfig.of("robust")
-    arguments = (scene.gaussians, scene.cameras, masks, choose(), config)
-    steps = list(associate_stage(*arguments))
-    messages = [step.message for step in steps]
-    assert [step.done for step in steps] == sorted(step.done for step in steps)
-    assert steps[-1].done <= steps[-1].total
-    assert any("clusters" in message for message in messages)
-    for n in range(1, len(messages), 4):
-        stage = associate_stage(*arguments)
-        for _ in range(n):
-            next(stage)
-        stage.close()
-
-
 def test_views_without_masks_and_empty_maps_give_no_groups(scene: Synthetic) -> None:
     empty = np.zeros((120, 160), np.int32)
     masks = MaskSet({camera.name: lambda: empty for camera in scene.cameras[:3]})
