@@ -7,7 +7,6 @@ mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -20,7 +19,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.robust.linkage_kernels import flood, pieces_of
 from gaga_core.grouping.views import load_labels
-from gaga_core.grouping.votes import vote_labels
+from gaga_core.grouping.votes import VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
@@ -277,14 +276,12 @@ def _observe(
     for v, camera in enumerate(views):
         labels = load_labels(masks, camera)[0] + np.int32(1)  # pixels of no mask count as well
         count = int(labels.max(initial=1))
-        stage = vote_labels(gaussians, [camera], partial(_same, labels), count, rasterizer)
-        votes = yield from part(stage, v, len(views), STAGE)
+        sums = VoteSums.empty(len(gaussians), count)
+        add = sums.add_stage(gaussians, [camera], {camera: labels}.__getitem__, rasterizer)
+        yield from part(add, v, len(views), STAGE)
+        votes = sums.votes()
         of[:, v], weights[:, v] = np.maximum(votes.labels - 1, 0), votes.weight
     return _ViewObservations(of, weights)
-
-
-def _same(labels: IntArray, _: Camera) -> IntArray:
-    return labels
 
 
 def _pieced(

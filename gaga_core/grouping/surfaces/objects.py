@@ -14,7 +14,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import lab_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.levels import Levels, agreement_of
+from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
 from gaga_core.grouping.surfaces.borders import (
@@ -321,17 +321,16 @@ def _is_spanned(
     between = np.asarray(cKDTree(points).query(places)[1], np.int64)
     thing = int(np.bincount(cluster[between]).argmax())
     covers = (cluster[between] == thing) & (plane[between] == plane[one[0]])
-    height = (points[between[covers]] - points[both].mean(axis=0)) @ _normal(surfels, both)
+    middle = points[both].mean(axis=0)
+    normal = np.linalg.svd(points[both] - middle, full_matrices=False)[2][2]
+    normal = normal if normal @ surfels.normals[both].sum(axis=0) > 0 else -normal  # that is seen
+    height = (points[between[covers]] - middle) @ normal
     if covers.mean() < _COVERED or height.mean() < _HEIGHT * spacing:
         return False
     return int(((cluster == thing) & (plane == plane[one[0]])).sum()) < len(both)
 
 
-def _normal(surfels: Surfels, rows: LongArray) -> DoubleArray:
-    """Unit normal (3,) of the plane through samples (K,), to the side that is seen."""
-    points = surfels.points[rows]
-    normal: DoubleArray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
-    return normal if normal @ surfels.normals[rows].sum(axis=0) > 0 else -normal
+# --- All levels, from the finest pieces to what surrounds the scene.
 
 
 STAGE = "Find objects"
@@ -414,7 +413,7 @@ def objects_stage(
     groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
-    confidence[rows] = agreement_of(groups, clusters[chosen][nearest].astype(np.int32))
+    confidence[rows] = (groups == clusters[chosen][nearest][:, None]).mean(axis=1)
     yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
     parts = np.where(background, -1, clusters[-1])
     shown = surfels.n_views / len(views)
