@@ -260,4 +260,5 @@ def _places(
 
 def _ranks(values: DoubleArray) -> DoubleArray:
     """Ranks in 0..1, ascending."""
-    return values.argsort().argsort() / max(len(values) - 1, 1)
+    ranks = values.argsort(kind="stable").argsort()
+    return ranks / max(len(values) - 1, 1)

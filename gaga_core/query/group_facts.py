@@ -241,7 +241,7 @@ def _background(
     centre = (lo + hi) / 2
     n_others = max(int((ids > 0).sum()) - 1, 1)
     thin = np.flatnonzero(extents[:, 2] < _THICK * extents[:, 0])
-    for k in thin[np.argsort(-extents[thin, 0])][:_THIN_ONES]:
+    for k in thin[np.argsort(-extents[thin, 0], kind="stable")][:_THIN_ONES]:
         over = ((centre[:, :2] >= lo[k, :2]) & (centre[:, :2] <= hi[k, :2])).all(axis=1)
         smaller = extents[:, 0] < 0.5 * extents[k, 0]
         carried = int((over & smaller & (centre[:, 2] > centre[k, 2]) & (ids > 0)).sum())

@@ -480,7 +480,10 @@ def _anchors(phrase: Phrase, around: Searched, unknown: list[str]) -> list[tuple
         return []
     top = float(base.max())
     rows = np.flatnonzero(base >= _ALMOST * top)
-    return [(int(row), float(base[row] / top)) for row in rows[np.argsort(-base[rows])][:8]]
+    return [
+        (int(row), float(base[row] / top))
+        for row in rows[np.argsort(-base[rows], kind="stable")][:8]
+    ]
 
 
 def _ordered(

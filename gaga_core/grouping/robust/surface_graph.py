@@ -76,7 +76,7 @@ def edges_once(
 
 def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:
     """Unit normals (N, 3) of either sign, from neighbours ``nearest`` (N, k)."""
-    order = np.argsort(gaussians.log_scales, axis=1)
+    order = np.argsort(gaussians.log_scales, axis=1, kind="stable")
     axes = quats_to_matrices(gaussians.quats)
     normals = axes[np.arange(len(order)), :, order[:, 0]]
     scales = np.take_along_axis(gaussians.log_scales, order, axis=1)

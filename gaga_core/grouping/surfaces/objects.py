@@ -85,7 +85,7 @@ def divided(
     least = np.minimum(whole[found], shown_whole(surfels, leaf, rests))
     better = least - whole[inside[found]]
     side = cluster.copy()
-    for k in np.argsort(better):  # the best of each cluster last
+    for k in np.argsort(better, kind="stable"):  # the best of each cluster last
         if least[k] > _WHOLE and better[k] > _BETTER:
             own = inside[found[k]]
             side[cluster == own] = own
