@@ -195,10 +195,8 @@ def _seen_labels(
     n_seeing = np.zeros(len(most), np.int32)
     for i, camera in enumerate(gated.views):
         yield Progress(STAGE, i, len(gated.views), f"what {camera.name} shows")
-        weight = np.zeros_like(most)
-        rasterizer.vote(
-            gated.gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
-        )
+        weight, whole = np.zeros_like(most), np.zeros((camera.height, camera.width), np.int32)
+        rasterizer.vote(gated.gaussians, camera, whole, weight)
         np.maximum(most, weight, out=most)
         n_seeing += weight[:, 0] > 0
     n_former = len({decision.view for decision in former.bank.log})
