@@ -182,7 +182,7 @@ def associate_stage(
     Each view costs one depth map and one pass over the Gaussians; masks are loaded one view at a
     time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
     adds what `AssociateConfig` says. Where no model made the masks, it finds objects by their
-    surfaces (`grouping.hierarchy`), and the bank has levels of detail. The progress after a view
+    surfaces (`grouping.surfaces`), and the bank has levels of detail. The progress after a view
     carries a `BankSnapshot`.
     Raises ``GagaError`` when there is nothing to associate.
     """

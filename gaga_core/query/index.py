@@ -177,11 +177,10 @@ def index_stage(
     return GroupIndex(embedder.fingerprint, groups, digests, vectors, thumbnails)
 
 
-def n_stale(index: GroupIndex | None, digests: LongArray, model: str = "") -> int:
+def n_stale(index: GroupIndex | None, digests: LongArray) -> int:
     """How many of the groups with these digests ``index`` does not know (yet, or any more)."""
-    if index is None or (model and index.model != model):
-        return len(digests)
-    return int((~np.isin(digests, index.digests)).sum())
+    known = np.zeros(0, np.int64) if index is None else index.digests
+    return int((~np.isin(digests, known)).sum())
 
 
 def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> DoubleArray:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -110,13 +110,11 @@ def write_lock(
     return lock
 
 
-def check_file(
-    path: Path, stated: RemoteFile, on_block: Callable[[], None] = lambda: None
-) -> LockedFile | None:
+def check_file(path: Path, stated: RemoteFile) -> LockedFile | None:
     """Compare a file with what the hub states: size, then sha256 or the name of the git blob.
 
-    Returns what is recorded of it; None when it is another file. ``on_block`` is called between
-    two steps. Raises ``GagaError`` when it cannot be read.
+    Returns what is recorded of it; None when it is another file. Raises ``GagaError`` when it
+    cannot be read.
     """
     try:
         size = path.stat().st_size
@@ -127,7 +125,6 @@ def check_file(
                 sha256.update(block)
                 if not stated.sha256:
                     blob.update(block)
-                on_block()
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     found = sha256.hexdigest()
