@@ -24,11 +24,11 @@ STAGE = "Vote again"
 _SAMPLE = 16384  # splats of the group that the cut is sought on
 _ROUNDS = 20
 _PURE = 0.8  # share of a mask's splats on one side from which it speaks for that side
-_LEAST = 0.02  # share of the group's splats on the smaller side
+_SIDE_SHARE_MIN = 0.02  # share of the group's splats on the smaller side
 # Normalised cut (0..2) between two objects at most, of the masks that speak for one side. It is 0
 # where masks show two objects and 1 where they all show one (each side as like the other as
 # itself); 0.5 is in the middle. Found on groups of three generated scenes, 8 and 20 views.
-_CUT_MOST = 0.5
+_CUT_MAX = 0.5
 _NEIGHBOURS = 8
 
 
@@ -71,7 +71,7 @@ def split_group_stage(
     second = _filled(means, score) < 0
     if second.mean() > 0.5:
         second, side = ~second, -side
-    if second.mean() < _LEAST:
+    if second.mean() < _SIDE_SHARE_MIN:
         raise one_piece
     masks = frozenset((d.view, d.mask) for d, s in zip(log, side, strict=True) if s < 0)
     return GroupSplit(rows[second], masks)
@@ -116,12 +116,12 @@ def two_sides(
             break
         side = after
     score = side @ covers
-    least = max(_LEAST * covers.any(axis=0).sum(), 1)
+    least = max(_SIDE_SHARE_MIN * covers.any(axis=0).sum(), 1)
     if min((score > 0).sum(), (score < 0).sum()) < least:
         return None
     if not (side > 0).any() or not (side < 0).any():
         return None
-    return side if _normalised_cut(weight, side) <= _CUT_MOST else None
+    return side if _normalised_cut(weight, side) <= _CUT_MAX else None
 
 
 def _normalised_cut(weight: DoubleArray, side: DoubleArray) -> float:

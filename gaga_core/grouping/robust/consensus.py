@@ -54,7 +54,7 @@ from gaga_core.threads import run_chunks
 _NEIGHBOURS = 16
 _RADIUS = 4  # pixels on each side of a point whose depths make its plane
 _DEEP = 0.03  # share of its depth by which pixels of that plane may differ from the point
-_LEAST = 12  # pixels of a plane
+_PLANE_PIXELS_MIN = 12  # pixels of a plane
 _BORDER = 3.0  # neighbours per point of the smaller cluster at which the border says nothing
 _TOUCH = 0.25  # with fewer neighbours per point clusters do not touch
 APART = 0.34  # prior of clusters that do not touch
@@ -164,7 +164,7 @@ def _normals(
     normal = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))[1][:, :, 0]
     away = (normal * middle).sum(axis=1) > 0
     result: DoubleArray = np.where(away[:, None], -normal, normal)
-    result[usable.sum(axis=1) < _LEAST] = 0
+    result[usable.sum(axis=1) < _PLANE_PIXELS_MIN] = 0
     return result
 
 

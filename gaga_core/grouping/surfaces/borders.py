@@ -497,7 +497,7 @@ def _cut_views(
 _ENCLOSED = 0.75  # share of its outline along which one other cluster encloses a thing ...
 _LARGER = 4.0  # ... that is at least so many times larger
 _SEEN = 0.1  # share of the views that show a sample of it, mean
-_WHOLE = 0.7  # mean IoU with the best region of each view
+_WHOLE_IOU = 0.7  # mean IoU with the best region of each view
 
 
 def is_enclosed_thing(
@@ -509,7 +509,7 @@ def is_enclosed_thing(
     found &= _is_enclosed(near, now.cluster)
     if found.any():
         one_each = identity(len(found), format="csr")[found]
-        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE
+        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE_IOU
     return found
 
 

@@ -50,8 +50,8 @@ from gaga_core.threads import n_threads
 # length.
 
 
-_WHOLE = 0.62  # mean IoU of both sides with the best region of each view ...
-_BETTER = 0.05  # ... by which they are better than together
+_WHOLE_IOU = 0.62  # mean IoU of both sides with the best region of each view ...
+_BETTER_IOU = 0.05  # ... by which they are better than together
 _NECK = 2.0  # outlines of the smaller side along which both touch, at most
 
 
@@ -76,7 +76,7 @@ def divided(
     count, size = members @ np.bincount(leaf), members @ np.bincount(leaf, shown)
     outline = outlines(np.minimum(count, count[inside] - count))
     neck = np.concatenate([_necks(near, cluster, level) for level in levels])
-    asked = (whole > _WHOLE) & (whole > whole[inside] + _BETTER) & (neck < _NECK * outline)
+    asked = (whole > _WHOLE_IOU) & (whole > whole[inside] + _BETTER_IOU) & (neck < _NECK * outline)
     found = np.flatnonzero(asked & (np.minimum(size, size[inside] - size) >= least_size))
     if len(found) == 0:
         return cluster
@@ -86,7 +86,7 @@ def divided(
     better = least - whole[inside[found]]
     side = cluster.copy()
     for k in np.argsort(better, kind="stable"):  # the best of each cluster last
-        if least[k] > _WHOLE and better[k] > _BETTER:
+        if least[k] > _WHOLE_IOU and better[k] > _BETTER_IOU:
             own = inside[found[k]]
             side[cluster == own] = own
             side[np.isin(leaf, members[found[k]].indices)] = n + own
@@ -120,7 +120,9 @@ _IN_PLANE = 0.3  # share of its samples that makes a cluster a part of such a pl
 _FOOT = 0.25  # share of its outline that a thing has in common at least with what it stands on
 _HELD = 1.5  # ... that parts have in common with what holds them, below which they are one thing
 _SEEN = 0.12  # share of the views that show a sample, mean: less says nothing of the foot
-_MOST = 0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
+_HANGING_SHARE_MAX = (
+    0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
+)
 
 
 def held_together(
@@ -145,7 +147,7 @@ def held_together(
     size = np.bincount(part[cluster], minlength=n)
     held = np.bincount(part[np.concatenate([one[outer], other[outer]])], minlength=n)
     joins = (held > 0) & (held < _HELD * outlines(size))
-    joins &= size < _MOST * len(cluster)
+    joins &= size < _HANGING_SHARE_MAX * len(cluster)
     ids = np.where(joins[part], part, n + np.arange(n))
     return dense(ids)
 
@@ -179,7 +181,7 @@ _AROUND = 4  # splats whose median is the color of a sample
 _OPAQUE = 0.3  # opacity of such splats
 _LIGHTNESS = 0.4  # weight of lightness against hue: faces of one thing are lit differently
 _AGAINST = 0.05  # log odds against one thing for a unit of CIE Lab between two pieces
-_SMALLER_UNLIKE = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
+_LAB_PER_SPACING = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
 _CHUNK = 1 << 16
 
 
@@ -256,7 +258,7 @@ def carriers_by_color(
         rows = slice(start, start + _CHUNK)
         near = samples[rows]
         unlike = np.linalg.norm(of_sample[near] - hue_of(rgb[rows])[:, None], axis=2)
-        cost = distance[rows] / spacing[near] + unlike / _SMALLER_UNLIKE
+        cost = distance[rows] / spacing[near] + unlike / _LAB_PER_SPACING
         cost[part[near] != part[carriers[rows]][:, None]] = np.inf
         chosen[rows] = near[np.arange(len(near)), cost.argmin(axis=1)]
     return chosen
@@ -269,8 +271,8 @@ def carriers_by_color(
 # neither do two plates on a table: the table is lower than they are, and larger.
 
 
-_LEAST = 0.002  # share of all samples that either side has on the plane
-_SPANNED_UNLIKE = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
+_SIDE_SHARE_MIN = 0.002  # share of all samples that either side has on the plane
+_ONE_SURFACE_LAB = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
 _WIDTH = 1.2  # times the least gap: how far apart opposite samples are at most
 _ALONG = (0.25, 0.5, 0.75)  # of the way between them that are looked at
 _COVERED = 0.8  # share of the ways that the thing covers
@@ -289,10 +291,10 @@ def spanned(
     for p in range(1, int(plane.max(initial=0)) + 1):
         rows = np.flatnonzero(plane == p)
         own = cluster[rows]
-        large = np.flatnonzero(np.bincount(own) >= _LEAST * len(cluster))
+        large = np.flatnonzero(np.bincount(own) >= _SIDE_SHARE_MIN * len(cluster))
         for one, other in combinations([rows[own == k] for k in large], 2):
             unlike = np.median(color[one], axis=0) - np.median(color[other], axis=0)
-            if np.linalg.norm(unlike) > _SPANNED_UNLIKE:
+            if np.linalg.norm(unlike) > _ONE_SURFACE_LAB:
                 continue
             if _is_spanned(surfels, near, plane, cluster, one, other):
                 pairs.append((cluster[one[0]], cluster[other[0]]))

@@ -291,8 +291,8 @@ _AWAY = 1.5  # times the spacing around: distance from the plane of a sample on 
 _TURNED = np.cos(np.radians(30.0))  # cosine between normals of the plane and of a sample on it
 _TRIED, _PROBED = 150, 8000  # planes tried at a time, and samples counted for each
 _FITTED, _FITS = 6, 4  # best ones that are fitted, and how often
-_LEAST = 150  # samples of a plane
-_MOST = 24  # planes
+_PLANE_SAMPLES_MIN = 150  # samples of a plane
+_PLANES_MAX = 24  # planes
 _MISSES = 3  # searches in vain that end it
 _FIT_POINTS = 3000
 
@@ -307,7 +307,7 @@ def planes_of(surfels: Surfels, near: Neighbourhood) -> IntArray:
     free = length > 2 * _FLAT
     plane, n_planes, n_misses = np.zeros(len(points), np.int32), 0, 0
     rng = np.random.default_rng(0)
-    while n_planes < _MOST and n_misses < _MISSES and int(free.sum()) >= _LEAST:
+    while n_planes < _PLANES_MAX and n_misses < _MISSES and int(free.sum()) >= _PLANE_SAMPLES_MIN:
         rows = np.flatnonzero(free)
         best, most = np.zeros(0, np.int64), 0.0
         for seed in _promising(points, normals, near.spacing, rows, rng):
@@ -348,11 +348,11 @@ def _grown(
     for _ in range(_FITS):
         on = free & (np.abs((points - origin) @ normal) < _AWAY * near.spacing)
         rows = np.flatnonzero(on & (normals @ normal > _TURNED))
-        if len(rows) < _LEAST:
+        if len(rows) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         part = connected_components(near.adjacency(rows), directed=False)[1]
         found = rows[part == np.bincount(part, near.spacing[rows] ** 2).argmax()]
-        if len(found) < _LEAST:
+        if len(found) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         origin = points[found].mean(axis=0)
         some = points[found[:: max(1, len(found) // _FIT_POINTS)]] - origin
