@@ -2,6 +2,7 @@
 # make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
 # make test-portable  tests whose results could hang on the processor, computed as another one does (3 minutes)
 # make screenshots  takes the pictures of README and guide again (docs/images), and at two other sizes (build/screenshots)
+# make demo    draws the demo scene again, which programs carry (assets/demo)
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
 # make fuzz SECONDS=600  damages files of every kind for that long; every reader must survive
@@ -20,7 +21,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app test-browsers test-portable studio test peers browser kernels fuzz soak faults cluster captures check style types imports pages docs setup bench screenshots clean
+.PHONY: app app-models test-app test-browsers test-portable studio test peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -92,6 +93,9 @@ pages:
 
 kernels:
 	@$(BIN)/python -c "from gaga_core.kernels import is_compiled; from gaga_core.pipeline.compile_kernels import warm_up_stage; is_compiled() or list(warm_up_stage())"
+
+demo: setup
+	@$(BIN)/python -m tools.demo.make
 
 docs: setup
 	@$(BIN)/sphinx-build -W --keep-going docs docs/_build

@@ -1,7 +1,7 @@
 """``python -m tests.screenshots [NAME ...]``: the pictures of README and guide, of the real window.
 
 Each picture has a name (`PICTURES`) and goes to ``docs/images/NAME.png``. Without names all are
-taken, on the demo scene, which is made first. Needs Xvfb, no display.
+taken, on the demo scene. Needs Xvfb, no display.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from gaga_core.demo.folder import ensure_demo
+from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.progress import run_stage
 from gaga_studio.actions import files
 from gaga_studio.session.session import Session

@@ -25,7 +25,7 @@ _LIBRARIES = (
     "libxkbcommon0,libxext6,libxrender1"
 )
 _PLACE = "opt/gaga-studio"  # in the root
-_SECONDS = 600.0  # until the demo is drawn: kernels are compiled and the demo is made first
+_SECONDS = 600.0  # until the demo is drawn: kernels are compiled and the demo is copied first
 _DRAWN = 25.0  # standard deviation of the picture's middle: an empty window has less than 10
 
 pytestmark = pytest.mark.skipif(

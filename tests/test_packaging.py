@@ -30,15 +30,37 @@ def test_the_wheel_holds_both_packages_with_their_assets_and_no_screenshot(wheel
         wanted = {path.relative_to(folder).as_posix() for path in sources}
         assert wanted <= names
         assert f"{package}/py.typed" in names
-    for kind in ("fonts", "shaders", "web"):
-        files = {path.name for path in (_ROOT / "assets" / kind).iterdir()}
-        assert files == {Path(name).name for name in names if f"/assets/{kind}/" in name}
-    assert not [name for name in names if name.endswith((".png", ".jpg"))]
+    shipped = {name.partition("/assets/")[2] for name in names if "/assets/" in name}
+    assert shipped == {
+        path.relative_to(_ROOT / "assets").as_posix()
+        for kind in ("demo", "fonts", "shaders", "web")
+        for path in (_ROOT / "assets" / kind).rglob("*")
+        if path.is_file()
+    }
+    pictures = (name for name in names if name.endswith((".png", ".jpg")))
+    assert all(name.startswith("gaga_core/assets/demo/") for name in pictures)
     assert not [
         name
         for name in names
         if not name.startswith(("gaga_core/", "gaga_studio/", "gaga_studio-"))
     ]
+
+
+def test_the_demo_comes_out_of_the_wheel_without_what_draws_it(wheel: Path, tmp_path: Path) -> None:
+    """A checkout has more on its path: the wheel's folder comes first, and nothing else is used."""
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "wheel")
+    code = f"""
+import sys
+sys.path.insert(0, {str(tmp_path / "wheel")!r})
+from gaga_core.cli.main import main
+assert main(["demo", {str(tmp_path / "scene")!r}]) == 0
+ours = [m.__file__ for n, m in sys.modules.items() if n.startswith(("gaga_core", "tools"))]
+assert all(file.startswith({str(tmp_path / "wheel")!r}) for file in ours), ours
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True)
+    assert (tmp_path / "scene" / "point_cloud.ply").is_file()
+    assert len(list((tmp_path / "scene" / "images").iterdir())) == 40
 
 
 def test_the_version_stands_in_one_place(wheel: Path) -> None:

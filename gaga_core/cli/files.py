@@ -47,7 +47,7 @@ class EditCommand:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
-        from gaga_core.edit_script.run import parse_script, run_script
+        from gaga_core.edit_script import parse_script, run_script
         from gaga_core.export.export import export_losses, export_scene_stage
         from gaga_core.export.options import ExportOptions
         from gaga_core.export.page import content_of
@@ -114,20 +114,18 @@ class DoctorCommand:
 
 @dataclass(frozen=True)
 class DemoCommand:
-    """Make the demo scene: a furnished room with photos, masks and true instance maps."""
+    """Write the demo scene: a furnished room with photos, masks and true instance maps."""
 
     folder: Positional[Path]
-    """Where to make it."""
-    seed: int = 0
-    """Another seed, another arrangement."""
+    """Where to put it."""
     json: bool = False
     """Print the result as JSON."""
 
     def run(self) -> int:
         """Write a whole scene folder."""
-        from gaga_core.demo import make_demo_stage
+        from gaga_core.io.demo_scene import copy_demo_stage
 
-        made = out.follow(make_demo_stage(self.folder, seed=self.seed))
+        made = out.follow(copy_demo_stage(self.folder))
         out.result({"scene": str(made)}, as_json=self.json)
         return 0
 

@@ -10,7 +10,7 @@ from gaga_core.color import dc_from_rgb
 from gaga_core.fill.chart import Chart, drawn
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Rasterizer
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 
 _PIECE = 5.0  # side of a copied piece, spacings of the splats
 _SMALL, _INWARD = 0.4, 0.5  # largest deviation: in spacings, and in ways to the hole's edge

@@ -51,9 +51,9 @@ from gaga_core.scene.camera_path import (
     path_entry,
     path_of,
 )
-from gaga_core.scene.edits.append import read_added_stage, with_added_stage
-from gaga_core.scene.edits.append_values import joined
-from gaga_core.scene.edits.groups import as_bytes
+from gaga_core.scene.edits.objects import as_bytes
+from gaga_core.scene.edits.splats import with_added_stage
+from gaga_core.scene.edits.values import joined, read_added_stage
 from gaga_core.scene.export_manifest import MANIFEST, ManifestEntry, read_manifest
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import carried_cameras

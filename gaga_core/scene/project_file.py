@@ -1,7 +1,9 @@
 """The file project.json: its fields, and reading it while another program may replace it."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated
 
 import msgspec
@@ -15,10 +17,8 @@ from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splats.spz import SilentAxes
 from gaga_core.scene.frame import Frame
-from gaga_core.scene.identity_arrays import identities_of, identity_arrays
 from gaga_core.scene.index_set import IndexSet
-from gaga_core.scene.scene import Placements, Scene
-from gaga_core.scene.splat_columns import columns_of, splats_of
+from gaga_core.scene.scene import Identities, Labelling, Placements, Scene
 
 # --- The file project.json: its fields, and reading it while another program may replace it.
 
@@ -114,6 +114,11 @@ def _document(file: Path) -> ProjectFile:
 
 
 # --- Columns and tables of a scene as named arrays: the file scene-<id>.npz of a project.
+# Histories of autosaves and recorded edits hold splats and identities in the same form.
+
+
+_OWN = ("means", "quats", "log_scales", "logit_opacities", "sh")
+_EXTRA = "extra:"  # before the names of all other columns
 
 
 def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
@@ -227,3 +232,52 @@ def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
         rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
         sets[str(i)] = IndexSet.of(rows, n)
     return sets
+
+
+def identity_arrays(identities: Identities) -> dict[str, AnyArray]:
+    """``identities`` as named arrays; none where labels are votes and there is nothing else."""
+    arrays: dict[str, AnyArray] = {}
+    if identities.source != "votes":
+        arrays["labels_from"] = np.array(identities.source)
+    if identities.other is not None:
+        arrays["other_labels"] = identities.other.labels
+        if identities.other.confidence is not None:
+            arrays["other_confidence"] = identities.other.confidence
+    if identities.colors is not None:
+        arrays["identity_colors"] = identities.colors
+    return arrays
+
+
+def identities_of(arrays: Mapping[str, AnyArray], n_opened: int) -> Identities:
+    """What `identity_arrays` wrote, of a file of ``n_opened`` splats; ``ValueError`` if damaged."""
+    source = str(arrays.get("labels_from", "votes"))
+    labels, confidence = arrays.get("other_labels"), arrays.get("other_confidence")
+    colors = arrays.get("identity_colors")
+    if colors is not None:
+        check_shape("identity_colors", colors, (n_opened, 3), np.uint8)
+    other = None
+    if labels is not None:
+        check_shape("other_labels", labels, (n_opened,), np.int32)
+        if labels.min(initial=0) < 0:
+            raise ValueError("other_labels: an id below 0")
+        if confidence is not None:
+            check_shape("other_confidence", confidence, (n_opened,), np.uint8)
+        other = Labelling(labels, confidence)
+    if source == "votes":
+        return Identities("votes", other, colors)
+    if source == "identities" and other is not None:
+        return Identities("identities", other, colors)
+    raise ValueError(f"labels_from: {source!r} without the other labels")
+
+
+def columns_of(splats: Gaussians) -> dict[str, AnyArray]:
+    """Every column by name, bit for bit."""
+    own: dict[str, AnyArray] = {name: getattr(splats, name) for name in _OWN}
+    return own | {_EXTRA + name: column for name, column in splats.extra.items()}
+
+
+def splats_of(columns: Mapping[str, AnyArray]) -> Gaussians:
+    """The splats of `columns_of`. Raises ``KeyError`` or ``ValueError`` when they are damaged."""
+    extra = {k.removeprefix(_EXTRA): v for k, v in columns.items() if k.startswith(_EXTRA)}
+    means, quats, log_scales, opacities, sh = (columns[name] for name in _OWN)
+    return Gaussians(means, quats, log_scales, opacities, sh, MappingProxyType(extra))

@@ -74,12 +74,18 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def associated(new_session: Callable[[], Session], grouped_scene: Path, tmp_path: Path) -> Session:
-    """A session with the small scene open and its objects found."""
+def grouped_copy(grouped_scene: Path, tmp_path: Path) -> Path:
+    """A copy of that folder that a test may write to."""
     folder = tmp_path / "grouped"
     shutil.copytree(grouped_scene, folder)
+    return folder
+
+
+@pytest.fixture
+def associated(new_session: Callable[[], Session], grouped_copy: Path) -> Session:
+    """A session with the small scene open and its objects found."""
     made = new_session()
-    made.open(folder)
+    made.open(grouped_copy)
     assert made.jobs.wait()
     assert made.scene is not None, made.notices
     return made

@@ -21,9 +21,9 @@ from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.demo import make_demo_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import vote_labels
+from gaga_core.io.demo_scene import copy_demo_stage
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply_stage
@@ -103,7 +103,7 @@ def _sets() -> Iterator[tuple[str, _Set]]:
         if folder.is_dir():
             yield name, _looked_at(open_scene_folder(folder))
     with tempfile.TemporaryDirectory() as scratch:
-        demo = run_stage(make_demo_stage(Path(scratch) / "demo"))
+        demo = run_stage(copy_demo_stage(Path(scratch) / "demo"))
         yield "demo", _looked_at(open_scene_folder(demo))
 
 

@@ -1,5 +1,5 @@
 """From the start of the process to the demo's first full picture, warm: kernels are compiled and
-the demo scene is made. As a ratio to importing numpy and the window's toolkit in a process."""
+the demo scene is copied. As a ratio to importing numpy and the window's toolkit in a process."""
 
 import os
 import subprocess
@@ -22,7 +22,7 @@ def figures() -> list[Figure]:
     """Seconds are of this machine; the ratio travels."""
     with tempfile.TemporaryDirectory() as home, xvfb():
         environment = os.environ | {"GAGA_HOME": home}
-        _run(_LAUNCH, environment)  # makes the demo, compiles the kernels
+        _run(_LAUNCH, environment)  # copies the demo, compiles the kernels
         launch = min(_run(_LAUNCH, environment) for _ in range(_RUNS))
         base = min(_run(_BASE, environment) for _ in range(_RUNS))
     return [

@@ -26,12 +26,12 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
-from gaga_core.demo import make_demo_stage
 from gaga_core.evaluate.group_scores import HIT, score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.demo_scene import copy_demo_stage
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
@@ -101,7 +101,7 @@ def _sets() -> Iterator[tuple[str, _Set]]:
         if folder.is_dir():
             yield name, _of_folder(open_scene_folder(folder))
     with tempfile.TemporaryDirectory() as scratch:
-        demo = run_stage(make_demo_stage(Path(scratch) / "demo"))
+        demo = run_stage(copy_demo_stage(Path(scratch) / "demo"))
         yield "demo", _of_folder(open_scene_folder(demo))
     kinds: tuple[Kind, ...] = get_args(Kind)
     for kind in kinds:

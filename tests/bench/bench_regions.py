@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
-from gaga_core.demo import make_demo_stage
 from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.io.demo_scene import copy_demo_stage
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
@@ -63,7 +63,7 @@ def figures() -> list[Figure]:
 
 def _scenes() -> Iterator[tuple[str, SceneFolder]]:
     with tempfile.TemporaryDirectory() as scratch:
-        yield "demo", open_scene_folder(run_stage(make_demo_stage(Path(scratch) / "demo")))
+        yield "demo", open_scene_folder(run_stage(copy_demo_stage(Path(scratch) / "demo")))
     shared = Path(__file__).resolve().parents[3] / "shared" / "data"
     real = Path(os.environ.get("GAGA_TEST_DATA", shared)) / "ycb_table"
     if real.is_dir():

@@ -1,29 +1,25 @@
 """Scenes with an object, and what is behind it: the truth that a filled hole is compared with."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.demo.build import build_stage
-from gaga_core.demo.cameras import photo_cameras
-from gaga_core.demo.furniture import TABLE_TOP, table
-from gaga_core.demo.lighting import Lights, bake
-from gaga_core.demo.patches import pose
-from gaga_core.demo.splats import gaussians_of
-from gaga_core.demo.surface import Item, Surface
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats
 from gaga_core.io.folder.scene_folder import open_scene_folder, select_views
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from tests.bench.rooms import solid, surface_of
+from tools.demo.lighting import Lights, bake
+from tools.demo.objects import TABLE_TOP, table
+from tools.demo.scene import build, gaussians_of, photo_cameras
+from tools.demo.shapes import Item, Surface, pose
 
 _BEHIND = 0.003  # of the depth: what lies deeper is hidden
 _LEFT = 0.5  # share of the light that a splat keeps that a training still makes
@@ -91,7 +87,7 @@ def solid_cases(seed: int, n_objects: int, n_splats: int) -> Iterator[FillCase]:
     whole = _lit(surface, seed)
     for group in range(2, len(things) + 1):
         kept = trained(whole, surface.labels == group, train)
-        rest = rows_of(surface, surface.labels != group)
+        rest = surface.take(surface.labels != group)
         yield FillCase(
             f"solids {seed}: {things[group - 1].name} {group}",
             whole.take(kept),
@@ -121,25 +117,19 @@ def _solids(rng: np.random.Generator, n: int) -> list[Item]:
 
 def _lit(surface: Surface, seed: int) -> Gaussians:
     rng = np.random.default_rng((seed, 10))
-    sh = run_stage(bake(surface, Lights(), rng))
+    sh = bake(surface, Lights(), rng)
     return gaussians_of(surface, sh, np.random.default_rng((seed, 11)))
-
-
-def rows_of(surface: Surface, chosen: BoolArray) -> Surface:
-    """The discs ``chosen`` (N,)."""
-    names = [field.name for field in fields(Surface)]
-    return Surface(**{name: getattr(surface, name)[chosen] for name in names})
 
 
 def demo_cases(seed: int, groups: Sequence[int], n_splats: int) -> Iterator[FillCase]:
     """Objects of the demo; the truth is the demo lit without the object: no shadow either."""
-    model = run_stage(build_stage(n_splats, seed, 1))
+    model = build(n_splats, seed)
     cameras = photo_cameras(24, _SIZE, np.random.default_rng((seed, 1)))
     test = cameras[3::6]
     train = tuple(camera for camera in cameras if camera not in test)
     for group in groups:
         kept = trained(model.gaussians, model.labels == group, train)
-        truth = run_stage(build_stage(n_splats, seed, 1, without={group})).gaussians
+        truth = build(n_splats, seed, without={group}).gaussians
         name = f"demo {seed} {model.names[group - 1]} {group}"
         yield FillCase(
             name, model.gaussians.take(kept), model.labels[kept], group, truth, train, test

@@ -14,17 +14,29 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.demo import tableware
-from gaga_core.demo.cameras import posed
-from gaga_core.demo.lighting import Lights, bake
-from gaga_core.demo.patches import Patch, ellipsoid, pose, rectangle, revolve, rounded_box
-from gaga_core.demo.sampling import Discs
-from gaga_core.demo.splats import gaussians_of
-from gaga_core.demo.surface import Item, Material, Paint, Part, Surface, cover, joined, moved
-from gaga_core.demo.textures import fractal, mix, noise, plain, weave, wood
 from gaga_core.gaussians import Gaussians
-from gaga_core.progress import run_stage
-from tests.bench.fill_cases import FillCase, rows_of, trained
+from tests.bench.fill_cases import FillCase, trained
+from tools.demo import objects
+from tools.demo.lighting import Lights, bake
+from tools.demo.objects import fractal, mix, noise, plain, weave, wood
+from tools.demo.scene import gaussians_of, posed
+from tools.demo.shapes import (
+    Discs,
+    Item,
+    Material,
+    Paint,
+    Part,
+    Patch,
+    Surface,
+    cover,
+    ellipsoid,
+    joined,
+    moved,
+    pose,
+    rectangle,
+    revolve,
+    rounded_box,
+)
 
 Support = Literal["table", "rim", "dish", "mound", "corner"]
 _SIZE = (320, 240)
@@ -41,7 +53,7 @@ def drawn_case(seed: int, n_splats: int = 25_000) -> FillCase:
     names, things = _things(support, height, rng)
     surface = _covered([*ground, *things], n_splats, seed)
     first = len(ground) + 1
-    rest = rows_of(surface, surface.labels != first)
+    rest = surface.take(surface.labels != first)
     roughness = float(rng.choice([0.0, 0.12, 0.25]))
     whole = _splats(surface, seed, roughness)
     cameras = _cameras(support, rng)
@@ -68,7 +80,7 @@ def _splats(
     """Splats of all discs; with ``lit``, some of the discs, the light is as if only these were
     there: the others stay dark."""
     light_of = surface if lit is None else lit
-    light = run_stage(bake(light_of, Lights(), np.random.default_rng((seed, 42))))
+    light = bake(light_of, Lights(), np.random.default_rng((seed, 42)))
     sh = light
     if lit is not None:
         there = np.isin(surface.labels, np.unique(lit.labels))
@@ -96,7 +108,7 @@ def _table(rng: np.random.Generator) -> tuple[list[Item], _Profile]:
     half = rng.uniform(0.45, 0.6)
     slab = rounded_box((2 * half, 2 * half, 0.05), 0.01)
     paint = Material(_paint(rng), gloss=float(rng.choice([0.0, 0.2])), shine=14.0)
-    top = tuple(Part(patch, paint, (0.012, 0.012)) for patch in slab.values())
+    top = tuple(Part(patch, paint, (0.012, 0.012)) for patch in slab)
     return [
         Item("table", top, pose((0, 0, _TOP - 0.025), yaw=float(rng.uniform(0, 90)))),
         _floor(rng),
@@ -193,7 +205,7 @@ def _thing(rng: np.random.Generator) -> tuple[str, tuple[Part, ...], float]:
     paint = Material(_paint(rng, scale=0.3))
     step = (0.010, 0.010)
     if kind == "box":
-        patches = rounded_box((2 * a, 2 * b, tall), 0.006).values()
+        patches = rounded_box((2 * a, 2 * b, tall), 0.006)
         up = [replace(p, position=_raised(p, tall / 2)) for p in patches]
         return kind, tuple(Part(p, paint, step) for p in up), float(np.hypot(a, b))
     if kind == "ball":
@@ -201,7 +213,7 @@ def _thing(rng: np.random.Generator) -> tuple[str, tuple[Part, ...], float]:
         return kind, (Part(patch, paint, step),), float(a)
     if kind in ("bowl", "mug"):
         color = tuple(rng.uniform(0.2, 0.9, 3))
-        made = tableware.bowl(color) if kind == "bowl" else tableware.mug(color)
+        made = objects.bowl(color) if kind == "bowl" else objects.mug(color)
         made = moved(made, pose(scale=1.4))
         reach = max(
             float(np.hypot(*cover(Item("", (p,), pose()), 1, 4.0, rng).points[:, :2].T).max())

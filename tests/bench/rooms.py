@@ -7,7 +7,7 @@ rows of books, chairs (`tests.bench.contents`), seen as a room. What the picture
 is associated are two models: the truth is a fine one, the splats under test are a coarse one with
 noise and floaters, so that true labels on them do not score 1 either. Masks have faults of the
 strength of Segment Anything: 30 % of the segments split, 12 % merged with a neighbour, 10 % missed,
-ragged edges (`gaga_core.demo.masks`).
+ragged edges (`tools.demo.scene`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,18 +19,32 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.demo import room
-from gaga_core.demo.cameras import photo_cameras, posed
-from gaga_core.demo.layout import items
-from gaga_core.demo.masks import Faults, room_parts, segmenter_masks
-from gaga_core.demo.patches import ellipsoid, pose, revolve, rounded_box
-from gaga_core.demo.splats import gaussians_of
-from gaga_core.demo.surface import Item, Material, Part, Surface, cover, joined
-from gaga_core.demo.textures import plain
 from gaga_core.gaussians import Gaussians
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
 from tests.bench.contents import contents_items
+from tools.demo.objects import BACK, FRONT, LEFT, RIGHT, TOP, plain, shell
+from tools.demo.scene import (
+    Faults,
+    gaussians_of,
+    items,
+    photo_cameras,
+    posed,
+    room_parts,
+    segmenter_masks,
+)
+from tools.demo.shapes import (
+    Item,
+    Material,
+    Part,
+    Surface,
+    cover,
+    ellipsoid,
+    joined,
+    pose,
+    revolve,
+    rounded_box,
+)
 
 Kind = Literal["room", "table", "contents"]
 FAULTS = Faults(split=0.30, merge=0.12, miss=0.10)
@@ -89,9 +103,9 @@ def bench_scene(
 
 def surface_of(things: Sequence[Item], n_splats: float, rng: np.random.Generator) -> Surface:
     """Discs of room and objects, about ``n_splats`` of them."""
-    probe = sum(len(cover(item, 1, 3.0, rng)) for item in things) + len(room.shell(3.0, rng))
+    probe = sum(len(cover(item, 1, 3.0, rng)) for item in things) + len(shell(3.0, rng))
     coarseness = 3.0 * (probe / n_splats) ** (1 / 1.9)
-    found = [room.shell(coarseness, rng)]
+    found = [shell(coarseness, rng)]
     found += [cover(item, k, coarseness, rng) for k, item in enumerate(things, start=1)]
     return joined(found)
 
@@ -112,7 +126,7 @@ def splats_under_test(
     logits = np.clip(rng.normal(2.5, 1.5, n), -1.5, 5).astype(np.float32)
     moved = replace(exact, means=(exact.means + jitter).astype(np.float32), logit_opacities=logits)
     gaussians = moved.take(np.concatenate([np.arange(n), rng.integers(0, n, n_floaters)]))
-    low, high = (room.LEFT, room.FRONT, 0.05), (room.RIGHT, room.BACK, room.TOP)
+    low, high = (LEFT, FRONT, 0.05), (RIGHT, BACK, TOP)
     gaussians.means[n:] = rng.uniform(low, high, (n_floaters, 3))
     gaussians.logit_opacities[n:] = -1
     labels = np.where(surface.labels > 0, surface.labels, n_things + _wall_of(surface.points))
@@ -122,7 +136,7 @@ def splats_under_test(
 def _wall_of(points: DoubleArray) -> IntArray:
     """1 floor, 2 back wall, 3 left wall: the nearest one, as `room_parts` numbers them."""
     x, y, z = points.T
-    away = np.stack([np.abs(z), np.abs(y - room.BACK), np.abs(x - room.LEFT)])
+    away = np.stack([np.abs(z), np.abs(y - BACK), np.abs(x - LEFT)])
     nearest: IntArray = (away.argmin(axis=0) + 1).astype(np.int32)
     return nearest
 
@@ -194,7 +208,7 @@ def solid(
     elif shape == "cylinder":
         patches = [revolve([(0, -c), (a, -c), (a, c), (0, c)], smooth=False)]
     else:
-        patches = list(rounded_box((2 * a, 2 * b, 2 * c), 0.01).values())
+        patches = rounded_box((2 * a, 2 * b, 2 * c), 0.01)
     parts = tuple(Part(patch, _FINISH, (0.011, 0.011)) for patch in patches)
     return Item(shape, parts, pose(centre, yaw=yaw))
 

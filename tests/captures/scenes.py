@@ -15,14 +15,12 @@ from scipy.ndimage import convolve, gaussian_filter, rotate
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.demo.build import build_stage
-from gaga_core.demo.cameras import photo_cameras, posed
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.images import read_rgb
 from gaga_core.io.video import ffmpeg_program
-from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.core.reconstruct.photo_scenes import texture, write_photos
+from tools.demo.scene import build, photo_cameras, posed
 
 SIZE = (400, 300)  # width, height of a photo, pixels
 _ON_TABLE = (
@@ -37,7 +35,7 @@ Effect = Callable[[UInt8Array, np.random.Generator], UInt8Array]
 @cache
 def demo_model() -> tuple[Gaussians, IntArray, tuple[str, ...]]:
     """The demo's splats, the object of each, and the objects' names."""
-    model = run_stage(build_stage(120_000, 0, 1))
+    model = build(120_000, 0)
     return model.gaussians, model.labels, model.names
 
 

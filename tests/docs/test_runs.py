@@ -14,13 +14,12 @@ import msgspec
 import pytest
 
 from gaga_core.cli.main import main
-from gaga_core.edit_script.run import OPERATION_TYPES, run_script
+from gaga_core.edit_script import run_script
+from gaga_core.edit_script.operations import OPERATION_TYPES
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from tests.docs.pages import DOCS, ROOT, code_blocks, tables
+from tests.docs.pages import DOCS, PAGES, ROOT, code_blocks, tables
 
-PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *ROOT.glob("*.md")])
-_WITH_PYTHON = [DOCS / "scripting.md"]
 _ARGUMENTS = {
     "list_objects": ["SCENE"],
     "isolate_object": ["SCENE", "1", "one.ply"],
@@ -29,21 +28,16 @@ _ARGUMENTS = {
 }
 
 
-@pytest.mark.parametrize("page", _WITH_PYTHON, ids=lambda page: page.stem)
-def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, workplace: Path) -> None:
-    blocks = code_blocks(page, "python")
-    assert blocks
+def test_the_python_of_the_page_on_scripting_runs_from_top_to_bottom(workplace: Path) -> None:
     names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, page.name, "exec"), names)  # noqa: S102  it is ours
+    for block in code_blocks(DOCS / "scripting.md", "python"):
+        exec(compile(block, "scripting.md", "exec"), names)  # noqa: S102  it is ours
     assert (workplace / "edited.ply").is_file()
     assert (workplace / "SCENE" / "gaga" / "project.json").is_file()
 
 
 def test_the_edit_scripts_of_the_pages_run(workplace: Path) -> None:
-    scripts = [json.loads(block) for page in PAGES for block in code_blocks(page, "json")]
-    assert scripts
-    for script in scripts:
+    for script in (json.loads(block) for page in PAGES for block in code_blocks(page, "json")):
         scene = run_stage(open_path_stage(workplace / "SCENE")).scene
         titles = run_script(scene, script)
         assert len(titles) == len(script), "every operation changes something"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from gaga_studio.gpu.frame_pacing import (
+from gaga_studio.gpu.viewport import (
     LEAST_SCALE,
     LEAST_SPLATS,
     REST_S,

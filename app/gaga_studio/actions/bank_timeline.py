@@ -8,7 +8,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_studio.actions import navigation
 from gaga_studio.actions.association_repair import evidence_of, file_columns
 from gaga_studio.session import stages

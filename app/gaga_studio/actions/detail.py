@@ -7,7 +7,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 

@@ -29,7 +29,7 @@ from gaga_studio.actions import children, cleanup, files
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.stages import Export
-from gaga_studio.system import file_manager, paths
+from gaga_studio.system import paths
 
 What = Export | Literal["cameras"]
 _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
@@ -99,7 +99,7 @@ def page_content(session: Session) -> PageContent:
 def show_in_folder(session: Session, path: Path) -> bool:
     """Show what was written in the file manager."""
     del session
-    file_manager.show(path)
+    paths.show(path)
     return True
 
 

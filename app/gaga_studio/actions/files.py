@@ -15,7 +15,8 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.progress import Stage
 from gaga_core.scene import edits
-from gaga_core.scene.edits.append import ids_of_added, read_added_stage, spread
+from gaga_core.scene.edits.splats import ids_of_added, spread
+from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.objects import selected_groups
 from gaga_studio.actions import children, identities
 from gaga_studio.session import level_of_detail, stages

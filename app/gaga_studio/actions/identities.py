@@ -3,7 +3,7 @@
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.identity.lift import Mode, mode_of_preset
 from gaga_core.scene import edits
-from gaga_core.scene.edits.identities import NO_IDENTITIES
+from gaga_core.scene.edits.objects import NO_IDENTITIES
 from gaga_core.scene.scene import LabelSource
 from gaga_studio.actions import unchanged
 from gaga_studio.session import stages

@@ -27,7 +27,7 @@ from gaga_core.query.embed import (
 )
 from gaga_core.query.index import GroupIndex
 from gaga_core.query.search import Answer
-from gaga_core.scene.edits.groups import name_groups
+from gaga_core.scene.edits.objects import name_groups
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.actions import list_filter, navigation, quality, selection
 from gaga_studio.session import stages

@@ -10,8 +10,8 @@ from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.evaluate.photo_film import TRUTH
 from gaga_core.masks import resize_labels
-from gaga_core.scene.edits.append import spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.actions import photo_compare
 from gaga_studio.actions.unchanged import watch

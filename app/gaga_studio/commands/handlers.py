@@ -13,7 +13,7 @@ from gaga_studio.actions import (
 )
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.polygon import close_outline
+from gaga_studio.tools.region import close_outline
 
 # --- titles
 

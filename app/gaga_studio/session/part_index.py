@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.grouping.levels import Levels
-from gaga_core.scene.objects import parting
+from gaga_core.scene.edits.objects import parting
 from gaga_core.scene.scene import Scene, State
 
 PartKey = tuple[int, ...]  # an object: (group,); its second part: (group, 1); the first in it ...

@@ -12,7 +12,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongAr
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
 from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene, State

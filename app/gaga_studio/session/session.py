@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.demo.cameras import demo_cameras
 from gaga_core.errors import GagaError
-from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
@@ -62,7 +60,6 @@ class Session:
         self.live: BankSnapshot | None = None  # while an association runs
         self.photos: PhotoFind | None = None  # opened, but without splats
         self.training: TrainingPreview | None = None  # while splats are made of them
-        self.first_splats: Scene | None = None  # of the demo, while it is made
         self.filter = ""  # of the object list
         self.hint = ""  # about the last click, until the next one
         self.images: ImageSource | None = None
@@ -127,10 +124,8 @@ class Session:
 
     @property
     def shown(self) -> Scene | None:
-        """What the picture shows: the open scene, or splats that are being trained or made."""
-        if self.training is not None:
-            return self.training.scene
-        return self.scene if self.scene is not None else self.first_splats
+        """What the picture shows: the open scene, or splats that are being trained."""
+        return self.training.scene if self.training is not None else self.scene
 
     @property
     def history(self) -> History | None:
@@ -153,7 +148,7 @@ class Session:
         self._when_saved(f"before {path.name} is opened", lambda: self._start_opening(path))
 
     def open_demo(self) -> None:
-        """Open the demo scene; the first time it is made."""
+        """Open the demo scene; the first time it is copied from the program's own files."""
         self._when_saved("before the demo is opened", lambda: self._start_opening(None))
 
     def close(self) -> None:
@@ -222,18 +217,7 @@ class Session:
                 self.change_settings(self.settings.opened(path))
             self.jobs.start_quiet("Prepare kernels", stages.kernels_stage())
 
-        def end() -> None:
-            self.first_splats = None
-
-        self.jobs.start(title, stage, self._show_first, opened, end)
-
-    def _show_first(self, payload: object) -> None:
-        """Show what there is of a demo that is made, unless something is open."""
-        if not isinstance(payload, Gaussians) or self.document or self.photos:
-            return
-        is_new, self.first_splats = self.first_splats is None, Scene.of(payload)
-        if is_new:
-            self.rig.frame_scene(*splat_box(self.first_splats), demo_cameras())
+        self.jobs.start(title, stage, on_done=opened)
 
     def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
-from gaga_core.demo import ensure_demo
 from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshExport, export_objects_stage, export_scene_stage, least_psnr
 from gaga_core.export.options import ExportOptions
@@ -18,6 +17,7 @@ from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.identity.field import encoding_colors, save_identity
 from gaga_core.identity.lift import LiftConfig, Mode, lift_groups, task_of_association
 from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.io.folder.scene_folder import find_model, select_views
 from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.io.splats.splat_files import SplatFormat
@@ -38,10 +38,8 @@ _AS_IS = ExportOptions()
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
-    """Make the demo scene if it is not there yet, then open it."""
-    made = yield from ensure_demo(folder)
-    project = yield from open_path_stage(made)
-    return project
+    """Copy the demo scene to ``folder`` if it is not there yet, then open it."""
+    return (yield from open_path_stage((yield from ensure_demo(folder))))
 
 
 def open_stage(path: Path) -> "Stage[Project | PhotoFind]":

@@ -99,6 +99,34 @@ class ClickTool:
         return None
 
 
+class BoxDrag:
+    """Base of tools whose drag has two corners."""
+
+    takes_drag = True
+
+    def __init__(self) -> None:
+        self._from: ViewportPoint | None = None
+        self._to: ViewportPoint | None = None
+
+    def press(self, session: Session, place: ViewportPoint) -> None:
+        """Set the first corner."""
+        self._from = self._to = place
+
+    def drag(self, session: Session, place: ViewportPoint) -> None:
+        """Set the opposite corner, for now."""
+        self._to = place
+
+    def cancel(self, session: Session) -> None:
+        """Forget the box."""
+        self._from = self._to = None
+
+    def overlay(self) -> RectShape | None:
+        """The box while it is drawn."""
+        if self._from is None or self._to is None:
+            return None
+        return RectShape(self._from.u, self._from.v, self._to.u, self._to.v, self._from.how)
+
+
 def region_hint(session: Session, act: str) -> str:
     """Return what a gesture that selects a region does, in words."""
     document, view = session.document, session.view

@@ -6,17 +6,11 @@ from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
-from gaga_studio.tools.brush import BrushTool
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
-from gaga_studio.tools.ground import GroundTool
-from gaga_studio.tools.lasso import LassoTool
-from gaga_studio.tools.measure import MeasureTool
 from gaga_studio.tools.move import MoveTool
-from gaga_studio.tools.object import ObjectTool
 from gaga_studio.tools.paint import CloneTool, ColorTool, EraseTool
-from gaga_studio.tools.pick import PickTool
-from gaga_studio.tools.polygon import PolygonTool
-from gaga_studio.tools.rect import RectTool
+from gaga_studio.tools.pick import GroundTool, MeasureTool, ObjectTool, PickTool
+from gaga_studio.tools.region import BrushTool, LassoTool, PolygonTool, RectTool
 from gaga_studio.tools.sphere import SphereTool
 
 

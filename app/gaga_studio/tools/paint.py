@@ -7,7 +7,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.duplicate import clone
+from gaga_core.scene.edits.placement import clone
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import by_screen
 from gaga_core.scene.selection.by_volume import (

@@ -25,7 +25,7 @@ from gaga_studio.commands import command, for_shortcut, run
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import ToolName
-from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.ui.chrome.status import status_text
 from tests.app.looks import objects_of, scene_of, snapshot
 from tests.app.tools.hand import H, Hand, W
 from tests.scenes import random_gaussians

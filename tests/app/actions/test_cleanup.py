@@ -145,9 +145,6 @@ def test_it_needs_one_object(floating: tuple[Session, np.ndarray]) -> None:
     assert "Nothing is selected" in command("object.clean").enabled(session)
 
 
-# --- cleaning first
-
-
 def test_the_choice_is_kept(floating: tuple[Session, np.ndarray]) -> None:
     session, _ = floating
     assert not session.settings.clean_first

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.export.export import export_scene_stage
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage

@@ -10,7 +10,7 @@ import pytest
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.pipeline.search import train_views
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
-from gaga_core.scene.edits.groups import name_groups
+from gaga_core.scene.edits.objects import name_groups
 from gaga_studio.actions import history, objects, selection, transform
 from gaga_studio.actions import search as search_actions
 from gaga_studio.session.object_list import ListFilter

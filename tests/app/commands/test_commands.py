@@ -167,8 +167,7 @@ _NEEDS_MORE = {
 }
 
 
-# Making the demo takes long: tests/core/demo/test_demo.py does it.
-@pytest.mark.parametrize("wanted", [c for c in COMMANDS if c.id != "file.demo"], ids=lambda c: c.id)
+@pytest.mark.parametrize("wanted", COMMANDS, ids=lambda c: c.id)
 def test_every_command_runs_on_an_open_scene(associated: Session, wanted: Command) -> None:
     session = associated
     for group in session.objects().ids[1:3]:

@@ -8,7 +8,7 @@ import pytest
 from gaga_studio.commands import COMMANDS, PROFILES, command, for_shortcut, keys_of, shortcut_of
 from gaga_studio.commands.keymaps import BLENDER
 from gaga_studio.session.session import Session
-from gaga_studio.ui.dialogs.shortcuts import all_keys
+from gaga_studio.ui.dialogs.preferences import all_keys
 
 
 @pytest.mark.parametrize("profile", PROFILES)

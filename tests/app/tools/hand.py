@@ -43,13 +43,11 @@ class Hand:
 
 
 def titles(session: Session) -> list[str]:
-    assert session.history is not None
-    return [entry.title for entry in session.history.entries()]
+    return [entry.title for entry in session.need().history.entries()]
 
 
 def state(session: Session) -> bytes:
-    scene = session.scene
-    assert scene is not None
+    scene = session.need().scene
     return b"".join(
         a.tobytes() for a in (scene.state, scene.labels, scene.placement, scene.placements.matrix)
     )

@@ -90,7 +90,6 @@ def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[in
         d.click("**/###Find objects")
         d.settle()
         d.click("First steps/###Put away")
-        d.frames(3)
         assert d.session.settings.first_steps_done
         assert not d.engine.get_window_by_ref("//First steps").active
         d.menu("Help/###First steps")

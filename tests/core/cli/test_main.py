@@ -306,10 +306,13 @@ def test_labels_of_another_model_are_refused(tmp_path: Path, capsys: Capture) ->
     assert "another model" in refusal(capsys, "info", str(root))
 
 
-# Programs in the background ignore Ctrl-C, and hand that on to what they start.
+# Programs in the background ignore Ctrl-C, and hand that on to what they start. The splats of the
+# demo come when it has arrived.
 _HEED_CTRL_C = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
+from gaga_core.io import demo_scene
+demo_scene.write_ply = lambda *_: signal.pause()
 from gaga_core.cli.main import main
 sys.exit(main())
 """
@@ -324,8 +327,8 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
     )
-    # Once these folders stand, the command is at work, and has something half-written to remove.
-    while not list(tmp_path.rglob("sparse/0")):
+    # Once this folder stands, the command is at work, and has something half-written to remove.
+    while not list(tmp_path.rglob("masks/sim")):
         assert process.poll() is None
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)

@@ -8,8 +8,6 @@ import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.demo.build import build_stage
-from gaga_core.demo.cameras import photo_cameras
 from gaga_core.grouping.votes import vote_labels
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels
@@ -22,6 +20,7 @@ from gaga_core.query.search import Answer, search_words
 from gaga_core.query.spatial_relations import canonical_view, sight
 from gaga_core.raster import choose
 from gaga_core.scene.scene import Scene
+from tools.demo.scene import build, photo_cameras
 
 
 def meant(answer: Answer) -> set[int]:
@@ -30,7 +29,7 @@ def meant(answer: Answer) -> set[int]:
 
 @pytest.fixture(scope="module")
 def demo() -> tuple[Scene, tuple[Camera, ...]]:
-    model = run_stage(build_stage(9000, 0, 1))
+    model = build(9000, 0)
     scene = Scene.of(model.gaussians, model.labels)
     scene.names = dict(enumerate(model.names, start=1))
     return scene, photo_cameras(8, (320, 240), np.random.default_rng(0))

@@ -90,8 +90,7 @@ def _bookmarks(session: Session) -> None:
         ("Set bookmark", icons.BLANK, SET),
     ):
         if imgui.begin_menu(f"{icon}  {name}###{name}"):
-            for command_id in ids:
-                command_buttons.command_item(session, command_id)
+            command_buttons.command_items(session, ids)
             imgui.end_menu()
 
 
@@ -124,5 +123,4 @@ def _title(session: Session) -> None:
     left = (imgui.get_window_width() - width) / 2
     if left > imgui.get_cursor_pos_x() + theme.em(2):
         imgui.set_cursor_pos_x(left)
-        with theme.text_color(theme.DIM):
-            imgui.text_unformatted(title)
+        widgets.text(title, theme.DIM)

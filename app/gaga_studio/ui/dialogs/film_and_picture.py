@@ -1,9 +1,8 @@
 """The sheets that ask how a film or a picture shall be written."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
 
@@ -14,19 +13,15 @@ from gaga_core.pipeline.film import Split, What
 from gaga_studio.actions import camera_path, split_view
 from gaga_studio.commands.availability import no_path, no_photo_files
 from gaga_studio.session.notices import notifies
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import Side
-from gaga_studio.ui.dialogs.file_dialog import FilePicker
-from gaga_studio.ui.dialogs.open_and_save import stem, writing
+from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-T = TypeVar("T", bound=str)
-_FILM, _PICTURE = "Save film", "Save picture"
+FILM, PICTURE = "Save film", "Save picture"
 _NAMES = 9.0  # width of the names of fields, ems
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
 _WHATS: tuple[tuple[What, str, str], ...] = (
@@ -37,13 +32,13 @@ _WHATS: tuple[tuple[What, str, str], ...] = (
 
 
 Left = Literal["", "rgb", "groups", "depth", "before"]
-_LEFTS: tuple[tuple[Left, str], ...] = (
-    ("", "Nothing"),
-    ("rgb", "Color"),
-    ("groups", "Groups"),
-    ("depth", "Depth"),
-    ("before", "Before the last edit"),
-)
+_LEFTS: dict[Left, str] = {
+    "": "Nothing",
+    "rgb": "Color",
+    "groups": "Groups",
+    "depth": "Depth",
+    "before": "Before the last edit",
+}
 _PHOTO_SIDES: tuple[tuple[PhotoSide, str, Side], ...] = (
     ("photo", "Photo", Side.PHOTO),
     ("truth", "True masks", Side.TRUTH),
@@ -89,19 +84,13 @@ class FilmChoices:
         return pipeline_video.FilmConfig(self.what, background, split, video=self.video)
 
 
-def register(table: RequestTable) -> None:
-    """Answer the requests for the two sheets."""
-    table.register_popup(Request.SAVE_FILM, _FILM)
-    table.register_popup(Request.SAVE_PICTURE, _PICTURE)
-
-
 def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     """Whichever sheet is open; ``files`` asks for the path."""
-    if begin_modal(_FILM, em(36)):
+    if begin_modal(FILM, em(36)):
         if _film(session, choices):
             _ask_film(session, choices, files)
         imgui.end_popup()
-    if begin_modal(_PICTURE, em(36)):
+    if begin_modal(PICTURE, em(36)):
         if _picture(session, choices):
             _ask_picture(session, choices, files)
         imgui.end_popup()
@@ -122,7 +111,7 @@ def _film(session: Session, choices: FilmChoices) -> bool:
     _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
     seconds, n = _length(session, choices)
     widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
-    return _ends(_FILM, "Save as…")
+    return _ends(FILM)
 
 
 def _along(session: Session, choices: FilmChoices) -> None:
@@ -153,41 +142,21 @@ def _photos(session: Session, choices: FilmChoices) -> None:
     named = {side: name for side, name, _ in _PHOTO_SIDES}
     if why_not[choices.side]:
         choices.side = "photo"
-    choices.side = _choice("Left of the line", named, choices.side, why_not)
+    choices.side = widgets.choice("Left of the line", named, choices.side, em(_NAMES), why_not)
     parts: dict[Views, str] = {"all": "All", "train": "Those trained on", "test": "Held out"}
-    lacking = {part: _no_photo_of(session, part) for part in parts}
+    none = "The scene has no such photos."
+    lacking = {part: "" if camera_path.photos_of(session, part) else none for part in parts}
     if lacking[choices.views]:
         choices.views = "all"
-    choices.views = _choice("Photos", parts, choices.views, lacking)
+    choices.views = widgets.choice("Photos", parts, choices.views, em(_NAMES), lacking)
     widgets.field_name("Seconds each", em(_NAMES))
     _, choices.seconds = imgui.slider_float("##Seconds each", choices.seconds, 0.2, 10, "%.1f")
     _sweeps(choices)
 
 
-def _no_photo_of(session: Session, part: Views) -> str:
-    return "" if camera_path.photos_of(session, part) else "The scene has no such photos."
-
-
-def _choice(name: str, named: Mapping[T, str], current: T, why_not: Mapping[T, str]) -> T:
-    """A field with a list to choose from; a choice with a reason cannot be taken."""
-    picked = current
-    widgets.field_name(name, em(_NAMES))
-    if imgui.begin_combo(f"##{name}", named[current]):
-        for value, label in named.items():
-            reason = why_not.get(value, "")
-            imgui.begin_disabled(bool(reason))
-            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
-                picked = value
-            imgui.end_disabled()
-            widgets.tooltip(reason)
-        imgui.end_combo()
-    return picked
-
-
 def _sweeps(choices: FilmChoices) -> None:
-    widgets.under_fields(em(_NAMES))
-    _, choices.sweeps = widgets.checkbox("The line sweeps", choices.sweeps)
-    widgets.tooltip("From the left edge to the right one and back; else as in the split view")
+    hint = "From the left edge to the right one and back; else as in the split view"
+    choices.sweeps = widgets.tick("The line sweeps", choices.sweeps, hint, em(_NAMES))
 
 
 def _left(session: Session, choices: FilmChoices) -> None:
@@ -195,7 +164,7 @@ def _left(session: Session, choices: FilmChoices) -> None:
     why_not: dict[Left, str] = {"before": split_view.why_not(session, Side.BEFORE)}
     if choices.left == "before" and why_not["before"]:
         choices.left = ""
-    choices.left = _choice("Left of a line", dict(_LEFTS), choices.left, why_not)
+    choices.left = widgets.choice("Left of a line", _LEFTS, choices.left, em(_NAMES), why_not)
     if choices.left:
         _sweeps(choices)
 
@@ -204,11 +173,9 @@ def _picture(session: Session, choices: FilmChoices) -> bool:
     mode = session.view.mode.value
     widgets.dim(f"What the camera sees, in {mode}; .png or .jpg")
     _size(choices)
-    clicked, choices.transparent = widgets.checkbox(
-        "Without background (transparent)", choices.transparent
-    )
-    del clicked
-    return _ends(_PICTURE, "Save as…")
+    label = "Without background (transparent)"
+    choices.transparent = widgets.tick(label, choices.transparent)
+    return _ends(PICTURE)
 
 
 def _size(choices: FilmChoices) -> None:
@@ -225,17 +192,9 @@ def _size(choices: FilmChoices) -> None:
             choices.width, choices.height = width, height
 
 
-def _ends(title: str, label: str) -> bool:
-    """The last row of buttons; whether to go on to the file."""
+def _ends(title: str) -> bool:
     imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(9), imgui.get_style().item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    goes = widgets.button(f"{title}…", Face(label, width=width, primary=True))
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)) or goes:
-        imgui.close_current_popup()
-    return goes
+    return answer(f"{title}…", Face("Save as…", width=em(9), primary=True))
 
 
 def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None:

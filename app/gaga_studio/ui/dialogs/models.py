@@ -7,12 +7,10 @@ from gaga_core.segmentation.models.status import ModelStatus
 from gaga_core.segmentation.models.weights import models_folder
 from gaga_studio.actions import models
 from gaga_studio.session.jobs import Job
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -30,14 +28,10 @@ _COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
 _FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 
 
-def register(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-
-    def open_sheet(session: Session) -> None:
-        models.refresh(session)
-        imgui.open_popup(SHEET)
-
-    table.register(Request.MODELS, open_sheet)
+def opens(session: Session) -> None:
+    """Look what is here, and open the sheet."""
+    models.refresh(session)
+    imgui.open_popup(SHEET)
 
 
 def draw(session: Session) -> None:
@@ -46,12 +40,10 @@ def draw(session: Session) -> None:
         return
     if not session.models.entries:
         models.refresh(session)
-    imgui.push_text_wrap_pos(0.0)
     widgets.dim(
         "Nothing is downloaded without your consent. Sizes are approximate until you ask for one.",
         wrap=True,
     )
-    imgui.pop_text_wrap_pos()
     widgets.line(f"Models lie in {paths.shown(models_folder())}.", theme.DIM)
     state = session.models
     is_asking = state.offered is not None or state.removing is not None
@@ -151,9 +143,7 @@ def _progress(session: Session, job: Job) -> None:
 
 def _terms(session: Session, listing: Listing) -> None:
     """Licence and size; nothing is downloaded before the answer."""
-    imgui.push_text_wrap_pos(0.0)
     imgui.text_wrapped(terms(listing.model, listing))
-    imgui.pop_text_wrap_pos()
     if widgets.button("Accept", Face("Accept the license and download", primary=True)):
         models.accept(session)
     imgui.same_line()

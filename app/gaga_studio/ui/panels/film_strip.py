@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_studio.actions import navigation
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
-from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 
@@ -126,11 +126,11 @@ def _thumbnail(
 
 def _texture(
     session: Session, document: Document, state: FilmStripState, camera: Camera
-) -> photo_textures.Texture:
+) -> textures.Texture:
     if state.shows_masks:
         bank = document.scene.bank if session.live is None else session.live.bank
-        return photo_textures.photo_with_masks(session, camera.name, bank)
-    return photo_textures.photo(session, camera.name)
+        return textures.photo_with_masks(session, camera.name, bank)
+    return textures.photo(session, camera.name)
 
 
 def _caption(

@@ -1,25 +1,126 @@
-"""The search box of the object list: what was understood, and the objects meant, the best first."""
+"""The search box of the object list, what was understood, the objects meant, and the filter."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio import commands
+from gaga_studio.actions import list_filter, quality, selection
 from gaga_studio.actions import search as search_actions
-from gaga_studio.actions import selection
 from gaga_studio.session.document import Document
-from gaga_studio.session.requests import Request
+from gaga_studio.session.object_list import ListFilter, Measure, Range
 from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, object_picture, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import list_filter
+
+# --- The filter of the object list: ranges of size, splats, confidence and quality.
+
+_POPUP = "Filter of the list"
+_ROWS: tuple[tuple[Measure, str, str], ...] = (
+    ("size", "Size", "Diameter, scene units"),
+    ("splats", "Splats", "Number of splats"),
+    ("confidence", "Confidence", "How sure the vote of the masks was, on average"),
+    ("quality", "Quality", "Agreement of its picture with its masks"),
+)
+_UNKNOWN = {
+    "confidence": "The confidence of the groups is not known. Use Find objects.",
+    "quality": "Nothing is measured. Use Find, Measure the quality of the objects.",
+}
+
+
+def button(session: Session) -> None:
+    """The button next to the search box, and what it opens."""
+    is_on = session.need().listing.filter.is_on
+    hint = "List only objects of some size, confidence or quality"
+    if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
+        imgui.open_popup(_POPUP)
+    widgets.popup(_POPUP, lambda: _ranges(session))
+
+
+def foot(session: Session, table: ObjectTable) -> bool:
+    """How many objects the filter lists, of what is looked for, and its end; False while off."""
+    listing = session.need().listing
+    kept = list_filter.kept(session, table, quality.column(session, table))
+    if kept is None:
+        return False
+    n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
+    text, search = f"{n_kept:,} of {n:,} objects", session.need().search
+    if search.text.strip():
+        n_kept = len(search.meant)
+        text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
+    widgets.text(text, theme.ACCENT if n_kept else theme.WARN)
+    imgui.same_line()
+    if widgets.small_icon("Clear filter", icons.CLOSE, hint="List all objects again"):
+        listing.filter = ListFilter()
+    return True
+
+
+def _ranges(session: Session) -> None:
+    """A range for each measure; what nothing is known of says why."""
+    table = session.objects()
+    measures = list_filter.measures(session, table, quality.column(session, table))
+    widgets.heading("List only objects with")
+    for measure, name, hint in _ROWS:
+        _range(session, table, (measure, name, hint), measures[measure])
+    imgui.dummy(imgui.ImVec2(0, em(0.2)))
+    listing = session.need().listing
+    why_not = "" if listing.filter.is_on else "Nothing is left out."
+    if widgets.button("Clear", why_not=why_not):
+        listing.filter = ListFilter()
+    imgui.same_line()
+    kept = int(np.count_nonzero(listing.filter.keeps(table, measures)))
+    widgets.dim(f"{kept:,} of {int((table.ids > 0).sum()):,} objects")
+
+
+def _range(
+    session: Session, table: ObjectTable, row: tuple[Measure, str, str], values: DoubleArray
+) -> None:
+    measure, name, hint = row
+    listing = session.need().listing
+    whole = list_filter.whole_range(table, measure, values)
+    why_not = _UNKNOWN.get(measure, "") if whole is None else ""
+    imgui.align_text_to_frame_padding()
+    widgets.dim(name)
+    imgui.same_line(em(6.5))
+    imgui.set_next_item_width(em(13))
+    imgui.begin_disabled(bool(why_not))
+    low, high = whole or (0.0, 1.0)
+    now = listing.filter.ranges.get(measure, (low, high))
+    wanted = _drag(measure, now, (low, high))
+    imgui.end_disabled()
+    widgets.tooltip(why_not or f"{hint}: drag, or double click and type")
+    if wanted is not None and not why_not:
+        listing.filter = listing.filter.within(measure, wanted, (low, high))
+
+
+def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
+    """Two numbers that are dragged; None while they stay."""
+    flags = imgui.SliderFlags_.always_clamp
+    low, high = whole
+    if measure == "splats":
+        speed = max((high - low) / 200, 0.2)
+        whole_numbers = imgui.drag_int_range2(
+            f"##{measure}", int(now[0]), int(now[1]), speed, int(low), int(high), "from %d",
+            "to %d", flags,
+        )  # fmt: skip
+        is_new, first, last = whole_numbers
+        return (float(first), float(last)) if is_new else None
+    is_share = measure in ("confidence", "quality")
+    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.3g")
+    speed = max((high - low) * scale / 200, 1e-6)
+    found = imgui.drag_float_range2(
+        f"##{measure}", now[0] * scale, now[1] * scale, speed, low * scale, high * scale,
+        f"from {form}", f"to {form}", flags,
+    )  # fmt: skip
+    return (found[1] / scale, found[2] / scale) if found[0] else None
+
 
 _HINT = "Find an object"
 _MENU = "More ways to find"
@@ -36,15 +137,10 @@ class SearchBoxState:
     hovered: int = 0  # group whose line is under the mouse
 
 
-def register(table: RequestTable, state: Callable[[], SearchBoxState], area: PictureArea) -> None:
-    """Answer Ctrl+F, and the search in the view of the moment."""
-
-    def focus(_: Session) -> None:
-        state().wants_keyboard = True  # at the next frame
-        imgui.set_window_focus("Objects")
-
-    table.register(Request.FIND, focus)
-    table.register(Request.FIND_IN_VIEW, lambda s: search_actions.find_here(s, area.size))
+def focus(state: SearchBoxState) -> None:
+    """Bring the keyboard to the box (Ctrl+F)."""
+    state.wants_keyboard = True  # at the next frame
+    imgui.set_window_focus("Objects")
 
 
 def draw(
@@ -58,7 +154,7 @@ def draw(
     search = document.search
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
-    list_filter.button(session)
+    button(session)
     search_actions.tick(session)
     if not search.text.strip():
         return False
@@ -98,7 +194,7 @@ def _box(
     imgui.same_line(0, em(0.2))
     if widgets.icon_button(_MENU, icons.MORE, hint="An index of pictures, a detector, names"):
         imgui.open_popup(_MENU)
-    _menu(session)
+    widgets.popup(_MENU, lambda: _menu(session))
 
 
 def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
@@ -123,16 +219,12 @@ def _enter() -> bool:
 
 
 def _menu(session: Session) -> None:
-    if not imgui.begin_popup(_MENU):
-        return
     imgui.push_text_wrap_pos(em(22))
     widgets.dim(search_actions.index_state(session), wrap=True)
     imgui.pop_text_wrap_pos()
     imgui.separator()
     for command_id in _ASKING:
         command_buttons.command_item(session, command_id)
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 # --- the answer
@@ -144,17 +236,13 @@ def _understood(session: Session, search: SearchState) -> None:
         widgets.dim("Looking at the objects…")
         return
     if search.sentence:
-        imgui.push_text_wrap_pos(0.0)
         widgets.dim(search.sentence, wrap=True)
-        imgui.pop_text_wrap_pos()
     if search.problem:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped(search.problem)
+        widgets.text(search.problem, theme.WARN, wrap=True)
     elif search.is_looking_up:
         widgets.dim("Looking the words up in the index…")
     if search.n_left_out and not search.hits:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped("The filter of the list leaves out all that fit.")
+        widgets.text("The filter of the list leaves out all that fit.", theme.WARN, wrap=True)
         return
     n = len(search.meant)
     wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
@@ -222,8 +310,8 @@ def _line(
         state.hovered = hit.group
     if clicked:
         _clicked(session, at)
-    object_picture.draw(session, table, row, corner, high)
-    object_picture.tooltip(session, table, row)
+    textures.draw(session, table, row, corner, high)
+    textures.tooltip(session, table, row)
     _color_edge(table, row, corner, high)
     left = corner.x + high + em(0.5)
     name = table.names[row]

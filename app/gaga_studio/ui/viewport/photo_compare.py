@@ -14,7 +14,7 @@ from gaga_studio.actions import photo_compare, split_view
 from gaga_studio.actions.photo_compare import PhotoPlacement
 from gaga_studio.session.session import Session
 from gaga_studio.session.view_state import PhotoCompareMode, Side
-from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 _SIDE = 2048  # longest side of the photo, pixels
@@ -64,7 +64,7 @@ def draw(
         text = _sides(session, compared, photo, place, whole, render_left(camera))
         owns = _line(session, place, corner, size)
     elif photo is not None and view.holds_photo:
-        _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        _image(textures.photo(session, photo.name, _SIDE), place)
         text = f"Photo {photo.name}"
     elif photo is not None:
         text = _difference(session, compared, photo, place)
@@ -135,7 +135,7 @@ def _photo_side(
 ) -> str:
     """A side that is a picture of the photo's size; what it says in words."""
     if side is Side.PHOTO:
-        is_there = _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        is_there = _image(textures.photo(session, photo.name, _SIDE), place)
         return "" if is_there else "Reading the photo…"
     truth, scene, images = split_view.truth_folder(session), session.scene, session.images
     folder = session.project.folder if session.project is not None else None
@@ -230,17 +230,9 @@ def _side(
 ) -> Side:
     """A drop-down of what a side can show; what cannot be shown says why."""
     imgui.set_next_item_width(width)
-    if not imgui.begin_combo(f"##{name}", _NAMES[current]):
-        return current
-    for side in choices:
-        reason = split_view.why_not(session, side)
-        imgui.begin_disabled(bool(reason))
-        if imgui.selectable(f"{_NAMES[side]}###{side}", side is current)[0]:
-            current = side
-        imgui.end_disabled()
-        widgets.tooltip(reason)
-    imgui.end_combo()
-    return current
+    why_not = {side: split_view.why_not(session, side) for side in choices}
+    shown = {side: _NAMES[side] for side in (*choices, current)}
+    return widgets.combo(name, shown, current, why_not)
 
 
 def _difference(

@@ -1,0 +1,368 @@
+"""The tables of docs/performance.md: the figures that a reader needs, and what is known of each.
+
+``python -m tests.bench --tables`` makes the tables from the record and writes them into the page,
+each under its heading. Values come from `record.json`; what they are measured on, whether that was
+used to choose anything, and their bars stand here and nowhere else on paper. A benchmark that
+measures a figure with another bar than its row says so (`other_bars`).
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.bench.figures import Figure
+from tests.bench.record import Record
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "performance.md"
+_HEAD = "| figure | value | bar | measured on | used to choose |\n|---|---|---|---|---|\n"
+
+
+@dataclass(frozen=True)
+class Data:
+    """What figures are measured on."""
+
+    said: str
+    used: str  # to choose a setting or a rule: "no", or for what; "–" for speed and memory
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table: one figure, or several with a slash between them."""
+
+    said: str
+    on: Data
+    figures: tuple[str, ...] = ()  # names in the record
+    bars: tuple[str, ...] = ()  # of each figure, as its benchmark has it; missing: none
+    unit: str = ""
+    factor: int = 1  # 100 shows a share in percent
+    once: tuple[float, ...] = ()  # values measured by hand, too long for the record
+
+    @property
+    def values(self) -> tuple[tuple[str, str], ...]:
+        """Name and bar of each figure."""
+        bars = (*self.bars, *("",) * (len(self.figures) - len(self.bars)))
+        return tuple(zip(self.figures, bars, strict=True))
+
+
+_QUALITY = Data("10 generated rooms and tables, seeds 11 to 15", "rooms 12 to 14")
+_SPARSE = Data("rooms and tables, seeds 11 and 12, 4 of 80 views", "room 12")
+_PARTS = Data("150 objects of parts, seeds 31 to 35", "looked at seed 31")
+_IDENTITY = Data("6 generated scenes, seeds 31 to 33", "no")
+_TABLE = Data("ycb_table, 8 held-out views", "yes")
+_CROWD = Data("ycb_crowd, 8 held-out views", "yes")
+_DEMO = Data("demo scene, 5 held-out views", "yes")
+_FOX, _SCEAUX = Data("fox", "no"), Data("sceaux", "no")
+_GARDEN, _YCB = Data("garden", "yes"), Data("ycb_table", "yes")
+_SPLATS, _HALL = Data("generated splats", "–"), Data("generated halls of boxes, seed 0", "–")
+_SMALL = Data("generated floor of 1,728 tiles, 768 masks a view", "no")
+_LANDSCAPE = Data("generated landscape", "–")
+
+_SCORES = ("IoU", "precision", "recall")
+_OBJECT_BARS = (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97")
+
+
+def _quality(said: str, variant: str) -> Row:
+    keys = (key.lower() for key in _SCORES)
+    return Row(said, _QUALITY, tuple(f"quality: {variant}, {key}" for key in keys))
+
+
+def _parts(said: str, variant: str, after: str = "", bar: str = "") -> Row:
+    names = tuple(f"parts: {variant}, {key.lower()}{after}" for key in _SCORES)
+    return Row(said, _PARTS, names, (bar,) * 3)
+
+
+def _real(preset: str, *bars: str) -> Row:
+    names = tuple(f"ycb_table: {preset}, {key.lower()}" for key in _SCORES)
+    return Row(preset, _TABLE, names, bars, factor=100)
+
+
+def _objects(scene: str, on: Data, *bars: str) -> Row:
+    keys = (*_SCORES, "recall at the best level")
+    return Row("whole objects", on, tuple(f"objects: {scene}, {k}" for k in keys), bars, factor=100)
+
+
+def _clicks(scene: str, on: Data) -> Row:
+    name = f"click: {scene}, clicks to IoU 0.9"
+    return Row("clicks to IoU 0.9", on, (name,), ("<= 3",))
+
+
+def _fill(kind: str, said: str, used: str) -> Row:
+    keys = ("gain in the hole", "least of it", "outside, mean", "outside, least")
+    names = tuple(f"fill: {kind}, {key}" for key in keys)
+    return Row("delete and fill", Data(said, used), names, (">= 6", "", ">= -0.05"))
+
+
+def _speed(said: str, name: str, bar: str = "", unit: str = "", on: Data = _SPLATS) -> Row:
+    return Row(said, on, (name,), (bar,), unit)
+
+
+def _hall(boxes: int, views: int, used: str) -> Row:
+    name = f"hall: {boxes} boxes, {views} views"
+    return Row(
+        f"{boxes:,} boxes in {views:,} views: precision / recall",
+        Data(_HALL.said, used),
+        (f"{name}: precision", f"{name}: recall"),
+        factor=100,
+    )
+
+
+TABLES: Mapping[str, Sequence[Row]] = {
+    "Objects from masks": [
+        Row(
+            "identities: vote / refined / 2,000 steps of training, IoU",
+            _IDENTITY,
+            tuple(
+                f"identity: held-out IoU, 6 scenes, {key}"
+                for key in ("vote", "refine", "2,000 steps from zeros")
+            ),
+        ),
+        _parts("paper", "paper, vote"),
+        _parts("robust", "robust, vote"),
+        _parts("robust less paper, worst seed", "robust over paper", ", worst seed", ">= 0"),
+        _parts("true label of every splat", "true labels"),
+        Row(
+            "robust, share of the IoU of true labels",
+            _PARTS,
+            ("parts: robust, IoU as a share of true labels'",),
+            (">= 0.95",),
+            factor=100,
+        ),
+        Row(
+            "paper, identities trained for 10,000 steps (earlier version)",
+            _PARTS,
+            once=(52.1, 76.9, 62.5),
+        ),
+        _quality("paper", "paper"),
+        _quality("robust", "robust"),
+        Row(
+            "robust less paper",
+            _QUALITY,
+            tuple(f"quality: robust over paper, {key}" for key in _SCORES),
+            (">= 10", ">= 30", ">= 10"),
+        ),
+        _quality("true label of every splat", "truth"),
+        Row(
+            "paper / robust, IoU",
+            _SPARSE,
+            ("sparse: paper, IoU with 5 % of them", "sparse: robust, IoU with 5 % of them"),
+        ),
+        _real("paper"),
+        _real("robust", ">= 0.9", ">= 0.8", ">= 1"),
+    ],
+    "Objects without a model": [
+        Row(
+            "whole objects, one draw each",
+            Data("generated objects of parts, seeds 1 and 2", "no"),
+            once=(63.9, 91.1, 76.4),
+        ),
+        _objects("room", Data("generated room, seed 0", "looked at")),
+        _objects("table", Data("generated table, seed 0", "looked at")),
+        _objects("contents", Data("generated bowls, rows of books, chairs, seed 0", "looked at")),
+        _objects("parts", Data("generated objects of parts, seed 0", "looked at")),
+        _objects("ycb_table", _TABLE, *_OBJECT_BARS),
+        _objects("ycb_crowd", _CROWD, *_OBJECT_BARS),
+        _objects("demo", _DEMO, ">= 0.65", ">= 0.50", "", ">= 0.97"),
+        Row("`gaga run` from 64 photos, third run", _CROWD, once=(88.3, 92.9, 96.3)),
+        Row(
+            "best region of each object, IoU: color / with depth",
+            _TABLE,
+            ("regions: ycb_table, color, best IoU", "regions: ycb_table, depth, best IoU"),
+            (">= 0.62", ">= 0.70"),
+            factor=100,
+        ),
+        _clicks("ycb_crowd", Data("27 objects of ycb_crowd", "no")),
+        _clicks("ycb_table", Data("16 objects of ycb_table", "yes")),
+        _clicks("demo", Data("48 objects of the demo scene", "a quarter of them")),
+        Row(
+            "objects selected whole by the first click: tool Pick / Object",
+            Data("26 objects of ycb_crowd", "yes"),
+            tuple(f"first click: ycb_crowd, tool {t}, selected whole" for t in ("Pick", "Object")),
+            (">= 20", ">= 20"),
+        ),
+    ],
+    "Holes filled": [
+        _fill("drawn", "6 drawn scenes, seeds 216 to 221", "no"),
+        _fill("demo, kept back", "5 objects of the demo scene, seeds 3 and 4", "no"),
+        _fill("solids", "8 generated solids, seeds 2 and 3", "yes"),
+        _fill("demo", "4 objects of the demo scene, seeds 1 and 2", "yes"),
+        _fill("ycb_crowd", "5 places of ycb_crowd, seed 2", "yes"),
+    ],
+    "Photos to splats": [
+        Row("12 photos, draft at 160 pixels, PSNR", _FOX, once=(24.9,), unit="dB"),
+        Row("8 photos, the same", _SCEAUX, once=(19.1,), unit="dB"),
+        Row("12 photos, the same", _YCB, once=(25.2,), unit="dB"),
+        Row("56 photos, 3,000 iterations at 320 pixels", _YCB, once=(34.5,), unit="dB"),
+        Row("161 photos: `standard` / `full`", _GARDEN, once=(26.8, 27.1), unit="dB"),
+        Row("half the size: classic / antialiased", _FOX, once=(25.0, 29.7), unit="dB"),
+        Row("photos placed, of 50", _FOX, once=(50,)),
+        Row("captures that do what they must, of 17", Data("`make captures`", "yes"), once=(17,)),
+    ],
+    "Many objects, many views": [
+        _hall(1000, 300, "looked at"),
+        _hall(4000, 1000, "no"),
+        _hall(250, 75, "yes"),
+        Row(
+            "4,000 to 1,000 boxes: time",
+            _HALL,
+            ("hall: 4000 boxes, 1000 views, to 1000, 300: time",),
+            ("<= 8",),
+            "times",
+        ),
+        Row(
+            "4,000 boxes: peak memory",
+            _HALL,
+            ("hall: 4000 boxes, 1000 views: peak memory",),
+            ("<= 4096",),
+            "MiB",
+        ),
+        Row(
+            "125 boxes, 40 to 5,000 views: largest miss of the best line",
+            _HALL,
+            ("hall: 125 boxes, 320x240: largest miss of the line",),
+            ("<= 0.1",),
+            "%",
+            100,
+        ),
+        Row(
+            "5,000 small views: precision / recall",
+            _SMALL,
+            (
+                "small views: 5000 of 768 masks: precision",
+                "small views: 5000 of 768 masks: recall",
+            ),
+            factor=100,
+        ),
+        Row(
+            "100 to 5,000 small views: largest miss of the best line",
+            _SMALL,
+            ("small views: largest miss of the line",),
+            ("<= 0.05",),
+            "%",
+            100,
+        ),
+        Row(
+            "a quarter of the views joins later: IoU less that of all at once, mean / worst",
+            Data("3 generated halls", "yes"),
+            (
+                "joining: 3 halls, a quarter of the views later, IoU, less that of all at once",
+                "joining: 3 halls, a quarter of the views later, the same, worst",
+            ),
+            (">= -1",),
+        ),
+    ],
+    "Speed and memory": [
+        _speed(
+            "association of a view, 1M splats, 54 masks",
+            "associate: a view at 1M, 54 masks, without depth",
+            "<= 60",
+            "CPU-ms",
+        ),
+        _speed("render 1M splats, 640 x 480", "raster: 1M, 640x480, render", "", "ms"),
+        _speed("error of the rasterizer", "raster: mean error against float64", "<= 1e-5"),
+        _speed(
+            "a pure-torch renderer, to ours",
+            "raster: pure-torch tile loop to that",
+            ">= 20",
+            "times",
+        ),
+        _speed("compile all kernels, once", "kernels: compile all, once", "<= 40", "CPU-s"),
+        _speed("open 4M splats, to numpy", "open 4M against numpy's columns", "<= 1.5", "times"),
+        _speed("click among 4M splats", "4M: click, CPU of all threads", "<= 50", "CPU-ms"),
+        _speed("depth sort of 3M", "3M: depth sort with cull, one thread", "<= 40", "CPU-ms"),
+        _speed(
+            "identities by vote, 40 views, 200k splats",
+            "identity: vote and fit, 40 views 640x480, 200k, 100 groups",
+            "",
+            "CPU-s",
+        ),
+        _speed(
+            "search 500 objects by words",
+            "query: 500 groups ranked by words",
+            "<= 50",
+            "CPU-ms",
+        ),
+        _speed(
+            "a step of training, 60k splats, degree 3",
+            "train: a step, 60k, 320x240, degree 3",
+            "<= 65",
+            "CPU-ms",
+        ),
+        Row("OpenSplat's step on a processor, to ours", _YCB, once=(4.6,), unit="times"),
+        _speed(
+            "window with 5,000 objects, a frame at rest",
+            "window, 5000 groups: at rest",
+            "<= 16",
+            "CPU-ms",
+        ),
+        _speed(
+            "10M splats: build the level of detail",
+            "10M: CPU to build the tree",
+            "<= 60",
+            "CPU-s",
+            _LANDSCAPE,
+        ),
+        _speed(
+            "a frame of 10M splats, to one of 1M",
+            "10M: CPU of a frame, per that of 1M",
+            "<= 1.3",
+            "times",
+            _LANDSCAPE,
+        ),
+        _speed(
+            "30M splats: peak memory",
+            "30M: peak of memory, textures included",
+            "<= 8192",
+            "MiB",
+            _LANDSCAPE,
+        ),
+    ],
+}
+
+
+def with_tables(page: str, record: Record) -> str:
+    """Return the page with the table under each heading made again from the record.
+
+    Raises ``KeyError`` for a figure that is not in the record, ``ValueError`` for a heading that is
+    not on the page.
+    """
+    values = {name: value for figures in record.values() for name, value in figures.items()}
+    for heading, rows in TABLES.items():
+        table = _HEAD + "".join(_line(row, values) for row in rows)
+        place = re.compile(rf"(^## {re.escape(heading)}\n[^|#]*)(^\|[^\n]*\n)+", re.M)
+        page, n = place.subn(lambda found, table=table: found[1] + table, page)  # type: ignore[misc]
+        if n != 1:
+            raise ValueError(f"{PAGE.name}: expected one table under {heading!r}, found {n}")
+    return page
+
+
+def other_bars(measured: Iterable[Figure]) -> list[str]:
+    """Names of figures that are measured with another bar than their row has."""
+    bars = {
+        name: bar for rows in TABLES.values() for row in rows for name, bar in row.values if bar
+    }
+    return [f.name for f in measured if f.bar and bars.get(f.name, f.bar) != f.bar]
+
+
+def _line(row: Row, values: Mapping[str, float]) -> str:
+    figures = [Figure(name, values[name], row.unit, bar) for name, bar in row.values]
+    shown = [_number(figure.value, row) for figure in figures] or [
+        f"{value:,}" for value in row.once
+    ]
+    value = " / ".join(shown) + f" {row.unit}".rstrip() + " †" * bool(row.once)
+    bar = " / ".join(_limit(figure, row) for figure in figures) if any(row.bars) else "–"
+    return f"| {row.said} | {value} | {bar} | {row.on.said} | {row.on.used} |\n"
+
+
+def _limit(figure: Figure, row: Row) -> str:
+    if not figure.bar:
+        return "–"
+    sign, limit = figure.bar.split()
+    said = f"{'≤' if sign == '<=' else '≥'} {float(f'{float(limit) * row.factor:.3g}'):,g}"
+    return said if figure.holds else f"{said} **missed**"
+
+
+def _number(value: float, row: Row) -> str:
+    if row.factor == 100:
+        return f"{100 * value:.1f}"
+    return f"{float(f'{value:.3g}'):,.10g}" if abs(value) < 1e4 else f"{value:,.0f}"
