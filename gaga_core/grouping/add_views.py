@@ -14,19 +14,14 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.associate import (
-    AssociateConfig,
-    Association,
-    BankSnapshot,
-)
+from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, fill_bank
 from gaga_core.grouping.memory_bank import (
     Decision,
     MemoryBank,
-    add_view,
     groups_of_masks,
     two_best,
     views_per_group,
@@ -40,14 +35,6 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, mapped, part
 from gaga_core.raster import for_many_views
 from gaga_core.raster.base import Rasterizer, SpatialChunks
-
-# --- New views of a scene that was associated: their masks join its groups, or open new ones.
-# Nothing of the former views is done again: their decisions stay in the memory bank's log, and
-# their votes count by the weight that was saved with the labels. Preset "paper": the bank goes on
-# as in section 3.2, as if the new views came last. Preset "robust": a mask takes the group that
-# most of its pixels show; masks of things that no former mask showed are left, and the consensus
-# of the new views finds the groups among them.
-
 
 STAGE = "Add views"
 _SEEN, _SEEN_SHARE = 0.5, 0.03  # of views: least votes of a Gaussian that a mask has shown
@@ -114,18 +101,13 @@ def _by_memory_bank(
     gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
 ) -> Stage[tuple[MemoryBank, Votes, FloatArray]]:
     """The paper: the bank after the new views, the votes, and those (N,) that they began with."""
-    bank = former.bank
-    for i, camera in enumerate(gated.views):
-        gated.render(camera, rasterizer)
-        masks, mask_of = gated.gaussians_of(camera)
-        bank, _ = add_view(bank, camera.name, masks.ids, mask_of, config.threshold)
-        snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
-        yield Progress(STAGE, i, 2 * len(gated.views), camera.name, snapshot)
+    filled = fill_bank(gated, former.bank, gated.views, rasterizer, config.threshold, STAGE)
+    bank = yield from part(filled, 0, 2, STAGE)
     best = former.confidence * former.weight
     sums = VoteSums.started(former.labels, best, bank.n_groups, config.histogram_bytes)
     vote = vote_with_bank(gated, bank, rasterizer, config.histogram_bytes, sums)
     votes = yield from part(vote, 1, 2, STAGE)
-    return replace(bank, log=tuple(bank.log)), votes, best
+    return bank, votes, best
 
 
 def _by_shown_groups(
@@ -159,7 +141,8 @@ def _by_shown_groups(
         own, known = gated.masks_of(camera), tables[camera.name].tocoo()
         rows, columns, counts = known.row, known.col, known.data
         if camera.name in fresh:
-            row_of = np.append(0, np.searchsorted(own.ids, _add_views_ids(left[camera.name])))
+            # Ids of the masks that are left, ascending from 0: their rows among all masks.
+            row_of = np.searchsorted(own.ids, np.union1d([0], left[camera.name]))
             new = fresh[camera.name].tocoo()
             rows = np.append(rows, row_of[new.row])
             columns, counts = np.append(columns, n_former + new.col), np.append(counts, new.data)
@@ -212,10 +195,8 @@ def _seen_labels(
     n_seeing = np.zeros(len(most), np.int32)
     for i, camera in enumerate(gated.views):
         yield Progress(STAGE, i, len(gated.views), f"what {camera.name} shows")
-        weight = np.zeros_like(most)
-        rasterizer.vote(
-            gated.gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
-        )
+        weight, whole = np.zeros_like(most), np.zeros((camera.height, camera.width), np.int32)
+        rasterizer.vote(gated.gaussians, camera, whole, weight)
         np.maximum(most, weight, out=most)
         n_seeing += weight[:, 0] > 0
     n_former = len({decision.view for decision in former.bank.log})
@@ -260,12 +241,6 @@ def _pixels(labels: IntArray, shown: IntArray, n_masks: int, n_groups: int) -> L
     return counts.reshape(n_masks + 1, n_groups + 1).astype(np.int64)
 
 
-def _add_views_ids(labels: IntArray) -> IntArray:
-    """Ids of the masks of a label map, ascending."""
-    ids = np.unique(labels)
-    return ids[ids > 0].astype(np.int32)
-
-
 def _new_groups(
     gated: GatedViews,
     left: Mapping[str, IntArray],
@@ -290,25 +265,13 @@ def _decided(
     opened: set[int] = set()
     for camera in gated.views:
         masks, mask_of = gated.gaussians_of(camera)
-        found = Leaders.of(tables[camera.name])
-        total = np.maximum(found.total, 1)
-        n_gaussians = np.bincount(mask_of, minlength=len(masks) + 1)
-        for m in range(1, len(masks) + 1):
-            group = int(found.first[m])
+        said = Leaders.of(tables[camera.name]).by_mask(masks.ids)
+        n_gaussians = np.bincount(mask_of, minlength=len(masks) + 1).tolist()
+        for mask, n in zip(masks.ids[1:].tolist(), n_gaussians[1:], strict=True):
+            group, share, second, rival = said[mask]
             is_new = group > bank.n_groups and group not in opened
             opened.add(group)
-            log.append(
-                Decision(
-                    view=camera.name,
-                    mask=int(masks.ids[m]),
-                    group=group,
-                    is_new=is_new,
-                    overlap=float(found.n_first[m] / total[m]),
-                    runner_up=int(found.second[m]),
-                    runner_up_overlap=float(found.n_second[m] / total[m]),
-                    n_gaussians=int(n_gaussians[m]),
-                )
-            )
+            log.append(Decision(camera.name, mask, group, is_new, share, second, rival, n))
     return replace(bank, n_groups=bank.n_groups + n_fresh, log=tuple(log))
 
 
@@ -368,7 +331,9 @@ def add_to_edited_stage(
     known = {decision.view for decision in edited.bank.log}
     former_views = [c for c in views_with_masks(cameras, masks) if c.name in known]
     weight = yield from part(_weights(gaussians, former_views, masks, rasterizer), 0, 2, STAGE)
-    ids = _add_to_edited_ids(edited)
+    of_masks = [np.array([(d.group, d.runner_up) for d in edited.bank.log], np.int64).ravel()]
+    used = np.concatenate([edited.labels, edited.bank.group, [0], *of_masks])
+    ids = np.unique(used[used >= 0]).astype(np.int32)  # there may be large gaps
     row = np.zeros(int(ids[-1]) + 1, np.int32)
     row[ids] = np.arange(len(ids), dtype=np.int32)
     own = edited.confidence
@@ -379,7 +344,17 @@ def add_to_edited_stage(
         weight,
     )
     added = add_views_stage(gaussians, cameras, masks, former, rasterizer, config)
-    added = mapped(added, lambda step: _with_ids(step, ids, edited.free))
+
+    def with_ids(step: Progress) -> Progress:
+        """A step on the way, whose bank has the ids of the scene."""
+        shown = step.payload
+        if not isinstance(shown, BankSnapshot):
+            return step
+        back = _all_ids(ids, edited.free, shown.bank.n_groups)
+        bank = _renumbered(shown.bank, back, int(back[-1]))
+        return replace(step, payload=replace(shown, bank=bank, keeps_ids=True))
+
+    added = mapped(added, with_ids)
     found = yield from part(added, 1, 2, STAGE)
     back = _all_ids(ids, edited.free, found.bank.n_groups)
     n_groups = max(edited.bank.n_groups, int(back[-1]))
@@ -396,16 +371,6 @@ def add_to_edited_stage(
     )
 
 
-def _with_ids(step: Progress, ids: IntArray, free: int) -> Progress:
-    """A step on the way, whose bank has the ids of the scene."""
-    shown = step.payload
-    if not isinstance(shown, BankSnapshot):
-        return step
-    back = _all_ids(ids, free, shown.bank.n_groups)
-    bank = _renumbered(shown.bank, back, int(back[-1]))
-    return replace(step, payload=replace(shown, bank=bank, keeps_ids=True))
-
-
 def _weights(
     gaussians: Gaussians, views: Sequence[Camera], masks: MaskSet, rasterizer: Rasterizer
 ) -> Stage[FloatArray]:
@@ -416,15 +381,6 @@ def _weights(
         labelled = load_labels(masks, camera)[0] > 0
         rasterizer.vote(gaussians, camera, np.where(labelled, 0, -1).astype(np.int32), weight)
     return weight[:, 0]
-
-
-def _add_to_edited_ids(edited: EditedGroups) -> IntArray:
-    """All ids in use, ascending, with 0: there may be large gaps."""
-    of_masks = np.array([d.group for d in edited.bank.log], np.int64)
-    runners = np.array([d.runner_up for d in edited.bank.log], np.int64)
-    parts: list[AnyArray] = [edited.labels, edited.bank.group, of_masks, runners, np.zeros(1)]
-    ids = np.unique(np.concatenate([np.unique(part) for part in parts]))
-    return ids[ids >= 0].astype(np.int32)
 
 
 def _all_ids(ids: IntArray, free: int, n_groups: int) -> IntArray:

@@ -6,13 +6,12 @@ from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.gate import GateConfig, ViewMasks
+from gaga_core.grouping.gate import GateConfig
 from gaga_core.grouping.memory_bank import (
     MemoryBank,
     Preset,
@@ -28,7 +27,7 @@ from gaga_core.grouping.robust.label_masks import (
     voting_labels,
 )
 from gaga_core.grouping.robust.surface_graph import SurfaceConfig, follow_surfaces
-from gaga_core.grouping.robust.surface_points import DepthMaps, point_tables
+from gaga_core.grouping.robust.surface_points import DepthMaps, PointTables, point_tables
 from gaga_core.grouping.surfaces.given import levels_around_stage
 from gaga_core.grouping.surfaces.objects import HierarchyConfig, objects_stage
 from gaga_core.grouping.views import (
@@ -169,12 +168,6 @@ class _Task:
         keeps_depths = config.consensus is not None or config.hierarchy is not None
         self.depths = DepthMaps(gated.views) if keeps_depths else None
 
-    def gaussians_of(self, camera: Camera) -> tuple[ViewMasks, IntArray]:
-        """The masks of a view, and the mask (N,) that each Gaussian lies behind, 0 = none."""
-        if camera.name not in self.gated.bounds:
-            self.gated.render(camera, self.rasterizer, self.depths)
-        return self.gated.gaussians_of(camera)
-
 
 def associate_stage(
     gaussians: Gaussians,
@@ -189,7 +182,7 @@ def associate_stage(
     Each view costs one depth map and one pass over the Gaussians; masks are loaded one view at a
     time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
     adds what `AssociateConfig` says. Where no model made the masks, it finds objects by their
-    surfaces (`grouping.hierarchy`), and the bank has levels of detail. The progress after a view
+    surfaces (`grouping.surfaces`), and the bank has levels of detail. The progress after a view
     carries a `BankSnapshot`.
     Raises ``GagaError`` when there is nothing to associate.
     """
@@ -211,8 +204,7 @@ def _by_memory_bank(task: _Task) -> Stage[Association]:
     """The paper: the memory bank decides each mask once, view after view."""
     n_parts = 2 + (task.config.order == "coverage")
     # Section 3.2, "Gaussians of a mask" and "Memory bank": depth gate, then overlap, mask by mask.
-    order = yield from _ordered_views(task, n_parts)
-    bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
+    bank = yield from _first_bank(task, n_parts)
     # Fig. 2: every mask shows its group's id. Pixels vote for the Gaussians that they show; one
     # that no mask shows keeps the group that the bank has it in.
     vote = vote_with_bank(task.gated, bank, task.rasterizer, task.config.histogram_bytes)
@@ -230,26 +222,23 @@ def _by_consensus(task: _Task, consensus: ConsensusConfig, depths: DepthMaps) ->
     hierarchy = task.config.hierarchy if has_further(task.masks, task.views) else None
     n_parts = 5 + (task.config.order == "coverage") + task.config.fill_unseen
     n_parts += hierarchy is not None
-    parts = iter(range(task.config.order == "coverage", n_parts))
+    parts = iter(range(1 + (task.config.order == "coverage"), n_parts))
     # 1. The paper's bank, the views with the widest coverage first.
-    order = yield from _ordered_views(task, n_parts)
-    first_bank = yield from part(_fill_bank(task, order), next(parts), n_parts, STAGE)
+    first_bank = yield from _first_bank(task, n_parts)
     # 2. Points on the surfaces are clustered by how many views show them in one mask; each mask
     #    takes the group of most of its points.
     stage = consensus_stage(task.views, task.gated.masks_of, depths, consensus)
     tables = yield from part(stage, next(parts), n_parts, STAGE)
-    points = tables.by_name(task.names)
-    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
-    decided = decide_masks(first_bank, points, ids)
+    decided = _decided(task, first_bank, tables)
     del first_bank  # its log is as long as the new one
     # 3. Masks of one group vote for Gaussians.
-    sums = VoteSums.empty(len(task.gaussians), points.tables.width - 1, task.config.histogram_bytes)
-    vote = _vote_by_points(task, consensus, points, sums)
+    sums = VoteSums.empty(len(task.gaussians), tables.width - 1, task.config.histogram_bytes)
+    vote = _vote_by_points(task, consensus, tables, sums)
     votes = yield from part(vote, next(parts), n_parts, STAGE)
     # 4. Masks that hold several groups vote, too, divided by the labels that there are now.
     divide = next(parts)
     if any(len(merged_masks(table, consensus)) > 0 for table in tables):
-        again = _vote_by_points(task, consensus, points, sums, votes.labels)
+        again = _vote_by_points(task, consensus, tables, sums, votes.labels)
         votes = yield from part(again, divide, n_parts, STAGE)
     # 5. Gaussians that no mask labels: what the gate or the surfaces say of them.
     labels = votes.labels
@@ -277,16 +266,14 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
     of the samples that it shows.
     """
     n_parts = 2 + (task.config.order == "coverage")
-    order = yield from _ordered_views(task, n_parts)
-    first_bank = yield from part(_fill_bank(task, order), n_parts - 2, n_parts, STAGE)
+    first_bank = yield from _first_bank(task, n_parts)
     further = partial(load_further, task.masks)
     stage = objects_stage(task.gaussians, task.views, task.gated.masks_of, further, depths, config)
     found = yield from part(stage, n_parts - 1, n_parts, STAGE)
     levels = found.levels
     labels = levels.labels[levels.chosen]
-    ids = {camera.name: task.gated.masks_of(camera).ids for camera in task.views}
-    tables = point_tables(found.regions, found.groups, [len(ids[name]) for name in task.names])
-    decided = decide_masks(first_bank, tables.by_name(task.names), ids)
+    sizes = [len(task.gated.masks_of(camera)) + 1 for camera in task.views]
+    decided = _decided(task, first_bank, point_tables(found.regions, found.groups, sizes))
     bank = replace(
         decided,
         group=np.where(labels > 0, labels, np.int32(-1)),
@@ -320,32 +307,51 @@ def _association(
 # --- steps of both paths
 
 
-def _ordered_views(task: _Task, n_parts: int) -> Stage[Sequence[Camera]]:
-    """The views by name, or those with most Gaussians behind their masks first (part 0)."""
-    if task.config.order == "name":
-        return task.views
-    return (yield from part(_widest_first(task), 0, n_parts, STAGE))
+def _first_bank(task: _Task, n_parts: int) -> Stage[MemoryBank]:
+    """The paper's memory bank after all views, by name, or those with most Gaussians behind their
+    masks first (which is part 0 of the progress)."""
+    order, by_name = task.views, task.config.order == "name"
+    if not by_name:
+        order = yield from part(_widest_first(task), 0, n_parts, STAGE)
+    bank = MemoryBank.empty(len(task.gaussians), task.config.preset)
+    filled = fill_bank(
+        task.gated, bank, order, task.rasterizer, task.config.threshold, STAGE, task.depths
+    )
+    return (yield from part(filled, 0 if by_name else 1, n_parts, STAGE))
 
 
-def _widest_first(task: _Task) -> Stage[Sequence[Camera]]:
+def _widest_first(task: _Task) -> Stage[tuple[Camera, ...]]:
     coverage = {}
     for i, camera in enumerate(task.views):
-        mask_of = task.gaussians_of(camera)[1]
+        mask_of = task.gated.rendered(camera, task.rasterizer, task.depths)[1]
         coverage[camera.name] = int((mask_of > 0).sum())
         yield Progress(STAGE, i + 1, len(task.views), f"coverage of {camera.name}")
-    return sorted(task.views, key=lambda camera: -coverage[camera.name])
+    return tuple(sorted(task.views, key=lambda camera: -coverage[camera.name]))
 
 
-def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
-    """The memory bank after all views, taken in this order."""
-    bank = MemoryBank.empty(len(task.gaussians), task.config.preset)
+def fill_bank(
+    gated: GatedViews,
+    bank: MemoryBank,
+    order: Sequence[Camera],
+    rasterizer: Rasterizer,
+    threshold: float,
+    title: str,  # of the progress
+    depths: DepthMaps | None = None,  # of views that are rendered are kept here
+) -> Stage[MemoryBank]:
+    """The memory bank after some more views in this order (section 3.2); each step carries a
+    `BankSnapshot`."""
     for i, camera in enumerate(order):
-        masks, mask_of = task.gaussians_of(camera)
-        bank, _ = add_view(bank, camera.name, masks.ids, mask_of, task.config.threshold)
+        masks, mask_of = gated.rendered(camera, rasterizer, depths)
+        bank, _ = add_view(bank, camera.name, masks.ids, mask_of, threshold)
         snapshot = BankSnapshot(camera.name, bank, bank.n_groups)
-        message = f"{camera.name}: {bank.n_groups} groups"
-        yield Progress(STAGE, i + 1, len(order), message, snapshot)
-    return replace(bank, log=tuple(bank.log))
+        yield Progress(title, i + 1, len(order), f"{camera.name}: {bank.n_groups} groups", snapshot)
+    return bank
+
+
+def _decided(task: _Task, bank: MemoryBank, tables: PointTables) -> MemoryBank:
+    """The bank with each mask in the group of most of the points that it shows."""
+    ids = [task.gated.masks_of(camera).ids for camera in task.views]
+    return decide_masks(bank, task.names, tables, ids)
 
 
 # --- steps of the consensus alone
@@ -354,15 +360,16 @@ def _fill_bank(task: _Task, order: Sequence[Camera]) -> Stage[MemoryBank]:
 def _vote_by_points(
     task: _Task,
     consensus: ConsensusConfig,
-    tables: Mapping[str, csr_matrix],  # by view: (M + 1, G + 1) points of each group in each mask
+    tables: PointTables,  # points of each group in each mask
     sums: VoteSums,  # added to
     first: IntArray | None = None,  # (N,) labels by which merged masks are divided
 ) -> Stage[Votes]:
     """Labels per Gaussian by vote of the masks with their points' groups: at first of those with
     one group, then, with ``first``, of the merged ones too."""
+    place = {name: v for v, name in enumerate(task.names)}
 
     def label_map(camera: Camera) -> IntArray:
-        table, masks = tables[camera.name], task.gated.masks_of(camera)
+        table, masks = tables[place[camera.name]], task.gated.masks_of(camera)
         merged = merged_masks(table, consensus)
         if first is None:
             return voting_labels(masks, table, merged)

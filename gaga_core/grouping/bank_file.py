@@ -41,12 +41,18 @@ def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
     arrays = {"log_by_hand": np.zeros(n_log, np.bool_), **arrays}  # older banks have no such column
     columns = [arrays[f"log_{name}"].tolist() for name in _COLUMNS]
     log = tuple(Decision(*row) for row in zip(*columns, strict=True))
+    levels = None
+    if "levels" in arrays:
+        labels = np.ascontiguousarray(arrays["levels"], np.int32)
+        if labels.shape[1:] != arrays["group"].shape:
+            raise ValueError(f"levels: {labels.shape} is not of {arrays['group'].shape} Gaussians")
+        levels = Levels(labels, int(arrays["levels_chosen"]), int(arrays["levels_background"]))
     return MemoryBank(
         np.ascontiguousarray(arrays["group"], np.int32),
         int(arrays["n_groups"]),
         log,
-        preset=_preset_of(str(arrays["preset"])) if "preset" in arrays else _guessed_preset(log),
-        levels=_levels_of(arrays) if "levels" in arrays else None,
+        preset=_preset_of(arrays, log),
+        levels=levels,
     )
 
 
@@ -59,26 +65,17 @@ def bank_digest(bank: MemoryBank) -> str:
     return state.hexdigest()
 
 
-def _levels_of(arrays: dict[str, AnyArray]) -> Levels:
-    labels = np.ascontiguousarray(arrays["levels"], np.int32)
-    if labels.shape[1:] != arrays["group"].shape:
-        raise ValueError(f"levels: {labels.shape} does not fit {arrays['group'].shape} Gaussians")
-    return Levels(labels, int(arrays["levels_chosen"]), int(arrays["levels_background"]))
-
-
-def _preset_of(name: str) -> Preset:
+def _preset_of(arrays: dict[str, AnyArray], log: Sequence[Decision]) -> Preset:
+    """The preset of a bank. Version 0.1.0 did not store it, but the order of the views tells it:
+    "paper" takes them by name, "robust" those with the widest coverage first."""
+    if "preset" not in arrays:
+        views = list(dict.fromkeys(decision.view for decision in log))
+        return "paper" if views == sorted(views) else "robust"
     presets: tuple[Preset, ...] = get_args(Preset)
     for preset in presets:
-        if preset == name:
+        if preset == str(arrays["preset"]):
             return preset
-    raise ValueError(f"preset: {name!r} is none of {presets}")
-
-
-def _guessed_preset(log: Sequence[Decision]) -> Preset:
-    """The preset of a bank of version 0.1.0, which did not store it, from the order of the views:
-    "paper" takes them by name, "robust" those with the widest coverage first."""
-    views = list(dict.fromkeys(decision.view for decision in log))
-    return "paper" if views == sorted(views) else "robust"
+    raise ValueError(f"preset: {arrays['preset']} is none of {presets}")
 
 
 def save_bank(path: Path, bank: MemoryBank) -> None:

@@ -1,6 +1,5 @@
 """How a saved memory bank grew: which Gaussians each view gave to which group (figure 2)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -11,13 +10,10 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.gate import gaussians_of_masks, open_bounds
 from gaga_core.grouping.gate_kernels import take_free
-from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.views import GatedViews
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
-
-# --- How a saved memory bank grew: which Gaussians each view gave to which group (figure 2).
-
 
 STAGE = "Replay the memory bank"
 
@@ -77,11 +73,11 @@ def growth_stage(
         if camera is None:
             raise GagaError(f"{view} has no masks any more. Choose the masks of this bank.")
         yield Progress(STAGE, i, len(by_view), view)
-        if view not in gated.bounds:
-            gated.render(camera, rasterizer)
-        masks, mask_of = gated.gaussians_of(camera)
+        masks, mask_of = gated.rendered(camera, rasterizer)
         was_free = group < 0
-        take_free(mask_of, _groups_of(masks.ids, decisions), group)
+        group_of = {decision.mask: decision.group for decision in decisions} | {0: 0}
+        of_mask = [group_of.get(mask, 0) for mask in masks.ids.tolist()]
+        take_free(mask_of, np.array(of_mask, np.int32), group)
         taken_at[was_free & (group >= 0)] = i + 1
         known |= {decision.group for decision in decisions if decision.group > 0}
         n_decisions.append(n_decisions[-1] + len(decisions))
@@ -94,13 +90,6 @@ def growth_stage(
         taken_at=taken_at,
         labels=labels.astype(np.int32),
     )
-
-
-def _groups_of(ids: IntArray, decisions: Sequence[Decision]) -> IntArray:
-    """Group (M + 1,) of each mask of a view, 0 for one that the log does not know."""
-    group_of = {decision.mask: decision.group for decision in decisions}
-    group_of[0] = 0
-    return np.array([group_of.get(int(mask), 0) for mask in ids], np.int32)
 
 
 # --- The Gaussians of one mask with the depth gate and without it (figure 3), and whose they are.

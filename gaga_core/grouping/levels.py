@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray, LongArray, check_shape
+from gaga_core.arrays import IntArray, LongArray, check_shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +103,3 @@ def _of_largest(cluster: LongArray, labels: IntArray) -> IntArray:
     result = np.zeros_like(labels)
     result[known] = name[cluster[known]]
     return result
-
-
-def agreement_of(groups: IntArray, chosen: IntArray) -> FloatArray:
-    """Share (N,) of the neighbours' groups (N, k) that are the chosen one (N,)."""
-    share: FloatArray = (groups == chosen[:, None]).mean(axis=1).astype(np.float32)
-    return share

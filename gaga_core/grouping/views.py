@@ -1,6 +1,7 @@
 """The views that take part in an association, and their label maps."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,8 +23,6 @@ from gaga_core.grouping.votes import Votes, VoteSums, associated_labels
 from gaga_core.masks import MaskSet, resize_labels
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer, SpatialChunks
-
-# --- The views that take part in an association, and their label maps.
 
 
 def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:
@@ -71,29 +70,21 @@ def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:
 DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
 
 
+@dataclass(frozen=True, eq=False)
 class GatedViews:
     """Views with their masks, and the depths that each mask accepts once `render` has found them.
 
     Of a depth map only the interval of each mask stays; label maps are loaded when they are needed.
     """
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        views: Sequence[Camera],  # all with masks
-        masks: MaskSet,
-        gate: GateConfig,
-        depth: DepthKind,
-        chunks: SpatialChunks | None = None,  # of the Gaussians: finds those that a view may show
-    ) -> None:
-        self.gaussians = gaussians
-        self.views = tuple(views)
-        self.masks = masks
-        self.gate = gate
-        self.depth = depth
-        self.chunks = chunks
-        self.bounds: dict[str, DoubleArray] = {}  # by view: (M + 1, 2) accepted depths
-        self.resized: set[str] = set()  # views whose label maps had another size than the camera
+    gaussians: Gaussians
+    views: Sequence[Camera]  # all with masks
+    masks: MaskSet
+    gate: GateConfig
+    depth: DepthKind
+    chunks: SpatialChunks | None = None  # of the Gaussians: finds those that a view may show
+    bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view: (M + 1, 2) of its masks
+    resized: set[str] = field(default_factory=set)  # views whose maps had another size
 
     def render(
         self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
@@ -113,6 +104,14 @@ class GatedViews:
         if depths is not None:
             depths.add(camera.name, depth, frame.alpha, self.gate.alpha_min)
         self.bounds[camera.name] = depth_bounds(masks, depth, frame.alpha, self.gate)
+
+    def rendered(
+        self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
+    ) -> tuple[ViewMasks, IntArray]:
+        """`gaussians_of`, after `render` where the view has not been rendered yet."""
+        if camera.name not in self.bounds:
+            self.render(camera, rasterizer, depths)
+        return self.gaussians_of(camera)
 
     def masks_of(self, camera: Camera) -> ViewMasks:
         """The masks of a view, ids made dense."""
@@ -137,15 +136,12 @@ class GatedViews:
 
     def only(self, views: Sequence[Camera]) -> "GatedViews":
         """Some of the views; what is known and becomes known of them is shared."""
-        some = GatedViews(self.gaussians, views, self.masks, self.gate, self.depth, self.chunks)
-        some.bounds, some.resized = self.bounds, self.resized
-        return some
+        return replace(self, views=views)
 
     def notes(self, n_cameras: int, *, wants_levels: bool) -> tuple[str, ...]:
         """Sentences for the user about the views, of ``n_cameras`` that there are."""
         n_views, notes = len(self.views), []
-        has_levels = self.masks.are_regions or has_further(self.masks, self.views)
-        if wants_levels and not has_levels:
+        if wants_levels and not self.masks.are_regions and not has_further(self.masks, self.views):
             notes.append("These masks have no levels: the detail has no effect.")
         if n_views < n_cameras:
             notes.append(

@@ -22,16 +22,12 @@ VOID_BELOW = 0.3  # summed weight under which a pixel shows no group
 LabelMap = Callable[[Camera], IntArray]  # (H, W) at the camera's size; 0 = none
 
 
-def _memory() -> int:
-    """Bytes of this machine's memory; 4 GiB where the system does not say."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return 4 << 30
-
-
+try:
+    _MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")  # bytes of this machine
+except (AttributeError, ValueError, OSError):  # the system does not say
+    _MEMORY = 4 << 30
 # A table within it takes all labels of every Gaussian: 480,000 Gaussians and 260 groups.
-HISTOGRAM_BYTES = min(1 << 29, _memory() // 4)
+HISTOGRAM_BYTES = min(1 << 29, _MEMORY // 4)
 _BLOCK = 1 << 16  # Gaussians whose argmax is taken at a time, so that temporaries stay small
 
 

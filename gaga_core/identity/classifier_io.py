@@ -6,6 +6,7 @@ the state of a torch ``Conv2d(16, K, 1)``.
 
 import pickle
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -44,15 +45,7 @@ def with_encodings(gaussians: Gaussians, encodings: FloatArray) -> Gaussians:
     check_shape("encodings", encodings, (len(gaussians), D), np.float32)
     others = {name: column for name, column in gaussians.extra.items() if name not in COLUMNS}
     codes = {name: np.ascontiguousarray(encodings[:, c]) for c, name in enumerate(COLUMNS)}
-    return Gaussians(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.log_scales,
-        gaussians.logit_opacities,
-        gaussians.sh,
-        MappingProxyType(others | codes),
-        gaussians.comments,
-    )
+    return replace(gaussians, extra=MappingProxyType(others | codes))
 
 
 def read_classifier(path: Path) -> tuple[FloatArray, FloatArray]:
@@ -99,10 +92,7 @@ def write_classifier(path: Path, weight: FloatArray, bias: FloatArray) -> None:
 
     check_shape("weight", weight, ("K", D), np.float32)
     check_shape("bias", bias, (len(weight),), np.float32)
-    state = {
-        "weight": torch.tensor(weight.reshape(-1, D, 1, 1)),
-        "bias": torch.tensor(bias),
-    }
+    state = {"weight": torch.tensor(weight.reshape(-1, D, 1, 1)), "bias": torch.tensor(bias)}
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         torch.save(state, file)
 

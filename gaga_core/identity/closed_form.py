@@ -74,12 +74,6 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return result
 
 
-# --- Mode "vote": identity encodings in closed form, without training.
-# The label that the associated masks vote for is the least-squares optimum of the splatted label
-# map (see `votes`); a code book turns labels into encodings and a layer that decode to them
-# exactly. `fit` then adjusts the encodings to the pictures without touching the labels.
-
-
 _BLOCK = 1 << 16  # rows of the majority at a time: temporaries are (rows, k, k)
 
 
@@ -170,8 +164,7 @@ def _seen(
         rasterizer.vote(
             gaussians, camera, np.zeros((camera.height, camera.width), np.int32), weight
         )
-    seen: BoolArray = weight[:, 0] > 0
-    return seen
+    return weight[:, 0] > 0
 
 
 def _ask_neighbours(

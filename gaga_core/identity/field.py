@@ -49,11 +49,6 @@ def encoding_colors(encodings: FloatArray) -> UInt8Array:
     return colors
 
 
-# --- Identity encodings (section 3.3): a code per Gaussian, and the linear layer that reads it.
-# A rendered encoding is F = sum w_i e_i, without background and without normalisation, as the
-# published code blends it; its label is the argmax of the layer, its probability the softmax.
-
-
 FILE = "identity.npz"  # in the work folder of a scene
 _BLOCK = 1024  # rows whose scores are held at a time by a thread
 _CURE = "Lift the groups again."
@@ -119,6 +114,24 @@ class Identity:
         n = len(self.field.encodings)
         check_shape("labels", self.labels, (n,), np.int32)
         check_shape("confidence", self.confidence, (n,), np.float32)
+
+
+@dataclass(frozen=True)
+class LiftFigures:
+    """What a mode counted and measured; None where it has no such figure."""
+
+    from_bank: int | None = None  # Gaussians labelled by the memory bank alone
+    from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours
+    max_cosine: float | None = None  # of the two closest codes
+    sweeps: int | None = None  # of the fit to the vote; 0 = the vote was not improved
+    rows: int | None = None  # sampled pixels fitted to or trained on
+    steps: int | None = None
+    best_step: int | None = None  # refine: 0 = the vote was not improved
+    resumed_at: int | None = None  # paper: step that the run went on from
+    accuracy_before: float | None = None  # right pixels, held out
+    accuracy: float | None = None  # vote, refine: held out; paper: of the last views trained on
+    loss_before: float | None = None  # refine: nats, held out; paper: over ln(classes)
+    loss: float | None = None
 
 
 def _copied(array: FloatArray) -> FloatArray:

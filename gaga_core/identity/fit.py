@@ -16,10 +16,10 @@ pictures have the most right pixels there.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
@@ -60,15 +60,6 @@ class Fitted:
     after: float
 
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """Rows of a view, and what they sum to."""
-
-    batch: Batch
-    sums: FloatArray  # (P, 1)
-    shares: FloatArray  # (P, 1) 1 / sums
-
-
 def fit_identity(
     gaussians: Gaussians,
     start: ClosedForm,
@@ -93,16 +84,39 @@ def fit_identity(
     field = best_field = start.identity.field
     before = best = _accuracy(field, tests)
     best_sweep = 0
-    codes = np.ascontiguousarray(start.codes)
-    sweeps = _sweep([_summed(batch) for batch in kept], codes, start.identity.labels, config)
-    for progress in sweeps:
-        yield progress
-        if isinstance(progress.payload, _Look):
-            state = progress.payload
-            field = replace(field, encodings=state.encodings)
+    # SIRT from the codes of the labels: what rows lack, divided by their sums, goes back to the
+    # Gaussians, divided by the sums of their columns.
+    codes, labels = np.ascontiguousarray(start.codes), np.ascontiguousarray(start.identity.labels)
+    encodings = np.ascontiguousarray(codes[labels])
+    sums, columns = [], np.zeros(len(encodings), np.float64)
+    for batch in kept:
+        weights = batch.rows.by_pixel
+        columns += np.bincount(weights.indices, weights.weights, len(encodings))
+        owner = np.repeat(np.arange(len(batch.rows)), np.diff(weights.indptr))
+        of_rows = np.bincount(owner, weights.weights, len(batch.rows)).astype(np.float32)
+        sums.append(of_rows[:, None])
+    shares = [(1 / np.maximum(of_rows, _TINY)).astype(np.float32) for of_rows in sums]
+    scale = (1 / np.maximum(columns, _TINY)).astype(np.float32)[:, None]
+    step, back = np.empty_like(encodings), np.empty_like(encodings)
+    total = config.sweeps * len(kept)
+    for sweep in range(1, config.sweeps + 1):
+        step[:] = 0
+        for i, batch in enumerate(kept):
+            yield Progress(STAGE, (sweep - 1) * len(kept) + i, total)
+            rows = batch.rows
+            residual = sums[i] * codes[batch.labels] - rows.multiply(encodings)
+            rows.multiply_transposed(shares[i] * residual, back)
+            step[rows.touched] += back[rows.touched]
+        step *= scale
+        encodings += step
+        if sweep & (sweep - 1) == 0 or sweep == config.sweeps:  # after 1, 2, 4, ... sweeps
+            field = replace(field, encodings=encodings.copy())
+            leads = partial(keep_labels, field.encodings, codes, labels, config.margin)
+            run_chunks(leads, len(encodings), _CHUNK)
             accuracy = _accuracy(field, tests)
             if accuracy > best:
-                best, best_field, best_sweep = accuracy, field, state.sweep
+                best, best_field, best_sweep = accuracy, field, sweep
+            yield Progress(STAGE, sweep * len(kept), total, f"sweep {sweep}")
     return Fitted(
         closed=replace(start, identity=replace(start.identity, field=best_field)),
         n_rows=sum(len(batch.labels) for batch in batches),
@@ -112,59 +126,9 @@ def fit_identity(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """The state after a sweep, labels kept."""
-
-    sweep: int
-    encodings: FloatArray  # (N, D)
-
-
 def _accuracy(field: IdentityField, batches: Sequence[Batch]) -> float:
     """Share of rows whose splatted encoding decodes to their label."""
     hits = [
         (field.classify(b.rows.multiply(field.encodings))[0] == b.labels).sum() for b in batches
     ]
     return float(sum(hits) / sum(len(batch.labels) for batch in batches))
-
-
-def _summed(batch: Batch) -> _View:
-    weights = batch.rows.by_pixel
-    owner = np.repeat(np.arange(len(batch.rows)), np.diff(weights.indptr))
-    sums = np.bincount(owner, weights.weights, len(batch.rows)).astype(np.float32)[:, None]
-    return _View(batch, sums, (1 / np.maximum(sums, _TINY)).astype(np.float32))
-
-
-def _sweep(
-    views: Sequence[_View], codes: FloatArray, labels: IntArray, config: FitConfig
-) -> Stage[None]:
-    """SIRT from the codes of ``labels``; states are payloads, after 1, 2, 4, ... sweeps."""
-    encodings = np.ascontiguousarray(codes[labels])
-    columns = np.zeros(len(encodings), np.float64)
-    for view in views:
-        weights = view.batch.rows.by_pixel
-        columns += np.bincount(weights.indices, weights.weights, len(encodings))
-    scale = (1 / np.maximum(columns, _TINY)).astype(np.float32)[:, None]
-    step, back = np.empty_like(encodings), np.empty_like(encodings)
-    total = config.sweeps * len(views)
-    for sweep in range(1, config.sweeps + 1):
-        step[:] = 0
-        for i, view in enumerate(views):
-            yield Progress(STAGE, (sweep - 1) * len(views) + i, total)
-            rows = view.batch.rows
-            residual = view.sums * codes[view.batch.labels] - rows.multiply(encodings)
-            rows.multiply_transposed(view.shares * residual, back)
-            step[rows.touched] += back[rows.touched]
-        step *= scale
-        encodings += step
-        if sweep & (sweep - 1) == 0 or sweep == config.sweeps:
-            kept = encodings.copy()
-            _keep_labels(kept, codes, np.ascontiguousarray(labels), config.margin)
-            yield Progress(STAGE, sweep * len(views), total, f"sweep {sweep}", _Look(sweep, kept))
-
-
-def _keep_labels(encodings: FloatArray, codes: FloatArray, labels: IntArray, margin: float) -> None:
-    def work(start: int, stop: int) -> None:
-        keep_labels(encodings, codes, labels, margin, start, stop)
-
-    run_chunks(work, len(encodings), _CHUNK)

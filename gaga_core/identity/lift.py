@@ -16,7 +16,7 @@ from gaga_core.grouping.memory_bank import MemoryBank, Preset, groups_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import LabelMap, associated_labels, splat_groups
 from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
-from gaga_core.identity.field import Identity
+from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.identity.train import PaperConfig, train_identity
@@ -69,24 +69,6 @@ class LiftConfig:
             paper = replace(paper, rows=replace(paper.rows, train_void=train_void))
             refine = replace(refine, rows=replace(refine.rows, train_void=train_void))
         return replace(self, paper=paper, refine=refine, pseudo=pseudo or self.pseudo)
-
-
-@dataclass(frozen=True)
-class LiftFigures:
-    """What a mode counted and measured; None where it has no such figure."""
-
-    from_bank: int | None = None  # Gaussians labelled by the memory bank alone
-    from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours
-    max_cosine: float | None = None  # of the two closest codes
-    sweeps: int | None = None  # of the fit to the vote; 0 = the vote was not improved
-    rows: int | None = None  # sampled pixels fitted to or trained on
-    steps: int | None = None
-    best_step: int | None = None  # refine: 0 = the vote was not improved
-    resumed_at: int | None = None  # paper: step that the run went on from
-    accuracy_before: float | None = None  # right pixels, held out
-    accuracy: float | None = None  # vote, refine: held out; paper: of the last views trained on
-    loss_before: float | None = None  # refine: nats, held out; paper: over ln(classes)
-    loss: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,20 +162,13 @@ def _voted(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
 
 
 def _vote(task: LiftTask) -> Stage[Fitted]:
+    config, voted = task.config, Voted(task.labels, task.confidence)
+    bank, views = task.bank, task.cameras
     closed = yield from vote_identity(
-        task.gaussians,
-        Voted(task.labels, task.confidence),
-        task.bank.group,
-        task.bank.n_groups,
-        task.cameras,
-        task.rasterizer,
-        task.config.vote,
+        task.gaussians, voted, bank.group, bank.n_groups, views, task.rasterizer, config.vote
     )
-    return (
-        yield from fit_identity(
-            task.gaussians, closed, task.cameras, task.label_map, task.rasterizer, task.config.fit
-        )
-    )
+    fit = fit_identity(task.gaussians, closed, views, task.label_map, task.rasterizer, config.fit)
+    return (yield from fit)
 
 
 def _vote_figures(voted: Fitted) -> LiftFigures:
@@ -211,29 +186,17 @@ def _vote_figures(voted: Fitted) -> LiftFigures:
 
 def _refine(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
     voted = yield from _vote(task)
-    refined = yield from refine_identity(
-        task.gaussians,
-        voted.closed,
-        task.cameras,
-        task.label_map,
-        task.rasterizer,
-        task.config.refine,
+    views, config = task.cameras, task.config.refine
+    identity, figures = yield from refine_identity(
+        task.gaussians, voted.closed, views, task.label_map, task.rasterizer, config
     )
-    figures = replace(
-        _vote_figures(voted),
-        rows=refined.n_rows,
-        steps=refined.steps,
-        best_step=refined.best_step,
-        accuracy_before=refined.before.accuracy,
-        accuracy=refined.after.accuracy,
-        loss_before=refined.before.loss,
-        loss=refined.after.loss,
-    )
-    return refined.identity, figures
+    of_vote = _vote_figures(voted)
+    kept = ("from_bank", "from_neighbours", "max_cosine", "sweeps")
+    return identity, replace(figures, **{name: getattr(of_vote, name) for name in kept})
 
 
 def _paper(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
-    trained = yield from train_identity(
+    return train_identity(
         task.gaussians,
         task.bank.n_groups,
         task.cameras,
@@ -242,12 +205,3 @@ def _paper(task: LiftTask) -> Stage[tuple[Identity, LiftFigures]]:
         task.config.paper,
         checkpoint=task.checkpoint,
     )
-    figures = LiftFigures(
-        rows=trained.n_rows,
-        steps=trained.steps,
-        resumed_at=trained.resumed_at,
-        accuracy=trained.accuracy,
-        loss_before=trained.first_loss,
-        loss=trained.last_loss,
-    )
-    return trained.identity, figures

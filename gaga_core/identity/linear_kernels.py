@@ -11,11 +11,6 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import kernel
 
-# --- Kernels of the linear operator F = W E on cached rows of W, of the layer, and of Adam.
-# Every output cell has one writer and every list is walked in its order, so results do not depend
-# on the number of threads.
-
-
 D = 16  # channels of an identity encoding; a constant, so that the inner loop is one vector
 _F = np.float32
 _ZERO, _ONE = _F(0), _F(1)

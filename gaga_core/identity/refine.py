@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
-from gaga_core.identity.field import Identity, IdentityField
+from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.rows import Batch, RowConfig, ViewRows, held_out, mixed_batches, sample_rows
 from gaga_core.identity.training_step import (
     Fit,
@@ -46,18 +45,6 @@ class RefineConfig:
             raise ValueError("check_every and patience: must be positive")
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """Result of mode "refine"."""
-
-    identity: Identity
-    before: Fit  # on the held-out rows
-    after: Fit
-    best_step: int  # 0: the closed form was not improved
-    steps: int  # taken
-    n_rows: int  # cached
-
-
 def refine_identity(
     gaussians: Gaussians,
     start: ClosedForm,
@@ -65,7 +52,7 @@ def refine_identity(
     label_map: LabelMap,
     rasterizer: Rasterizer,
     config: RefineConfig | None = None,
-) -> Stage[Refined]:
+) -> Stage[tuple[Identity, LiftFigures]]:
     """Improve ``start`` on the masks of ``cameras``; never worse than it on the held-out rows.
 
     Gaussians that no row touches keep their code. The confidence of a Gaussian whose label changes
@@ -92,14 +79,20 @@ def refine_identity(
         since += 1
         if fit.accuracy > best.accuracy:
             best, best_field, best_step, since = fit, training.field(), training.step, 0
-    return Refined(
-        identity=_identity(start.identity, best_field),
-        before=before,
-        after=best,
-        best_step=best_step,
+    labels, probability = best_field.classify(best_field.encodings)
+    voted = start.identity
+    left = np.minimum(probability, 1 - voted.confidence)
+    sure = np.where(labels == voted.labels, voted.confidence, left).astype(np.float32)
+    figures = LiftFigures(
+        rows=n_rows,
         steps=training.step,
-        n_rows=n_rows,
+        best_step=best_step,
+        accuracy_before=before.accuracy,
+        accuracy=best.accuracy,
+        loss_before=before.loss,
+        loss=best.loss,
     )
+    return Identity(best_field, labels, sure, "refine"), figures
 
 
 def _split(views: list[ViewRows], n_gaussians: int) -> tuple[list[Batch], list[Batch]]:
@@ -119,14 +112,3 @@ def _fit(training: Training, batches: Sequence[Batch]) -> Fit:
         float(np.average([fit.loss for fit in fits], weights=sizes)),
         float(np.average([fit.accuracy for fit in fits], weights=sizes)),
     )
-
-
-def _identity(start: Identity, field: IdentityField) -> Identity:
-    labels, probability = field.classify(field.encodings)
-    confidence = _confidence(start, labels, probability)
-    return Identity(field, labels, confidence, "refine")
-
-
-def _confidence(start: Identity, labels: IntArray, probability: FloatArray) -> FloatArray:
-    left = np.minimum(probability, 1 - start.confidence)
-    return np.where(labels == start.labels, start.confidence, left).astype(np.float32)

@@ -50,14 +50,8 @@ class LinearRows:
         ends = np.cumsum(counts)
         rows = np.empty(len(weights.indices), np.int32)
         row_weights = np.empty(len(weights.indices), np.float32)
-        transpose(
-            weights.indptr,
-            weights.indices,
-            weights.weights,
-            ends - counts,
-            rows,
-            row_weights,
-        )
+        entries = weights.indptr, weights.indices, weights.weights
+        transpose(*entries, ends - counts, rows, row_weights)
         touched = np.flatnonzero(counts).astype(np.int32)
         starts = np.append(0, ends[touched]).astype(np.int64)
         return LinearRows(n_gaussians, weights, touched, starts, rows, row_weights)
@@ -67,19 +61,10 @@ class LinearRows:
         check_shape("encodings", encodings, (self.n_gaussians, D), np.float32)
         out = np.empty((len(self), D), np.float32)
         targets = np.arange(len(self), dtype=np.int32)
-        weights = self.by_pixel
+        entries = self.by_pixel.indptr, self.by_pixel.indices, self.by_pixel.weights
 
         def work(start: int, stop: int) -> None:
-            gather(
-                weights.indptr,
-                weights.indices,
-                weights.weights,
-                encodings,
-                targets,
-                out,
-                start,
-                stop,
-            )
+            gather(*entries, encodings, targets, out, start, stop)
 
         run_chunks(work, len(self), _CHUNK)
         return out
@@ -94,17 +79,10 @@ class LinearRows:
         check_shape("gradients", gradients, (len(self), D), np.float32)
         result = np.zeros((self.n_gaussians, D), np.float32) if out is None else out
 
+        entries = self.starts, self.rows, self.row_weights
+
         def work(start: int, stop: int) -> None:
-            gather(
-                self.starts,
-                self.rows,
-                self.row_weights,
-                gradients,
-                self.touched,
-                result,
-                start,
-                stop,
-            )
+            gather(*entries, gradients, self.touched, result, start, stop)
 
         run_chunks(work, len(self.touched), _CHUNK)
         return result
@@ -125,12 +103,6 @@ def join_rows(parts: Sequence[PixelWeights]) -> PixelWeights:
         np.concatenate([part.indices for part in parts]),
         np.concatenate([part.weights for part in parts]),
     )
-
-
-# --- Training data of an identity field: rows of W and labels at sampled pixels of every view.
-# Pixels are stratified: the labelled pixels of a view, tile by tile, are cut into as many runs as
-# rows are wanted, and each run gives one at random. Rows are drawn once and kept: 16k pixels of a
-# view are enough for gradients that differ little from those of the whole view, and fit in memory.
 
 
 _TILE = 16

@@ -15,8 +15,7 @@ import hashlib
 import math
 import statistics
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
-from gaga_core.identity.field import Identity
+from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.linear_kernels import D
 from gaga_core.identity.rows import (
     Batch,
@@ -97,24 +96,11 @@ def load_checkpoint(path: Path, digest: str, n_gaussians: int, n_groups: int) ->
         training = Training(values[0], values[1], values[2], moments, int(arrays["step"]))
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{path} is damaged. {cure}") from error
-    shapes = ((n_gaussians, D), (n_groups + 1, D), (n_groups + 1,))
-    fits = all(value.shape == shape for value, shape in zip(values, shapes, strict=True))
-    same = all(m.shape == shapes[i // 2] for i, m in enumerate(moments))
-    if not (fits and same and training.step >= 0):
+    shapes = [(n_gaussians, D), (n_groups + 1, D), (n_groups + 1,)]
+    found = [array.shape for array in (*values, *moments)]
+    if found != shapes + [shape for shape in shapes for _ in range(2)] or training.step < 0:
         raise GagaError(f"{path} is damaged. {cure}")
     return training
-
-
-# --- Mode "paper": identity encodings trained from zeros (section 3.3 and supplement).
-# Cross-entropy over ln(K) on splatted encodings, a view a step, views in random order without
-# replacement; every fifth step the 3D regulariser of Gaussian Grouping over cached nearest
-# neighbours; Adam; 10k iterations of which, as in the published code, the last takes no step.
-#
-# The geometry is frozen, so F = W E: rows of W are cached once instead of rasterizing every step.
-# With ``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that
-# rasterizes its view; by default it takes 16k stratified pixels of the view, drawn once, without
-# the smallest weights. The regulariser's neighbours are those among all Gaussians (published:
-# among 200k random ones).
 
 
 STAGE = "Train identities"
@@ -148,19 +134,6 @@ class TimeEstimate:
     seconds_per_step: float
 
 
-@dataclass(frozen=True, eq=False)
-class TrainedIdentity:
-    """Result of mode "paper"."""
-
-    identity: Identity
-    first_loss: float  # cross-entropy / ln K, mean over the first views trained on in this run
-    last_loss: float
-    accuracy: float  # share of right pixels, mean over the last views
-    steps: int
-    resumed_at: int  # 0: from the start
-    n_rows: int
-
-
 def train_identity(
     gaussians: Gaussians,
     n_groups: int,
@@ -170,7 +143,7 @@ def train_identity(
     config: PaperConfig | None = None,
     *,
     checkpoint: Path | None = None,
-) -> Stage[TrainedIdentity]:
+) -> Stage[tuple[Identity, LiftFigures]]:
     """Train encodings and layer on the pseudo labels ``label_map`` of ``cameras``.
 
     The first progress carries a `TimeEstimate`, measured on one view. With ``checkpoint`` the state
@@ -187,20 +160,25 @@ def train_identity(
         training = training if found is None else found
     resumed_at = training.step
     fits: list[Fit] = []
-    with _saved_on_cancel(checkpoint, training, run.digest):
+    try:
         yield from _train(training, run, config, checkpoint, fits)
+    except GeneratorExit:  # the stage is closed in the middle
+        if checkpoint is not None and training.step:
+            save_checkpoint(checkpoint, training, run.digest)
+        raise
     few = max(1, min(len(run.batches), len(fits)))
+    nothing = [Fit(math.nan, math.nan)]
+    first, last = fits[:few] or nothing, fits[-few:] or nothing
     field = training.field()
-    labels, confidence = field.classify(field.encodings)
-    return TrainedIdentity(
-        identity=Identity(field, labels, confidence, "paper"),
-        first_loss=float(np.mean([fit.loss for fit in fits[:few]])) if fits else math.nan,
-        last_loss=float(np.mean([fit.loss for fit in fits[-few:]])) if fits else math.nan,
-        accuracy=float(np.mean([fit.accuracy for fit in fits[-few:]])) if fits else math.nan,
+    figures = LiftFigures(
+        rows=sum(len(batch.labels) for batch in run.batches),
         steps=training.step,
         resumed_at=resumed_at,
-        n_rows=sum(len(batch.labels) for batch in run.batches),
+        accuracy=float(np.mean([fit.accuracy for fit in last])),
+        loss_before=float(np.mean([fit.loss for fit in first])),
+        loss=float(np.mean([fit.loss for fit in last])),
     )
+    return Identity(field, *field.classify(field.encodings), "paper"), figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,14 +293,3 @@ def _step(
         agreement(training, near, config.reg_factor, gradients)
     adam_step(training, gradients, config.rates)
     return Fit(fit.loss * scale, fit.accuracy)
-
-
-@contextmanager
-def _saved_on_cancel(path: Path | None, training: Training, digest: str) -> Iterator[None]:
-    """Save the state when the stage is closed in the middle."""
-    try:
-        yield
-    except GeneratorExit:
-        if path is not None and training.step:
-            save_checkpoint(path, training, digest)
-        raise

@@ -15,9 +15,6 @@ from gaga_core.identity.rows import Batch
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads, run_chunks
 
-# --- One training step of an identity field on cached rows: cross-entropy, its gradients, Adam.
-
-
 _BLOCK = 1024  # pixels whose scores are held at a time by a thread
 _ADAM_CHUNK = 1 << 18
 _TINY = np.float32(1e-30)
@@ -85,14 +82,8 @@ class Fit:
     accuracy: float  # share of pixels with the right label
 
 
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Sums over a block of pixels."""
-
-    loss: float
-    hits: int
-    weight_t: FloatArray  # (D, K) gradient
-    bias: FloatArray  # (K,) gradient
+# Sums over a block of pixels: loss, hits, and the gradients of the layer, (D, K) and (K,).
+_Block = tuple[float, int, FloatArray, FloatArray]
 
 
 def cross_entropy(
@@ -123,11 +114,11 @@ def cross_entropy(
     done = [block for block in blocks if block is not None]
     if gradients is not None:
         batch.rows.multiply_transposed(slopes, gradients.encodings)
-        for block in done:
-            gradients.weight += block.weight_t.T
-            gradients.bias += block.bias
+        for _, _, weight_t, bias in done:
+            gradients.weight += weight_t.T
+            gradients.bias += bias
     n = max(len(features), 1)
-    return Fit(sum(block.loss for block in done) / n, sum(block.hits for block in done) / n)
+    return Fit(sum(block[0] for block in done) / n, sum(block[1] for block in done) / n)
 
 
 def _cross_entropy_block(
@@ -149,7 +140,7 @@ def _cross_entropy_block(
         p[rows, labels] -= 1
         p *= np.float32(factor)
         layer_gradients(p, features, weight_t, slopes, weight_slope, bias_slope)
-    return _Block(loss, hits, weight_slope, bias_slope)
+    return loss, hits, weight_slope, bias_slope
 
 
 def agreement(
@@ -199,20 +190,9 @@ def adam_step(training: Training, gradients: IdentityGradients, rates: IdentityR
     for i, (value, slope) in enumerate(zip(values, slopes, strict=True)):
         mean, square = training.moments[2 * i : 2 * i + 2]
         rate = (rates.encodings if i == 0 else rates.layer) / speed
-        flat = tuple(array.reshape(-1) for array in (value, mean, square, slope))
-        run_chunks(partial(_adam_chunk, flat, rate, root, rates.epsilon), value.size, _ADAM_CHUNK)
-
-
-def _adam_chunk(
-    flat: tuple[FloatArray, ...],
-    rate: float,
-    root: float,
-    epsilon: float,
-    start: int,
-    stop: int,
-) -> None:
-    values, mean, square, gradient = flat
-    adam(values, mean, square, gradient, rate, root, epsilon, start, stop)
+        a, b, c, d = (array.reshape(-1) for array in (value, mean, square, slope))
+        work = partial(adam, a, b, c, d, rate, root, rates.epsilon)
+        run_chunks(work, value.size, _ADAM_CHUNK)
 
 
 def start_from_zeros(n_gaussians: int, n_groups: int, seed: int) -> Training:

@@ -19,6 +19,7 @@ from gaga_core.identity.field import (
     FILE,
     Identity,
     IdentityField,
+    LiftFigures,
     decode_view,
     encoding_colors,
     load_identity,
@@ -26,7 +27,6 @@ from gaga_core.identity.field import (
 )
 from gaga_core.identity.lift import (
     LiftConfig,
-    LiftFigures,
     LiftTask,
     Mode,
     lift_groups,

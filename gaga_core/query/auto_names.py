@@ -69,12 +69,6 @@ NOUNS: tuple[str, ...] = tuple(
 )
 
 
-# --- Names for groups from a list of nouns, by the index; unsure ones stay without.
-# The similarity of a group to all nouns is made a distribution; a noun must have enough of it, and
-# clearly more than the next one. What a noun is like in general is taken off first: some nouns are
-# near to every crop.
-
-
 _MANY = 8  # groups of which a mean says something about the noun, not about them
 
 

@@ -18,51 +18,23 @@ _LIGHTNESS_WEIGHT = 0.55  # shade changes lightness more than it changes the nam
 
 # sRGB prototypes; the first of each name is its focal color.
 _PROTOTYPES: dict[str, tuple[str, ...]] = {
-    "red": ("d81e1e", "a01218", "6e0c10", "ff3b30", "c0322b", "8c2020", "400808"),
-    "orange": (
-        "f57c14",
-        "d05a10",
-        "ff9a2e",
-        "b5521a",
-        "e88c30",
-        "e8713a",
-        "93380d",
-        "c83e10",
-        "e34a18",
-    ),
-    "yellow": (
-        "f7dc1c",
-        "d8b41a",
-        "fff04a",
-        "b09612",
-        "e0c83c",
-        "8a760e",
-        "cfe01e",
-        "b0c020",
-        "62540a",
-        "4c4204",
-    ),
-    "green": ("2a9a34", "1c6a28", "6abf3a", "124518", "7a9a3a", "5a7a4a", "3f5a2a", "9ad07a"),
-    "turquoise": ("22b5b0", "2f6f7d", "18807c", "70d8d0", "12504e"),
-    "blue": ("1e56c8", "16389a", "3a86e0", "0e2468", "6a9ae0", "3c5c9c", "2e4560", "9cc0ec"),
-    "purple": (
-        "7a2aa8",
-        "56208a",
-        "a05ad0",
-        "3a1460",
-        "7a4a7c",
-        "b48ad8",
-        "62304f",
-        "7a4a5c",
-        "523040",
-    ),
-    "pink": ("f06aa8", "f4a8c0", "e04a8a", "c8708c", "f8c8d4", "ec9aa6", "b05070"),
-    "brown": ("7a4a20", "5a3418", "9a6a3a", "3c2410", "6b4a30", "8a5a40", "b98450"),
-    "beige": ("e2cfa6", "d0b88c", "f0e2c4", "b8a27a", "c8a878"),
-    "gold": ("c8981e", "a87a18", "d9a441"),
-    "grey": ("808080", "a0a0a0", "606060", "b8b8b8", "484848", "909a9a", "9a948c", "6c6a66"),
-    "black": ("101010", "000000", "202020", "1c1a22", "242018", "2c2c2c"),
-    "white": ("f8f8f8", "ffffff", "e4e4e4", "f4f0e8", "e8eef4", "d4d4d4"),
+    name: tuple(codes.split())
+    for name, codes in {
+        "red": "d81e1e a01218 6e0c10 ff3b30 c0322b 8c2020 400808",
+        "orange": "f57c14 d05a10 ff9a2e b5521a e88c30 e8713a 93380d c83e10 e34a18",
+        "yellow": "f7dc1c d8b41a fff04a b09612 e0c83c 8a760e cfe01e b0c020 62540a 4c4204",
+        "green": "2a9a34 1c6a28 6abf3a 124518 7a9a3a 5a7a4a 3f5a2a 9ad07a",
+        "turquoise": "22b5b0 2f6f7d 18807c 70d8d0 12504e",
+        "blue": "1e56c8 16389a 3a86e0 0e2468 6a9ae0 3c5c9c 2e4560 9cc0ec",
+        "purple": "7a2aa8 56208a a05ad0 3a1460 7a4a7c b48ad8 62304f 7a4a5c 523040",
+        "pink": "f06aa8 f4a8c0 e04a8a c8708c f8c8d4 ec9aa6 b05070",
+        "brown": "7a4a20 5a3418 9a6a3a 3c2410 6b4a30 8a5a40 b98450",
+        "beige": "e2cfa6 d0b88c f0e2c4 b8a27a c8a878",
+        "gold": "c8981e a87a18 d9a441",
+        "grey": "808080 a0a0a0 606060 b8b8b8 484848 909a9a 9a948c 6c6a66",
+        "black": "101010 000000 202020 1c1a22 242018 2c2c2c",
+        "white": "f8f8f8 ffffff e4e4e4 f4f0e8 e8eef4 d4d4d4",
+    }.items()
 }
 NAMES = tuple(_PROTOTYPES)
 HUES = tuple(name for name in NAMES if name not in ("grey", "black", "white", "beige"))

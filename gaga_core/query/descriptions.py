@@ -99,11 +99,6 @@ def _variation(values: DoubleArray) -> float:
     return float(values.std() / max(float(values.mean()), 1e-12))
 
 
-# --- Words for groups that nobody has named: "red box, large", "blue thing behind".
-# Color, shape and size are measured; a place and at last a number tell apart what would be called
-# the same. A description that is still true stays as it is when other groups come and go.
-
-
 _LARGE, _SMALL = 2.2, 0.45  # sizes against the median of the objects
 _LEADS = 0.25  # share of the foremost color below which a thing of many hues is "colorful"
 _HUE, _MANY_HUES = 0.09, 4  # share of a hue that counts, and how many of them are many
@@ -265,5 +260,5 @@ def _places(
 
 def _ranks(values: DoubleArray) -> DoubleArray:
     """Ranks in 0..1, ascending."""
-    result: DoubleArray = values.argsort().argsort() / max(len(values) - 1, 1)
-    return result
+    ranks = values.argsort(kind="stable").argsort()
+    return ranks / max(len(values) - 1, 1)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from gaga_core.segmentation.settings import Device
 
-# --- Boxes of a phrase in a picture: Grounding DINO and OWLv2, from a local folder.
-
 
 _KINDS = ("grounding-dino", "owlv2", "owlvit")
 
@@ -160,8 +158,7 @@ def contained(labels: IntArray, mask: BoolArray, share: float = CONTAINED) -> In
     """
     check_shape("mask", mask, labels.shape, np.bool_)
     ids, area, inside = _areas(labels, mask)
-    chosen: IntArray = ids[(inside > share * area) & (ids > 0)]
-    return chosen
+    return ids[(inside > share * area) & (ids > 0)]
 
 
 def groups_of_box(labels: IntArray, corners: FloatArray) -> FoundGroups:

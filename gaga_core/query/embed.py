@@ -21,9 +21,11 @@ from gaga_core.segmentation.models.weights import (
     Weights,
     find_model,
     is_model_folder,
+    model_type_of,
     models_folder,
     weights_id,
 )
+from gaga_core.segmentation.models.weights import where_to_put as where_to_put_all
 
 if TYPE_CHECKING:
     import torch
@@ -39,12 +41,6 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound=msgspec.Struct)
 Companion = Literal["AutoTokenizer", "AutoProcessor"]  # class of transformers
-
-
-class ModelConfig(msgspec.Struct, frozen=True):
-    """What is read of a model's config.json."""
-
-    model_type: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,7 @@ def load_model(
     """
     if not (folder / "config.json").is_file():
         raise GagaError(f"{folder} holds no model: it has no config.json. Choose a model's folder.")
-    kind = read_or_default(folder / "config.json", ModelConfig()).model_type
+    kind = model_type_of(folder)
     if kind not in kinds:
         raise GagaError(
             f"{folder} holds no {title} model (it says {kind or 'nothing'!r}). "
@@ -105,12 +101,6 @@ def _load_companion(name: Companion, folder: Path) -> object:
                 f"The files next to the model in {folder} cannot be loaded ({first_line(error)}). "
                 "Copy the whole folder again, with its tokenizer and preprocessor files."
             ) from error
-
-
-# --- CLIP and SigLIP behind one protocol: pictures and texts to unit vectors of one space.
-# Models are read from a local folder, never downloaded; transformers and torch are imported when
-# one is loaded. Pictures are prepared here (square already, resized, normalised), so no
-# torchvision.
 
 
 _KINDS = ("clip", "siglip")
@@ -270,12 +260,3 @@ def find_any(known: tuple[KnownModel, ...], hub_cache: Path | None = None) -> Pa
     """Folder of the first of ``known`` that is there; None when there is none."""
     found = (find_model(model, hub_cache) for model in known)
     return next((path for path in found if path is not None), None)
-
-
-def where_to_put_all(model: KnownModel) -> str:
-    """One sentence: which files belong where, the words' files included."""
-    return (
-        f"Get it with gaga models get {model.name}, or under Models in the window. "
-        f"By hand: put all files of {model.page} (about {model.megabytes} MB, {model.licence}) "
-        f"into {models_folder() / model.name}."
-    )

@@ -9,7 +9,7 @@ Any other word is a noun: part of a name, or what an index of pictures is asked 
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from typing import Literal
 
@@ -47,24 +47,19 @@ SUPERLATIVES: dict[str, Scale] = {
     **_both("middle", "middle central centre center centermost middlemost", ""),
     **_both("lightness", "brightest lightest palest", "darkest"),
     **_both("colorfulness", "colorfullest", "plainest"),
-    "most left": Scale("right", -1), "most right": Scale("right", 1),
-    "far left": Scale("right", -1), "far right": Scale("right", 1),
-    "furthest left": Scale("right", -1), "furthest right": Scale("right", 1),
-    "farthest left": Scale("right", -1), "farthest right": Scale("right", 1),
-    "furthest away": Scale("depth", 1), "farthest away": Scale("depth", 1),
-    "most distant": Scale("depth", 1), "most colorful": Scale("colorfulness", 1),
-    "most colourful": Scale("colorfulness", 1),
-    "on the left": Scale("right", -1), "on the right": Scale("right", 1),
-    "on the far left": Scale("right", -1), "on the far right": Scale("right", 1),
-    "to the left": Scale("right", -1), "to the right": Scale("right", 1),
-    "at the left": Scale("right", -1), "at the right": Scale("right", 1),
-    "in the middle": Scale("middle", 1), "in the centre": Scale("middle", 1),
-    "in the center": Scale("middle", 1), "in the front": Scale("depth", -1),
-    "at the front": Scale("depth", -1), "in front": Scale("depth", -1),
-    "in the back": Scale("depth", 1), "at the back": Scale("depth", 1),
-    "in the foreground": Scale("depth", -1), "at the top": Scale("top", 1),
-    "at the bottom": Scale("top", -1), "on the left side": Scale("right", -1),
-    "on the right side": Scale("right", 1),
+    **{
+        run.format(side): Scale("right", sign)
+        for run in ("most {}", "far {}", "furthest {}", "farthest {}", "on the {}", "to the {}",
+                    "at the {}", "on the far {}", "on the {} side")
+        for side, sign in (("left", -1), ("right", 1))
+    },
+    **dict.fromkeys(("furthest away", "farthest away", "most distant", "in the back",
+                     "at the back"), Scale("depth", 1)),
+    **dict.fromkeys(("in the front", "at the front", "in front", "in the foreground"),
+                    Scale("depth", -1)),
+    **dict.fromkeys(("in the middle", "in the centre", "in the center"), Scale("middle", 1)),
+    **dict.fromkeys(("most colorful", "most colourful"), Scale("colorfulness", 1)),
+    "at the top": Scale("top", 1), "at the bottom": Scale("top", -1),
 }  # fmt: skip
 # How an end of a measure is called in the sentence of an answer, where the word itself will not do.
 CALLED: dict[Scale, str] = {
@@ -94,36 +89,42 @@ TRAITS: dict[str, Scale] = {
     **_both("depth", "far distant", "close near"),
     **_both("lightness", "bright light pale", "dark"),
     **_both("colorfulness", "colorful colourful multicolored multicoloured", ""),
-    "multi-colored": Scale("colorfulness", 1), "multi-coloured": Scale("colorfulness", 1),
-    "many-colored": Scale("colorfulness", 1), "many-coloured": Scale("colorfulness", 1),
+    **dict.fromkeys(("multi-colored", "multi-coloured", "many-colored", "many-coloured"),
+                    Scale("colorfulness", 1)),
 }  # fmt: skip
 # "left of X": where a group is, seen from another.
 RELATIONS: dict[str, str] = {
-    "left of": "left", "to the left of": "left", "on the left of": "left",
-    "to the left side of": "left", "on the left side of": "left",
-    "right of": "right", "to the right of": "right", "on the right of": "right",
-    "on the right side of": "right",
-    "behind": "behind", "in back of": "behind", "at the back of": "behind",
-    "in front of": "before", "before": "before",
-    "above": "above", "over": "above", "higher than": "above",
-    "below": "below", "under": "below", "underneath": "below", "beneath": "below",
-    "lower than": "below",
-    "on top of": "on", "on": "on", "upon": "on", "atop": "on", "standing on": "on",
-    "lying on": "on", "sitting on": "on", "resting on": "on",
-    "in": "inside", "inside": "inside", "inside of": "inside", "within": "inside",
-    "next to": "near", "beside": "near", "near": "near", "by": "near", "close to": "near",
-    "near to": "near", "around": "near", "at": "near", "nearby": "near",
-    "nearest to": "nearest", "closest to": "nearest", "nearest": "nearest", "closest": "nearest",
-    "farthest from": "farthest", "furthest from": "farthest",
-    "far from": "away", "away from": "away", "far away from": "away",
-    "between": "between", "in between": "between",
-    "larger than": "+size", "bigger than": "+size", "smaller than": "-size",
-    "taller than": "+height", "shorter than": "-height", "longer than": "+length",
-    "wider than": "+width", "narrower than": "-width", "thicker than": "+thickness",
-    "thinner than": "-thickness", "nearer than": "-depth", "closer than": "-depth",
-    "farther than": "+depth", "further than": "+depth", "darker than": "-lightness",
-    "brighter than": "+lightness", "lighter than": "+lightness",
-}  # fmt: skip
+    run: kind
+    for kind, runs in {
+        "left": "left of, to the left of, on the left of, to the left side of, on the left side of",
+        "right": "right of, to the right of, on the right of, on the right side of",
+        "behind": "behind, in back of, at the back of",
+        "before": "in front of, before",
+        "above": "above, over, higher than",
+        "below": "below, under, underneath, beneath, lower than",
+        "on": "on top of, on, upon, atop, standing on, lying on, sitting on, resting on",
+        "inside": "in, inside, inside of, within",
+        "near": "next to, beside, near, by, close to, near to, around, at, nearby",
+        "nearest": "nearest to, closest to, nearest, closest",
+        "farthest": "farthest from, furthest from",
+        "away": "far from, away from, far away from",
+        "between": "between, in between",
+        "+size": "larger than, bigger than",
+        "-size": "smaller than",
+        "+height": "taller than",
+        "-height": "shorter than",
+        "+length": "longer than",
+        "+width": "wider than",
+        "-width": "narrower than",
+        "+thickness": "thicker than",
+        "-thickness": "thinner than",
+        "-depth": "nearer than, closer than",
+        "+depth": "farther than, further than",
+        "-lightness": "darker than",
+        "+lightness": "brighter than, lighter than",
+    }.items()
+    for run in runs.split(", ")
+}
 # These are relations only before "the", "a", "to": else "nearest red" is a superlative.
 NEED_ARTICLE = frozenset(("nearest", "closest", "near", "at", "by", "on", "in", "over"))
 VIEW_RELATIONS = frozenset(("left", "right", "behind", "before", "-depth", "+depth"))
@@ -154,14 +155,6 @@ VOCABULARY = frozenset(
     for run in table
     for word in run.split()
 ) | (COLOR_WORDS | FILLERS | NEGATIONS)
-
-
-# --- From text to what it asks for: a small grammar of traits, one superlative, and relations.
-#     phrase    = (trait | superlative)* (relation anchor)*
-#     trait     = [not] color ["or" | "and" color] | [not] "big", "dark", ... | [not] noun
-#     anchor    = phrase without relations; "between" has two, joined by "and"
-#
-# Any other word is a noun: part of a name, or what an index of pictures is asked for.
 
 
 _WORD = re.compile(r"[^\W_]+(?:['’-][^\W_]+)*")
@@ -226,7 +219,6 @@ class _Reader:
 
     words: list[str]
     at: int = 0
-    lost: list[str] = field(default_factory=list)  # words that had nothing to belong to
 
     def run_of(self, table: Mapping[str, object]) -> str | None:
         """The longest run of words here that ``table`` knows."""
@@ -235,9 +227,6 @@ class _Reader:
             if run in table:
                 return run
         return None
-
-    def skip(self, run: str) -> None:
-        self.at += len(run.split())
 
     def peek(self, ahead: int = 0) -> str:
         at = self.at + ahead
@@ -290,7 +279,7 @@ def _phrase(reader: _Reader, *, between: bool = False) -> Phrase:
         elif run and superlative is None:
             color = COLOR_SUPERLATIVES.get(run, "")
             superlative = Superlative(run, SUPERLATIVES.get(run), color, rank)
-            reader.skip(run)
+            reader.at += len(run.split())
             noun = False
             continue
         elif word not in FILLERS and word not in ("and", "or"):
@@ -302,7 +291,7 @@ def _phrase(reader: _Reader, *, between: bool = False) -> Phrase:
             noun, negated = trait.kind == "noun", False
             continue
         reader.at += 1
-    return Phrase(_pruned(traits), superlative)
+    return Phrase(tuple(dict.fromkeys(traits)), superlative)
 
 
 def _trait(reader: _Reader, *, negated: bool) -> Trait:
@@ -334,7 +323,7 @@ def _relation(reader: _Reader) -> Relation | None:
     run = reader.run_of(RELATIONS)
     if run is None:
         return None
-    reader.skip(run)
+    reader.at += len(run.split())
     kind = RELATIONS[run]
     anchors = [_phrase(reader, between=kind == "between")]
     if kind == "between" and reader.peek() == "and":
@@ -354,7 +343,3 @@ def _starts_relation(reader: _Reader) -> bool:
     if longer and len(longer.split()) > len(run.split()):
         return False
     return run not in NEED_ARTICLE or after in ARTICLES
-
-
-def _pruned(traits: list[Trait]) -> tuple[Trait, ...]:
-    return tuple(dict.fromkeys(traits))

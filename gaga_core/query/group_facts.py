@@ -19,12 +19,6 @@ from gaga_core.query.colors import LEVELS, NAMES, color_table
 from gaga_core.scene.orientation import estimate_up, upright_basis
 from gaga_core.scene.scene import Scene
 
-# --- What can be said of a group without any model: where it is, how large, of which colors.
-# Measured in three passes over the splats, robust against strays: boxes hold the middle of each
-# axis by opacity, colors are weighted with what is seen of a splat (opacity x its largest face x
-# the share of a few directions from which nothing of its own group hides it).
-
-
 _BINS = 64
 _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
 _AREA_MAX = 4.0  # splats larger than this times their group's mean count as this large
@@ -72,8 +66,7 @@ class GroupFacts:
     @property
     def height(self) -> DoubleArray:
         """Extent (G,) along up."""
-        result: DoubleArray = self.hi[:, 2] - self.lo[:, 2]
-        return result
+        return self.hi[:, 2] - self.lo[:, 2]
 
     def row(self, group: int) -> int | None:
         """Row of a group; None when it has no splats."""
@@ -94,48 +87,26 @@ def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
     rows, ids = compact_rows(scene.labels)
     n, n_groups = len(scene), len(ids)
     g = scene.gaussians
-    points, area, weight = (
-        np.zeros((n, 3), np.float32),
-        np.zeros(n, np.float32),
-        np.zeros_like(g.logit_opacities),
-    )
+    points, area = np.zeros((n, 3), np.float32), np.zeros(n, np.float32)
+    weight = np.zeros_like(g.logit_opacities)
     sums = np.zeros((n_groups, 8))
     matrix = np.ascontiguousarray(frame @ scene.placements.matrix)
-    weigh_splats(
-        rows,
-        for_kernel(scene.state, np.uint8),
-        for_kernel(scene.placement, np.int32),
-        matrix,
-        for_kernel(g.means, np.float32),
-        for_kernel(g.log_scales, np.float32),
-        for_kernel(g.logit_opacities, np.float32),
-        points,
-        area,
-        weight,
-        sums,
-    )
+    state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
+    raw = (g.means, g.log_scales, g.logit_opacities)
+    means, sizes, logits = (for_kernel(values, np.float32) for values in raw)
+    splats = rows, state, placement, matrix, means, sizes, logits
+    weigh_splats(*splats, points, area, weight, sums)
     lo, hi = _boxes(rows, points, area, weight, sums)
     table = color_table()
     looks = np.zeros((n_groups, table.shape[1] + 4))
     moments = np.zeros((n_groups, 10))
     with np.errstate(invalid="ignore", divide="ignore"):
         area_max = np.nan_to_num(_AREA_MAX * sums[:, 2] / sums[:, 1]).astype(np.float32)
-    tally_looks(
-        rows,
-        for_kernel(scene.placement, np.int32),
-        for_kernel(scene.placements.color, np.float64),
-        seen_colors(scene, rows, Spread(points, area, lo, hi), matrix, view_axes(frame, cameras)),
-        points,
-        area,
-        weight,
-        lo,
-        hi,
-        area_max,
-        table,
-        LEVELS,
-        looks,
-        moments,
-    )
+    spread, views = Spread(points, area, lo, hi), view_axes(frame, cameras)
+    tints = for_kernel(scene.placements.color, np.float64)
+    seen_as = seen_colors(scene, rows, spread, matrix, views)
+    looked = rows, placement, tints, seen_as, points, area, weight
+    tally_looks(*looked, lo, hi, area_max, table, LEVELS, looks, moments)
     live = np.flatnonzero(sums[:, 0] > 0)
     n = len(NAMES)
     seen = np.maximum(looks[live, -1:], 1e-30)
@@ -246,8 +217,7 @@ def _scattered(extents: DoubleArray, area: DoubleArray) -> BoolArray:
     """Groups (G,) that are crumbs of other things over a large place, not one thing."""
     cover = 2 * np.pi * area / np.maximum(extents[:, 0] * extents[:, 1], 1e-30)
     long = extents[:, 0] > _LONG * np.median(extents[:, 0]) if len(extents) else extents[:, 0] > 0
-    scattered: BoolArray = (cover < _COVER) & long
-    return scattered
+    return (cover < _COVER) & long
 
 
 def _background(
@@ -271,7 +241,7 @@ def _background(
     centre = (lo + hi) / 2
     n_others = max(int((ids > 0).sum()) - 1, 1)
     thin = np.flatnonzero(extents[:, 2] < _THICK * extents[:, 0])
-    for k in thin[np.argsort(-extents[thin, 0])][:_THIN_ONES]:
+    for k in thin[np.argsort(-extents[thin, 0], kind="stable")][:_THIN_ONES]:
         over = ((centre[:, :2] >= lo[k, :2]) & (centre[:, :2] <= hi[k, :2])).all(axis=1)
         smaller = extents[:, 0] < 0.5 * extents[k, 0]
         carried = int((over & smaller & (centre[:, 2] > centre[k, 2]) & (ids > 0)).sum())
@@ -319,17 +289,10 @@ def view_axes(frame: DoubleArray, cameras: Sequence[Camera]) -> DoubleArray:
         return np.ascontiguousarray(turned[chosen])
     around = np.arange(_N_VIEWS - 1) * 2 * np.pi / (_N_VIEWS - 1)
     level = np.cos(_ELEVATION)
-    forward = np.stack(
-        [
-            -level * np.cos(around),
-            -level * np.sin(around),
-            np.full(len(around), -np.sin(_ELEVATION)),
-        ],
-        axis=1,
-    )
+    down = np.full(len(around), -np.sin(_ELEVATION))
+    forward = np.stack([-level * np.cos(around), -level * np.sin(around), down], axis=1)
     right = np.stack([-np.sin(around), np.cos(around), np.zeros(len(around))], axis=1)
-    axes: DoubleArray = np.stack([right, np.cross(forward, right), forward], axis=1)
-    return axes
+    return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
 def seen_colors(
@@ -360,21 +323,9 @@ def seen_colors(
         forward = axes[2] @ matrix[:, :, :3]  # (P, 3) in the placements' frames
         forward /= np.maximum(np.linalg.norm(forward, axis=1, keepdims=True), 1e-12)
         basis = np.ascontiguousarray(sh_basis(forward, degree))
-        shared = rows, spread.points, spread.area
-        nearest_depths(*shared, axes, centre, per_unit, depths)
-        add_seen(
-            rows,
-            placement,
-            spread.points,
-            spread.area,
-            axes,
-            centre,
-            per_unit,
-            depths,
-            sh,
-            basis,
-            seen,
-        )
+        shared = spread.points, spread.area, axes, centre, per_unit, depths
+        nearest_depths(rows, *shared)
+        add_seen(rows, placement, *shared, sh, basis, seen)
     times = seen[:, 3:]
     plain = 0.5 + np.float32(SH_C0) * sh[:, 0]
     seen[:, :3] = np.where(times > 0, seen[:, :3] / np.maximum(times, 1), plain)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
@@ -84,12 +84,9 @@ def cut_out(
     right, bottom = min(width, right + dx), min(height, bottom + dy)
     cut = picture[top:bottom, left:right]
     own = labels[top:bottom, left:right] == one.group
-    return _square(cut, side), _square(_dimmed(cut, own), side)
-
-
-def _dimmed(picture: UInt8Array, own: BoolArray) -> UInt8Array:
-    grey: FloatArray = KEEP * picture.astype(np.float32) + (1 - KEEP) * np.float32(_GREY)
-    return np.where(own[:, :, None], picture, np.rint(grey).astype(np.uint8))
+    grey: FloatArray = KEEP * cut.astype(np.float32) + (1 - KEEP) * np.float32(_GREY)
+    dimmed = np.where(own[:, :, None], cut, np.rint(grey).astype(np.uint8))
+    return _square(cut, side), _square(dimmed, side)
 
 
 def _square(picture: UInt8Array, side: int) -> UInt8Array:
@@ -99,14 +96,6 @@ def _square(picture: UInt8Array, side: int) -> UInt8Array:
     y, x = (n - height) // 2, (n - width) // 2
     board[y : y + height, x : x + width] = picture
     return np.asarray(Image.fromarray(board).resize((side, side), Image.Resampling.BICUBIC))
-
-
-# --- The index of a scene: one vector a group, from its best views, and how texts are ranked by
-# it.
-# A group's vector is the mean of those of its crops, plain and with dimmed surroundings. Only
-# groups whose splats have changed are looked at again. The relevancy of a text is its similarity
-# against that of phrases that fit anything, the least favourable one (LERF, Kerr et al., ICCV
-# 2023).
 
 
 STAGE = "Index the objects"
@@ -188,11 +177,10 @@ def index_stage(
     return GroupIndex(embedder.fingerprint, groups, digests, vectors, thumbnails)
 
 
-def n_stale(index: GroupIndex | None, digests: LongArray, model: str = "") -> int:
+def n_stale(index: GroupIndex | None, digests: LongArray) -> int:
     """How many of the groups with these digests ``index`` does not know (yet, or any more)."""
-    if index is None or (model and index.model != model):
-        return len(digests)
-    return int((~np.isin(digests, index.digests)).sum())
+    known = np.zeros(0, np.int64) if index is None else index.digests
+    return int((~np.isin(digests, known)).sum())
 
 
 def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> DoubleArray:
@@ -202,8 +190,7 @@ def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> Doub
     rival = index.vectors @ anything.T
     ahead = _SHARPNESS * (own[:, None] - rival).min(axis=1).astype(np.float64)
     seen = np.abs(index.vectors).max(axis=1, initial=0) > 0
-    result: DoubleArray = np.where(seen, 1 / (1 + np.exp(-np.clip(ahead, -60, 60))), 0.0)
-    return result
+    return np.where(seen, 1 / (1 + np.exp(-np.clip(ahead, -60, 60))), 0.0)
 
 
 class TextVectors:
@@ -249,14 +236,7 @@ class TextVectors:
 def save_index(path: Path, index: GroupIndex) -> None:
     """Write ``index`` to an .npz in one step."""
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            model=np.array(index.model),
-            groups=index.groups,
-            digests=index.digests,
-            vectors=index.vectors,
-            thumbnails=index.thumbnails,
-        )
+        np.savez_compressed(file, **vars(index) | {"model": np.array(index.model)})
 
 
 def load_index(path: Path) -> GroupIndex | None:
@@ -311,6 +291,7 @@ def _look_at(
             by_view.setdefault(one.view, []).append(one)
     sums: dict[int, FloatArray] = {}
     thumbnails: dict[int, UInt8Array] = {}
+    side = (THUMBNAIL, THUMBNAIL)
     firsts = {(best[0].group, best[0].view) for best in chosen.values()}
     for i, camera in enumerate(cameras):
         ones = by_view.get(i, [])
@@ -325,21 +306,11 @@ def _look_at(
                 both = vectors[2 * k] + vectors[2 * k + 1]
                 sums[one.group] = sums.get(one.group, np.zeros_like(both)) + both
                 if (one.group, one.view) in firsts:
-                    thumbnails[one.group] = _thumbnail(pairs[k][0])
+                    small = Image.fromarray(pairs[k][0]).resize(side, Image.Resampling.BICUBIC)
+                    thumbnails[one.group] = np.asarray(small)
     yield Progress(STAGE, total, total, f"{len(sums)} objects")
-    return {g: (_unit(total_), thumbnails[g]) for g, total_ in sums.items()}
-
-
-def _thumbnail(crop: UInt8Array) -> UInt8Array:
-    from PIL import Image
-
-    side = (THUMBNAIL, THUMBNAIL)
-    return np.asarray(Image.fromarray(crop).resize(side, Image.Resampling.BICUBIC))
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    result: FloatArray = (vector / max(float(np.linalg.norm(vector)), 1e-12)).astype(np.float32)
-    return result
+    lengths = {g: max(float(np.linalg.norm(total_)), 1e-12) for g, total_ in sums.items()}
+    return {g: ((total_ / lengths[g]).astype("f4"), thumbnails[g]) for g, total_ in sums.items()}
 
 
 def _read_texts(path: Path | None, model: str) -> dict[str, FloatArray]:

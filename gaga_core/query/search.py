@@ -64,15 +64,23 @@ def sentence_of(
 def _said(phrase: Phrase, lost: list[str], n_fit: int) -> str:
     """The clause without its full stop; empty when nothing was understood."""
     traits = [t for t in phrase.traits if t.words[0] not in lost]
-    relations = [r for r in phrase.relations if r.word not in lost and _kept(r, lost)]
+    relations = [
+        r
+        for r in phrase.relations
+        if r.word not in lost
+        and not any(t.words[0] in lost for anchor in r.anchors for t in anchor.traits)
+    ]
     superlative = phrase.superlative
     if superlative is not None and superlative.word in lost:
         superlative = None
     if not (traits or relations or superlative):
         return ""
     adjectives = " ".join(_adjective(t) for t in traits if t.kind != "noun" and not t.negated)
-    called = " ".join(_called(t) for t in traits if t.kind == "noun")
-    where = " and ".join(_where(r) for r in relations)
+    nouns = [t for t in traits if t.kind == "noun"]
+    called = " ".join(f"{'not ' * t.negated}called “{t.words[0]}”" for t in nouns)
+    where = " and ".join(
+        f"{r.word} " + " and ".join(f"the {_anchor(a)}" for a in r.anchors) for r in relations
+    )
     denied = [_adjective(t) for t in traits if t.kind != "noun" and t.negated]
     but = " and ".join(f"{'is' if n_fit == 1 else 'are'} not {words}" for words in denied)
     but = f"that {but}" if but else ""
@@ -97,16 +105,7 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 def _adjective(trait: Trait) -> str:
-    joint = " and " if trait.together else " or "
-    return joint.join(trait.words)
-
-
-def _called(trait: Trait) -> str:
-    return ("not " if trait.negated else "") + f"called “{trait.words[0]}”"
-
-
-def _where(relation: Relation) -> str:
-    return f"{relation.word} " + " and ".join(f"the {_anchor(a)}" for a in relation.anchors)
+    return (" and " if trait.together else " or ").join(trait.words)
 
 
 def _anchor(phrase: Phrase) -> str:
@@ -114,10 +113,6 @@ def _anchor(phrase: Phrase) -> str:
     adjectives = " ".join(_adjective(t) for t in phrase.traits if t.kind != "noun")
     nouns = " ".join(t.words[0] for t in phrase.traits if t.kind == "noun")
     return " ".join(filter(None, [best, adjectives, nouns or "one"]))
-
-
-def _kept(relation: Relation, lost: list[str]) -> bool:
-    return not any(t.words[0] in lost for a in relation.anchors for t in a.traits)
 
 
 def _uses_view(phrase: Phrase) -> bool:
@@ -159,8 +154,7 @@ def color_scores(facts: GroupFacts, color: str) -> DoubleArray:
 
 def presence(facts: GroupFacts, color: str) -> DoubleArray:
     """How surely groups (G,) have some of a color at all: an eighth of what is seen is plenty."""
-    result: DoubleArray = np.clip(facts.colors @ kinship(color) / 0.125, 0, 1)
-    return result
+    return np.clip(facts.colors @ kinship(color) / 0.125, 0, 1)
 
 
 def background_scores(noun: str, facts: GroupFacts) -> DoubleArray | None:
@@ -243,13 +237,6 @@ def _alike(wanted: str, word: str) -> float:
         return worth
     ratio = SequenceMatcher(None, stem(wanted), stem(word)).ratio()
     return _MISSPELT * ratio if ratio >= _ALIKE and len(wanted) > n else 0.0
-
-
-# --- Search by words alone: names, colors, sizes, places. No model, no index: the box is never
-# dead.
-# A text is parsed into a phrase (`grammar`); every trait and relation scores all groups 0..1, and
-# the product ranks them; a superlative then orders those that fit. What was understood is said
-# back.
 
 
 FITS = 0.5  # a group that scores this is one of those meant
@@ -414,8 +401,7 @@ def _told_apart(part: DoubleArray, called: DoubleArray) -> DoubleArray:
     top = float(part[fits].max(initial=0))
     if not _SOME <= top < _TELLS:
         return part
-    result: DoubleArray = np.minimum(part * (_TELLS / top), 1)
-    return result
+    return np.minimum(part * (_TELLS / top), 1)
 
 
 def _own_names(word: str, around: Searched) -> DoubleArray:
@@ -494,7 +480,10 @@ def _anchors(phrase: Phrase, around: Searched, unknown: list[str]) -> list[tuple
         return []
     top = float(base.max())
     rows = np.flatnonzero(base >= _ALMOST * top)
-    return [(int(row), float(base[row] / top)) for row in rows[np.argsort(-base[rows])][:8]]
+    return [
+        (int(row), float(base[row] / top))
+        for row in rows[np.argsort(-base[rows], kind="stable")][:8]
+    ]
 
 
 def _ordered(
@@ -532,5 +521,4 @@ def _end(base: DoubleArray, part: DoubleArray) -> DoubleArray:
     top = float(part[fits].max(initial=0))
     if top <= 0:
         return base * 0
-    result: DoubleArray = np.where(fits, np.where(part >= top, 1.0, 0.49 * part / top), 0.0)
-    return result
+    return np.where(fits, np.where(part >= top, 1.0, 0.49 * part / top), 0.0)

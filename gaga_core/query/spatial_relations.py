@@ -106,38 +106,31 @@ def relation_score(
         more = values > values[a] if kind[0] == "+" else values < values[a]
         return np.where(more, 1.0, 0.0)
     if kind in _IN_VIEW:
-        return None if seen is None else _closer(facts, a, _IN_VIEW[kind](facts, a, seen))
+        score, sign = _IN_VIEW[kind]
+        return None if seen is None else _closer(facts, a, score(facts, a, seen, sign))
     return _IN_WORLD[kind](facts, a)
 
 
-def _left(facts: GroupFacts, a: int, seen: Sight) -> DoubleArray:
-    return _ramp(seen.u[a] - seen.u, 0.5 * (seen.half_width + seen.half_width[a])) * seen.inside
+def _beside(facts: GroupFacts, a: int, seen: Sight, sign: int) -> DoubleArray:
+    """Right (``sign`` 1) or left (-1) of it in the picture."""
+    width = 0.5 * (seen.half_width + seen.half_width[a])
+    return _ramp(sign * (seen.u - seen.u[a]), width) * seen.inside
 
 
-def _right(facts: GroupFacts, a: int, seen: Sight) -> DoubleArray:
-    return _ramp(seen.u - seen.u[a], 0.5 * (seen.half_width + seen.half_width[a])) * seen.inside
-
-
-def _behind(facts: GroupFacts, a: int, seen: Sight) -> DoubleArray:
-    """Farther away, and not far beside it in the picture."""
-    away = _ramp(seen.depth - seen.depth[a], 0.5 * (_half(facts) + _half(facts)[a]))
-    return away * _in_line(seen, a) * seen.inside
-
-
-def _before(facts: GroupFacts, a: int, seen: Sight) -> DoubleArray:
-    away = _ramp(seen.depth[a] - seen.depth, 0.5 * (_half(facts) + _half(facts)[a]))
-    return away * _in_line(seen, a) * seen.inside
-
-
-_IN_VIEW = {"left": _left, "right": _right, "behind": _behind, "before": _before}
-
-
-def _in_line(seen: Sight, a: int) -> DoubleArray:
+def _beyond(facts: GroupFacts, a: int, seen: Sight, sign: int) -> DoubleArray:
+    """Farther away (``sign`` 1) or nearer (-1), and not far next to it in the picture."""
+    half = 0.5 * facts.size
+    away = _ramp(sign * (seen.depth - seen.depth[a]), 0.5 * (half + half[a]))
     reach = 2 * (seen.half_width + seen.half_width[a])
     with np.errstate(invalid="ignore"):
-        beside = np.nan_to_num(np.abs(seen.u - seen.u[a]) / reach)
-    result: DoubleArray = np.exp(-(np.maximum(beside - 0.5, 0) ** 2) * 2)
+        aside = np.nan_to_num(np.abs(seen.u - seen.u[a]) / reach)
+    result: DoubleArray = away * np.exp(-(np.maximum(aside - 0.5, 0) ** 2) * 2) * seen.inside
     return result
+
+
+_IN_VIEW = {
+    "left": (_beside, -1), "right": (_beside, 1), "behind": (_beyond, 1), "before": (_beyond, -1),
+}  # fmt: skip
 
 
 def _closer(facts: GroupFacts, a: int, score: DoubleArray) -> DoubleArray:
@@ -172,24 +165,12 @@ def _inside(facts: GroupFacts, a: int) -> DoubleArray:
     return np.where(held & smaller, _overlap(facts, a), 0.0)
 
 
-def _near(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = np.exp(-((_gap(facts, a) / _NEAR_GAP) ** 2))
-    return result
-
-
-def _nearest(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = 1 / (1 + _gap(facts, a))
-    return result
-
-
-def _away(facts: GroupFacts, a: int) -> DoubleArray:
-    result: DoubleArray = 1 - np.exp(-_gap(facts, a) / 4)
-    return result
-
-
 _IN_WORLD: dict[str, Callable[[GroupFacts, int], DoubleArray]] = {
     "above": _above, "below": _below, "on": _on, "inside": _inside,
-    "near": _near, "nearest": _nearest, "farthest": _away, "away": _away,
+    "near": lambda facts, a: np.exp(-((_gap(facts, a) / _NEAR_GAP) ** 2)),
+    "nearest": lambda facts, a: 1 / (1 + _gap(facts, a)),
+    "farthest": lambda facts, a: 1 - np.exp(-_gap(facts, a) / 4),
+    "away": lambda facts, a: 1 - np.exp(-_gap(facts, a) / 4),
 }  # fmt: skip
 
 
@@ -203,7 +184,7 @@ def _between(facts: GroupFacts, a: int, b: int) -> DoubleArray:
     ends = facts.centre[[a, b], None, :2]
     under = ((facts.lo[:, :2] < ends) & (ends < facts.hi[:, :2])).all(axis=(0, 2))
     along = along * ~under  # what both stand on is not between them
-    result: DoubleArray = along * np.exp(-((off / (0.35 * length + _half(facts))) ** 2))
+    result: DoubleArray = along * np.exp(-((off / (0.35 * length + 0.5 * facts.size)) ** 2))
     return result
 
 
@@ -227,10 +208,6 @@ def _overlap(facts: GroupFacts, a: int) -> DoubleArray:
     over = ((facts.lo[a, :2] < middle) & (middle < facts.hi[a, :2])).all(axis=1)
     result: DoubleArray = np.where(over, np.maximum(share, _CENTRED), share)
     return result
-
-
-def _half(facts: GroupFacts) -> DoubleArray:
-    return 0.5 * facts.size
 
 
 def _ramp(margin: DoubleArray, width: DoubleArray) -> DoubleArray:

@@ -26,11 +26,6 @@ from gaga_core.arrays import (
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
 
-# --- What every source of 2D masks is: a picture in, a label map out.
-# A provider knows one picture at a time; that its ids do not agree between views is what the
-# memory bank is for (section 3.2). Models that score their masks give `ScoredMasks`, and `flatten`
-# makes one label map of them.
-
 
 @dataclass(frozen=True, eq=False)
 class Picture:

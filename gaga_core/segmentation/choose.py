@@ -5,13 +5,13 @@ torch and transformers are imported when a model's provider is made, not when th
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
-from gaga_core.segmentation.base import FlattenConfig, ModelCard, Provider
+from gaga_core.segmentation.base import FlattenConfig, ModelCard, ModelProvider, Provider
 from gaga_core.segmentation.models.catalogue import KNOWN, KnownModel
 from gaga_core.segmentation.models.weights import (
     Weights,
@@ -104,20 +104,13 @@ class ProviderEntry:
 def available_providers() -> tuple[ProviderEntry, ...]:
     """Every provider that is known or found here; quick, imports neither torch nor transformers."""
     has_package = importlib.util.find_spec("transformers") is not None
-    entries = [
-        ProviderEntry(
-            REGIONS,
-            "Regions of color and depth",
-            True,
-            "",
-            "regions",
-            note="needs no model; quick, and much rougher than one",
-        )
-    ]
+    note = "needs no model; quick, and much rougher than one"
+    entries = [ProviderEntry(REGIONS, "Regions of color and depth", True, "", "regions", note=note)]
     entries += [_known_entry(model, has_package) for model in KNOWN]
     for name, weights in own_models(KNOWN).items():
         reason = "" if has_package else _NO_TRANSFORMERS
-        size = _megabytes(weights.path)
+        files = weights.path.iterdir() if weights.path.is_dir() else [weights.path]
+        size = round(sum(file.stat().st_size for file in files if file.is_file()) / 1e6)
         title = f"{weights.model_type} in {weights.path}"
         entries.append(
             ProviderEntry(name, title, has_package, reason, "own", weights.path, size, "its own")
@@ -150,25 +143,33 @@ def provider_named(
         from gaga_core.segmentation.regions import RegionsProvider
 
         return RegionsProvider(settings.regions)
-    _check_name(name)
+    if not name or name.startswith(".") or set(name) & set('/\\:*?"<>|'):
+        raise GagaError(f"{name!r} cannot be the name of a folder of masks. Choose a plain name.")
     model = next((known for known in KNOWN if known.name == name), None)
     found = _weights_of(name, model, weights)
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     title = model.title if model else f"{found.model_type} ({found.path.name})"
-    from gaga_core.segmentation.base import ModelProvider
+    from gaga_core.segmentation.loading import choose_device
 
-    settings = replace(settings, flatten=settings.flatten_of(found.family))
-    loader = _sam_loader if found.family == "sam" else _universal_loader
-    load, changing = loader(found, settings)
-    card = ModelCard(
-        model=title,
-        licence=model.licence if model else "",
-        source=str(found.path),
-        page=model.page if model else "",
-        settings=changing,
-    )
-    return ModelProvider(name, card, weights_id(found), load, settings.flatten)
+    flatten, device = settings.flatten_of(found.family), choose_device(settings.device)
+    load: Callable[[], MaskMaker]
+    if found.family == "sam":
+        from gaga_core.segmentation.sam import load_sam
+
+        generator = settings.generator_of(found.model_type, on_gpu=device.type != "cpu")
+        load = partial(load_sam, _network(found), generator, device)
+        changing = asdict(generator) | asdict(flatten)
+        del changing["points_per_batch"]
+    else:
+        from gaga_core.segmentation.universal import load_universal
+
+        load = partial(load_universal, found.path, settings.universal, device)
+        changing = {f"flatten_{key}": value for key, value in asdict(flatten).items()}
+        changing = asdict(settings.universal) | changing
+    licence, page = (model.licence, model.page) if model else ("", "")
+    card = ModelCard(title, licence, str(found.path), page, changing)
+    return ModelProvider(name, card, weights_id(found), load, flatten)
 
 
 def prompter_named(
@@ -200,23 +201,9 @@ def _known_entry(model: KnownModel, has_package: bool) -> ProviderEntry:
         reason = reason or where_to_put(model)
     elif not has_package:
         reason = _NO_TRANSFORMERS
-    return ProviderEntry(
-        model.name,
-        model.title,
-        not reason,
-        reason,
-        "known",
-        found.path if found else None,
-        model.megabytes,
-        model.licence,
-        model.page,
-        model.note,
-    )
-
-
-def _check_name(name: str) -> None:
-    if not name or name.startswith(".") or set(name) & set('/\\:*?"<>|'):
-        raise GagaError(f"{name!r} cannot be the name of a folder of masks. Choose a plain name.")
+    path, said = found.path if found else None, (model.licence, model.page, model.note)
+    known = (model.name, model.title, not reason, reason)
+    return ProviderEntry(*known, "known", path, model.megabytes, *said)
 
 
 def _weights_of(name: str, model: KnownModel | None, weights: Path | None) -> Weights:
@@ -237,19 +224,6 @@ def _weights_of(name: str, model: KnownModel | None, weights: Path | None) -> We
     )
 
 
-def _sam_loader(
-    weights: Weights, settings: ProviderSettings
-) -> tuple[Callable[[], "MaskMaker"], dict[str, object]]:
-    """What loads the model, and the settings that change its masks."""
-    from gaga_core.segmentation.loading import choose_device
-    from gaga_core.segmentation.sam import load_sam, sam_settings
-
-    device = choose_device(settings.device)
-    generator = settings.generator_of(weights.model_type, on_gpu=device.type != "cpu")
-    load = partial(load_sam, _network(weights), generator, device)
-    return load, sam_settings(generator, settings.flatten)
-
-
 def _network(weights: Weights) -> "Callable[[], Module]":
     """What loads a model prompted with points, from a folder or an original checkpoint."""
     from gaga_core.segmentation.loading import load_folder
@@ -258,20 +232,3 @@ def _network(weights: Weights) -> "Callable[[], Module]":
     if weights.path.is_dir():
         return partial(load_folder, "mask_generation", weights.path)
     return partial(load_sam_checkpoint, weights.path)
-
-
-def _universal_loader(
-    weights: Weights, settings: ProviderSettings
-) -> tuple[Callable[[], "MaskMaker"], dict[str, object]]:
-    """What loads the model, and the settings that change its masks."""
-    from gaga_core.segmentation.loading import choose_device
-    from gaga_core.segmentation.universal import load_universal, universal_settings
-
-    device = choose_device(settings.device)
-    load = partial(load_universal, weights.path, settings.universal, device)
-    return load, universal_settings(settings.universal, settings.flatten)
-
-
-def _megabytes(path: Path) -> int:
-    files = path.iterdir() if path.is_dir() else [path]
-    return round(sum(file.stat().st_size for file in files if file.is_file()) / 1e6)

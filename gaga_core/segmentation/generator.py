@@ -9,13 +9,13 @@ survivors are scaled up, and can be stopped between two batches.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ScoredMasks
 from gaga_core.segmentation.settings import GeneratorConfig
@@ -226,11 +226,8 @@ def _survivors(
             places.append((x0 + window.x0, y0 + window.y0, x1 + window.x0, y1 + window.y0))
             crops.append(mask[y0:y1, x0:x1].copy())
             values.append(score)
-    return ScoredMasks(*size, _places(places), tuple(crops), np.array(values, np.float32))
-
-
-def _places(boxes: list[tuple[int, int, int, int]]) -> IntArray:
-    return np.array(boxes, np.int32).reshape(-1, 4)
+    boxes_ = np.array(places, np.int32).reshape(-1, 4)
+    return ScoredMasks(*size, boxes_, tuple(crops), np.array(values, np.float32))
 
 
 def _merge(
@@ -248,9 +245,5 @@ def _merge(
     scores = np.concatenate([part.scores for part in parts])
     order = kept[np.argsort(-scores[kept], kind="stable")]
     crops = [crop for part in parts for crop in part.crops]
-    return replace(
-        parts[0],
-        boxes=boxes[order],
-        crops=tuple(crops[i] for i in order),
-        scores=scores[order],
-    )
+    whole = (parts[0].height, parts[0].width)
+    return ScoredMasks(*whole, boxes[order], tuple(crops[i] for i in order), scores[order])

@@ -16,17 +16,7 @@ from PIL import Image
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation import regions_kernels
-from gaga_core.segmentation import regions_kernels as kernels
 from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
-
-# --- Masks without any model: regions merged on color, contour and the splats' depth.
-# Superpixels (SLIC, Achanta 2012) are merged pair by pair, the most alike first, to a tree; it is
-# cut where a merge is unlikely: parts that differ, or a shape that objects do not have. Depth adds
-# the shape of the surface: objects meet what they stand on in a concave crease (Stein 2014,
-# "Convexity based object partitioning"), and their own edges are convex. Nothing here knows what
-# an object is: a quick start, not a match for Segment Anything.
-
 
 NAME = "regions"
 FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
@@ -149,8 +139,7 @@ def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
 
 def _seen(depth: FloatArray) -> BoolArray:
     """Where there is a surface, (H, W)."""
-    result: BoolArray = np.isfinite(depth) & (depth > 0)
-    return result
+    return np.isfinite(depth) & (depth > 0)
 
 
 def _sampled(values: FloatArray, like: UInt8Array) -> FloatArray:
@@ -268,8 +257,7 @@ def _dense(labels: IntArray) -> IntArray:
     shown = np.flatnonzero(ids > 0)
     names = np.zeros(len(ids), np.int32)
     names[shown[np.argsort(first[shown])]] = np.arange(1, len(shown) + 1, dtype=np.int32)
-    result: IntArray = names[places].reshape(labels.shape)
-    return result
+    return names[places].reshape(labels.shape)
 
 
 # --- The tree of the weights-free regions: superpixels merged pair by pair, and where to stop.
@@ -299,6 +287,10 @@ def merged(
     crease at each pixel, ``weights`` (6,) of the cost, in the order of `regions_merge_kernels`.
     Those of a higher detail lie within those of a lower one.
     """
+    from scipy import ndimage
+
+    from gaga_core.segmentation import regions_kernels as kernels
+
     flat = pieces.ravel()
     area = np.bincount(flat, minlength=n).astype(np.float32)
     sums = [np.bincount(flat, lab[..., c].ravel(), n) * _LAB[c] for c in range(3)]
@@ -315,40 +307,20 @@ def merged(
         area, color, histogram, length, strength, weights, joined, costs, common
     )
     grants = _COLOR_GRANTS if len(cues) == 1 else _SHAPE_GRANTS
+    # Pixels along the edge of the picture, corners twice; first and last column and row.
+    sides = np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]])
+    edges = np.bincount(sides, minlength=n).astype(np.float32)
+    spans = ndimage.find_objects(pieces + 1, max_label=n)
+    boxes = np.array([(x.start, x.stop - 1, y.start, y.stop - 1) for y, x in spans], np.int32)
     found = []
     for detail in details:
         parent = np.arange(n, dtype=np.int32)
-        regions_kernels.cut(
-            joined[:made],
-            costs,
-            common,
-            at_first.copy(),
-            border.copy(),
-            _edges(pieces, n),
-            _boxes(pieces, n),
-            grants,
-            -np.log(detail),
-            parent,
-        )
+        tree = joined[:made], costs, common, at_first.copy(), border.copy()
+        kernels.cut(*tree, edges.copy(), boxes.copy(), grants, -np.log(detail), parent)
         while not np.array_equal(parent, parent[parent]):
             parent = parent[parent]
         found.append(parent[pieces])
     return found
-
-
-def _edges(pieces: IntArray, n: int) -> FloatArray:
-    """Pixels of each piece along the edge of the picture, (n,); corners count twice."""
-    sides = (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1])
-    return np.bincount(np.concatenate(sides), minlength=n).astype(np.float32)
-
-
-def _boxes(pieces: IntArray, n: int) -> IntArray:
-    """First and last column, first and last row of each piece, (n, 4)."""
-    from scipy import ndimage
-
-    found = ndimage.find_objects(pieces + 1, max_label=n)
-    spans = [(x.start, x.stop - 1, y.start, y.stop - 1) for y, x in found]
-    return np.array(spans, np.int32)
 
 
 def _color_bins(lab: FloatArray) -> tuple[IntArray, int]:

@@ -5,7 +5,7 @@ for most of these models.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -17,17 +17,13 @@ from torch.nn.functional import interpolate, pad
 
 from gaga_core.arrays import BoolArray, FloatArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
-from gaga_core.segmentation.base import FlattenConfig, MaskMaker
+from gaga_core.segmentation.base import MaskMaker
 from gaga_core.segmentation.generator import Encoded, Encoder, generate
 from gaga_core.segmentation.loading import normalized
 from gaga_core.segmentation.settings import GeneratorConfig
 
 if TYPE_CHECKING:
     from transformers import PreTrainedModel
-
-# --- Segment Anything models of transformers: SAM, SAM-HQ, SAM 2 and 2.1, the tracker of SAM 3.
-# Pictures are prepared here with pillow, since the image processors of transformers need
-# torchvision for most of these models.
 
 
 _IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
@@ -40,13 +36,6 @@ def load_sam(
 ) -> MaskMaker:
     """What makes masks with the model that ``load`` reads; progress counts points."""
     return partial(generate, sam_encoder(load().to(device)), config=generator)
-
-
-def sam_settings(generator: GeneratorConfig, flatten_config: FlattenConfig) -> dict[str, object]:
-    """The settings of a provider that change its masks, for its card."""
-    values = asdict(generator) | asdict(flatten_config)
-    del values["points_per_batch"]
-    return values
 
 
 def sam_encoder(module: Module) -> Encoder:
@@ -66,32 +55,35 @@ def sam_encoder(module: Module) -> Encoder:
         pixels = normalized(image, inner_w, inner_h, mean, std)
         pixels = pad(pixels, (0, side - inner_w, 0, side - inner_h))
         parameter = next(model.parameters())
-        embeddings = _embed(model, pixels.to(parameter.device, parameter.dtype), kind)
+        found = _embed(model, pixels.to(parameter.device, parameter.dtype), kind)
         scale = torch.tensor([inner_w / width, inner_h / height])
+
+        def placed(corners: FloatArray) -> Tensor:
+            """Points (..., 2) or boxes (..., 4) of the picture as the model takes them."""
+            at = torch.from_numpy(corners) * scale.repeat(corners.shape[-1] // 2)
+            return at[None].to(parameter.device, parameter.dtype)
 
         @torch.inference_mode()
         def decode(points: FloatArray) -> tuple[Tensor, Tensor]:
-            placed = (torch.from_numpy(points) * scale)[None, :, None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
-            ones = torch.ones(placed.shape[:3], dtype=torch.long, device=parameter.device)
-            out = model(input_points=placed, input_labels=ones, multimask_output=True, **embeddings)
+            at = placed(points[:, None])
+            ones = torch.ones(at.shape[:3], dtype=torch.long, device=parameter.device)
+            out = model(input_points=at, input_labels=ones, multimask_output=True, **found)
             return out.pred_masks[0], out.iou_scores[0]
 
         @torch.inference_mode()
         def prompt(points: FloatArray, is_on: BoolArray) -> tuple[Tensor, Tensor]:
-            placed = (torch.from_numpy(points) * scale)[None, None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
             signs = torch.from_numpy(is_on.astype(np.int64))[None, None].to(parameter.device)
             out = model(
-                input_points=placed, input_labels=signs, multimask_output=True, **embeddings
+                input_points=placed(points[None]),
+                input_labels=signs,
+                multimask_output=True,
+                **found,
             )
             return out.pred_masks[0, 0], out.iou_scores[0, 0]
 
         @torch.inference_mode()
         def boxes(corners: FloatArray) -> Tensor:
-            placed = (torch.from_numpy(corners) * scale.repeat(2))[None].to(pixels.dtype)
-            placed = placed.to(parameter.device, parameter.dtype)
-            out = model(input_boxes=placed, multimask_output=False, **embeddings)
+            out = model(input_boxes=placed(corners), multimask_output=False, **found)
             return cast(Tensor, out.pred_masks[0, :, 0])
 
         def upscale(logits: Tensor) -> Tensor:
@@ -175,8 +167,7 @@ class SamPrompter:
         if len(corners) == 0:
             return np.zeros((0, *image.shape[:2]), np.bool_)
         encoded = self._encoded(image)
-        masks: BoolArray = (encoded.upscale(encoded.boxes(corners).float()) > 0).cpu().numpy()
-        return masks
+        return (encoded.upscale(encoded.boxes(corners).float()) > 0).cpu().numpy()
 
     def _encoded(self, image: UInt8Array) -> Encoded:
         if self._model is None:

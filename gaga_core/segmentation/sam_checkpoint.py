@@ -18,40 +18,30 @@ from gaga_core.io.files import explain_os_error
 from gaga_core.segmentation.loading import freeze
 
 _DECODER_HEADS = 8  # of all published models; the weights do not show it
-_PATTERNS = tuple(
-    (re.compile(pattern), new)
-    for pattern, new in (
-        (r"^image_encoder\.patch_embed\.proj\.", "vision_encoder.patch_embed.projection."),
-        (r"^image_encoder\.blocks\.(\d+)\.norm([12])\.", r"vision_encoder.layers.\1.layer_norm\2."),
-        (r"^image_encoder\.blocks\.", "vision_encoder.layers."),
-        (r"^image_encoder\.neck\.0\.", "vision_encoder.neck.conv1."),
-        (r"^image_encoder\.neck\.1\.", "vision_encoder.neck.layer_norm1."),
-        (r"^image_encoder\.neck\.2\.", "vision_encoder.neck.conv2."),
-        (r"^image_encoder\.neck\.3\.", "vision_encoder.neck.layer_norm2."),
-        (r"^image_encoder\.", "vision_encoder."),
-        (
-            r"^prompt_encoder\.pe_layer\.positional_encoding_gaussian_matrix$",
-            "prompt_encoder.shared_embedding.positional_embedding",
-        ),
-        (r"^prompt_encoder\.point_embeddings\.", "prompt_encoder.point_embed."),
-        (r"^prompt_encoder\.mask_downscaling\.0\.", "prompt_encoder.mask_embed.conv1."),
-        (r"^prompt_encoder\.mask_downscaling\.1\.", "prompt_encoder.mask_embed.layer_norm1."),
-        (r"^prompt_encoder\.mask_downscaling\.3\.", "prompt_encoder.mask_embed.conv2."),
-        (r"^prompt_encoder\.mask_downscaling\.4\.", "prompt_encoder.mask_embed.layer_norm2."),
-        (r"^prompt_encoder\.mask_downscaling\.6\.", "prompt_encoder.mask_embed.conv3."),
-        (
-            r"^mask_decoder\.transformer\.norm_final_attn\.",
-            "mask_decoder.transformer.layer_norm_final_attn.",
-        ),
-        (
-            r"^mask_decoder\.transformer\.layers\.(\d+)\.norm([1-4])\.",
-            r"mask_decoder.transformer.layers.\1.layer_norm\2.",
-        ),
-        (r"^mask_decoder\.output_upscaling\.0\.", "mask_decoder.upscale_conv1."),
-        (r"^mask_decoder\.output_upscaling\.1\.", "mask_decoder.upscale_layer_norm."),
-        (r"^mask_decoder\.output_upscaling\.3\.", "mask_decoder.upscale_conv2."),
-    )
-)
+# Beginnings of names, and what transformers calls them; the first one that fits.
+_NAMES = """
+image_encoder.patch_embed.proj. vision_encoder.patch_embed.projection.
+image_encoder.neck.0. vision_encoder.neck.conv1.
+image_encoder.neck.1. vision_encoder.neck.layer_norm1.
+image_encoder.neck.2. vision_encoder.neck.conv2.
+image_encoder.neck.3. vision_encoder.neck.layer_norm2.
+image_encoder.blocks. vision_encoder.layers.
+image_encoder. vision_encoder.
+prompt_encoder.pe_layer.positional_encoding_gaussian_matrix {shared}
+prompt_encoder.point_embeddings. prompt_encoder.point_embed.
+prompt_encoder.mask_downscaling.0. prompt_encoder.mask_embed.conv1.
+prompt_encoder.mask_downscaling.1. prompt_encoder.mask_embed.layer_norm1.
+prompt_encoder.mask_downscaling.3. prompt_encoder.mask_embed.conv2.
+prompt_encoder.mask_downscaling.4. prompt_encoder.mask_embed.layer_norm2.
+prompt_encoder.mask_downscaling.6. prompt_encoder.mask_embed.conv3.
+mask_decoder.transformer.norm_final_attn. mask_decoder.transformer.layer_norm_final_attn.
+mask_decoder.output_upscaling.0. mask_decoder.upscale_conv1.
+mask_decoder.output_upscaling.1. mask_decoder.upscale_layer_norm.
+mask_decoder.output_upscaling.3. mask_decoder.upscale_conv2.
+"""
+_POSITIONS = "prompt_encoder.shared_embedding.positional_embedding"
+_BEGINNINGS = [line.split() for line in _NAMES.format(shared=_POSITIONS).strip().splitlines()]
+_NORM = re.compile(r"(blocks|transformer\.layers)(\.\d+\.)norm(\d)")
 # The layers of a small network are counted from input to output: first, those between, last.
 _HEAD = re.compile(
     r"^(mask_decoder\.(?:output_hypernetworks_mlps\.\d+|iou_prediction_head))\.layers\.(\d+)\."
@@ -99,7 +89,7 @@ def sam_of_state(state: Mapping[str, Tensor], origin: str) -> Module:
         config = _config_of(state)
         model: Module = transformers.SamModel(config)
         renamed = rename(state)
-        renamed[_SHARED] = renamed["prompt_encoder.shared_embedding.positional_embedding"]
+        renamed[_SHARED] = renamed[_POSITIONS]
         lacking, left = model.load_state_dict(renamed, strict=False)
     except (KeyError, IndexError, ValueError, RuntimeError, ZeroDivisionError) as error:
         raise GagaError(
@@ -124,18 +114,17 @@ def rename(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
             last[head[1]] = max(last.get(head[1], 0), int(head[2]))
     renamed = {}
     for name, value in state.items():
-        new = name
+        new = _NORM.sub(r"\1\2layer_norm\3", name)
         head = _HEAD.match(name)
         if head:
             layer = int(head[2])
             inner = f"layers.{layer - 1}"
             place = "proj_in" if layer == 0 else "proj_out" if layer == last[head[1]] else inner
             new = f"{head[1]}.{place}.{name[head.end() :]}"
-        else:
-            for pattern, replacement in _PATTERNS:
-                new, n = pattern.subn(replacement, name)
-                if n:
-                    break
+        for old, theirs in _BEGINNINGS:
+            if new.startswith(old):
+                new = theirs + new.removeprefix(old)
+                break
         renamed[new] = value
     return renamed
 

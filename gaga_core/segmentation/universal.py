@@ -5,7 +5,7 @@ MaskFormer and EoMT. Classes are used for confidence only; what comes out is cla
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -22,7 +22,7 @@ from gaga_core.arrays import BoolArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.progress import Progress, Stage
-from gaga_core.segmentation.base import FlattenConfig, MaskMaker, ScoredMasks, scored_masks
+from gaga_core.segmentation.base import MaskMaker, ScoredMasks, scored_masks
 from gaga_core.segmentation.loading import load_folder, normalized
 from gaga_core.segmentation.settings import UniversalConfig
 
@@ -75,11 +75,6 @@ def _masks(
     if config.kind == "panoptic":
         return panoptic_masks(queries, height, width, config)
     return (yield from entity_masks(queries, height, width, config))
-
-
-def universal_settings(config: UniversalConfig, flatten_config: FlattenConfig) -> dict[str, object]:
-    """The settings of a provider that change its masks, for its card."""
-    return asdict(config) | {f"flatten_{k}": v for k, v in asdict(flatten_config).items()}
 
 
 def read_preparation(folder: Path, kind: str, image_size: int = 0) -> Preparation:

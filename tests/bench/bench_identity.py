@@ -228,9 +228,9 @@ def _ious(kind: Kind, seed: int) -> tuple[float, float, float, float]:
     voted = Voted(found.labels, found.confidence)
     closed = run_stage(vote_identity(gaussians, voted, found.bank.group, n_groups, train, cpu))
     closed = run_stage(fit_identity(gaussians, closed, train, label_map, cpu)).closed
-    refined = run_stage(refine_identity(gaussians, closed, train, label_map, cpu))
+    refined, _ = run_stage(refine_identity(gaussians, closed, train, label_map, cpu))
     paper = PaperConfig(iterations=2000)
-    trained = run_stage(train_identity(gaussians, n_groups, train, label_map, cpu, paper))
+    trained, _ = run_stage(train_identity(gaussians, n_groups, train, label_map, cpu, paper))
     truth = [bench.truth[camera.name] for camera in bench.test]
 
     def iou(field: IdentityField) -> float:
@@ -242,6 +242,6 @@ def _ious(kind: Kind, seed: int) -> tuple[float, float, float, float]:
 
     splatted = [cpu.label_splat(gaussians, c, closed.identity.labels).labels for c in bench.test]
     exact = score_pairs(zip(truth, splatted, strict=True))[1].iou
-    fields = (closed.identity.field, refined.identity.field, trained.identity.field)
+    fields = (closed.identity.field, refined.field, trained.field)
     vote, refine, full = (iou(field) for field in fields)
     return exact, vote, refine, full

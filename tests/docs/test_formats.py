@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaga_core.export.export import export_objects_stage
-from gaga_core.identity.lift import LiftFigures
+from gaga_core.identity.field import LiftFigures
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene

@@ -25,7 +25,7 @@ from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
 from gaga_core.grouping.robust.label_masks import fill_unseen, voting_labels
 from gaga_core.grouping.robust.surface_points import Leaders, point_tables
 from gaga_core.grouping.views import vote_with_bank
-from gaga_core.grouping.votes import Votes, vote_labels
+from gaga_core.grouping.votes import LabelMap, Votes, VoteSums
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 
@@ -52,34 +52,34 @@ def follow_points(
     """
     if evidence.points is None:
         raise ValueError("evidence: has no points, run gather_stage first")
-    shown = evidence.points
+    shown, names = evidence.points, [camera.name for camera in evidence.views]
     masks = [evidence.masks_of(camera).ids for camera in evidence.views]
-    former = _groups(evidence, bank, masks)
+    groups = groups_of_masks(bank, names)
+    former = [_at(groups[name], ids) for name, ids in zip(names, masks, strict=True)]
+    # What a person said of each mask, -1 = nothing; and the same with those masks where they were.
     told = [
-        _told(camera.name, ids, forced) for camera, ids in zip(evidence.views, masks, strict=True)
+        np.array([-1, *(forced.get((name, mask), -1) for mask in ids[1:].tolist())], np.int32)
+        for name, ids in zip(names, masks, strict=True)
     ]
-    was = [np.where(groups >= 0, old, groups) for groups, old in zip(told, former, strict=True)]
-    start = evidence.views.index(evidence.camera(first))
+    was = [np.where(said >= 0, old, said) for said, old in zip(told, former, strict=True)]
     width = max((bank.n_groups, *forced.values())) + 1
-    order = _order(evidence, bank)
-    walk = _Walk(shown, order, order.index(start), former, width)
+    logged = dict.fromkeys(d.view for d in bank.log)
+    order = [names.index(view) for view in logged if view in names]
+    start = order.index(names.index(evidence.camera(first).name))
+    walk = _Walk(shown, order, start, former, width)
     expected, moved = walk.groups(was), walk.groups(told)
     of_mask = [
-        np.where((groups >= 0) | (old != new), np.where(groups >= 0, groups, new), kept)
-        for groups, old, new, kept in zip(told, expected, moved, former, strict=True)
+        np.where((said >= 0) | (old != new), np.where(said >= 0, said, new), kept)
+        for said, old, new, kept in zip(told, expected, moved, former, strict=True)
     ]
-    point = walk.points(of_mask, told)
-    found = point_tables(shown, point, [len(ids) for ids in masks])
-    tables = [_widened(table, width) for table in found]
-    log = _logged(evidence, bank, masks, (of_mask, tables), forced)
+    tables = []
+    for table in point_tables(shown, walk.points(of_mask, told), [len(ids) for ids in masks]):
+        shape = (table.shape[0], max(width, table.shape[1]))
+        tables.append(csr_matrix((table.data, table.indices, table.indptr), shape=shape))
+    places = {name: v for v, name in enumerate(names)}
+    log = _logged(evidence, bank, places, masks, (of_mask, tables), forced)
     unowned = np.full_like(bank.group, -1)
     return replace(bank, group=unowned, n_groups=width - 1, log=log), tables
-
-
-def _widened(table: csr_matrix, width: int) -> csr_matrix:
-    """``table`` with at least so many columns."""
-    shape = (table.shape[0], max(width, table.shape[1]))
-    return csr_matrix((table.data, table.indices, table.indptr), shape=shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class _Walk:
             masks, groups = self.shown[:, v], result[v]
             if place > self.start:
                 table = np.zeros((len(groups), self.width), np.int32)
-                np.add.at(table, (masks, _reassociate_points_labels(votes, pins)), 1)
+                np.add.at(table, (masks, _labels_of_points(votes, pins)), 1)
                 table[0], table[:, 0] = 0, 0
                 known = table.any(axis=1)
                 groups[known] = table[known].argmax(axis=1)
@@ -113,7 +113,7 @@ class _Walk:
         votes = self._no_votes()
         for v, groups in enumerate(of_mask):
             votes[np.arange(len(votes)), groups[self.shown[:, v]]] += 1
-        return _reassociate_points_labels(votes, self._pins(told))
+        return _labels_of_points(votes, self._pins(told))
 
     def _no_votes(self) -> UInt16Array | UInt32Array:
         """Zeros (S, G + 1) that hold a vote of each view."""
@@ -130,76 +130,52 @@ class _Walk:
         return pins
 
 
-def _reassociate_points_labels(votes: UInt16Array | UInt32Array, pins: IntArray) -> IntArray:
+def _labels_of_points(votes: UInt16Array | UInt32Array, pins: IntArray) -> IntArray:
     """The group of most votes of each row, 0 without any; what is pinned is that."""
     best = votes[:, 1:].argmax(axis=1) + 1
     best[~votes[:, 1:].any(axis=1)] = 0
     return np.where(pins >= 0, pins, best).astype(np.int32)
 
 
-def _told(view: str, ids: IntArray, forced: Forced) -> IntArray:
-    """Groups (M + 1,) that a person gave the masks of a view, -1 = none given."""
-    said = [forced.get((view, int(i)), -1) for i in ids]
-    return np.array([-1, *said[1:]], np.int32)
+def _at(groups: IntArray, ids: IntArray) -> IntArray:
+    """``groups`` of the masks with ``ids`` (M + 1,), 0 for those beyond the last one known."""
+    known = ids < len(groups)
+    return np.where(known, groups[np.where(known, ids, 0)], np.int32(0))
 
 
-def _order(evidence: Evidence, bank: MemoryBank) -> list[int]:
-    """The views that the log knows, in its order."""
-    at = {camera.name: v for v, camera in enumerate(evidence.views)}
-    return [at[view] for view in dict.fromkeys(d.view for d in bank.log) if view in at]
+def _label_map(
+    evidence: Evidence,
+    bank: MemoryBank,
+    tables: Sequence[csr_matrix],  # of the views: points of each group in each mask
+    forced: Forced,
+    labels: IntArray,  # (N,) by which masks that hold several groups are divided
+    rasterizer: Rasterizer,
+) -> LabelMap:
+    """Which groups the pixels of a view vote for; a mask moved by hand votes as a whole."""
+    config = evidence.config.consensus or ConsensusConfig()
+    of_masks = groups_of_masks(bank, [camera.name for camera in evidence.views])
 
-
-@dataclass(frozen=True, eq=False)
-class VotingMaps:
-    """Which group the pixels of a view vote for."""
-
-    evidence: Evidence
-    bank: MemoryBank
-    tables: Sequence[csr_matrix]  # of the views: points of each group in each mask
-    forced: Forced
-    labels: IntArray  # (N,) by which masks that hold several groups are divided
-    rasterizer: Rasterizer
-
-    def of(self, camera: Camera) -> IntArray:
-        """Groups (H, W), 0 = does not vote. A mask moved by hand votes as a whole."""
-        evidence = self.evidence
+    def of(camera: Camera) -> IntArray:
         v = evidence.views.index(camera)
-        masks, table = evidence.masks_of(camera), self.tables[v].toarray()
-        merged = merged_masks(self.tables[v], evidence.config.consensus or ConsensusConfig())
-        by_hand = [m for m, i in enumerate(masks.ids) if (camera.name, int(i)) in self.forced]
-        merged = np.setdiff1d(merged, np.array(by_hand, np.int64))
-        groups = _groups(evidence, self.bank, [masks.ids], camera.name)[0]
+        masks, table = evidence.masks_of(camera), tables[v].toarray()
+        by_hand = [m for m, i in enumerate(masks.ids) if (camera.name, int(i)) in forced]
+        merged = np.setdiff1d(merged_masks(tables[v], config), np.array(by_hand, np.int64))
+        groups = _at(of_masks[camera.name], masks.ids)
         table[groups == 0] = 0
         table[np.flatnonzero(groups), groups[groups > 0]] += _SURE
         shown = None
         if len(merged):
-            shown = self.rasterizer.label_splat(evidence.gaussians, camera, self.labels).labels
+            shown = rasterizer.label_splat(evidence.gaussians, camera, labels).labels
             shown = np.where(shown < table.shape[1], shown, np.int32(0))
         return voting_labels(masks, csr_matrix(table), merged, shown)
 
-
-def _groups(
-    evidence: Evidence, bank: MemoryBank, masks: Sequence[IntArray], only: str = ""
-) -> list[IntArray]:
-    """For each view the group (M + 1,) of each dense mask."""
-    by_view: dict[str, dict[int, int]] = {}
-    for d in bank.log:
-        by_view.setdefault(d.view, {})[d.mask] = d.group
-    names = [only] if only else [camera.name for camera in evidence.views]
-    return [
-        np.array([by_view.get(name, {}).get(int(i), 0) for i in ids], np.int32)
-        for name, ids in zip(names, masks, strict=True)
-    ]
-
-
-def _place(evidence: Evidence, masks: Sequence[IntArray], view: str, mask: int) -> tuple[int, int]:
-    v = evidence.views.index(evidence.camera(view))
-    return v, int(np.searchsorted(masks[v], mask))
+    return of
 
 
 def _logged(
     evidence: Evidence,
     bank: MemoryBank,
+    place: Mapping[str, int],  # of the views
     masks: Sequence[IntArray],
     found: tuple[Sequence[IntArray], Sequence[csr_matrix]],
     forced: Forced,
@@ -207,17 +183,20 @@ def _logged(
     """The log with the masks that moved; overlap = share of the points that the mask shows."""
     of_mask, tables = found
     best = [Leaders.of(table) for table in tables]
-    known: set[int] = set()
-    log = []
+    known, log = {0}, []
     for old in bank.log:
-        v, m = _place(evidence, masks, old.view, old.mask)
+        if old.view not in place:
+            raise GagaError(
+                f"{old.view} has no masks any more. Choose the masks that were associated."
+            )
+        v = place[old.view]
+        m = int(np.searchsorted(masks[v], old.mask))
         group, by_hand = int(of_mask[v][m]), (old.view, old.mask) in forced
-        decision = replace(old, is_new=group > 0 and group not in known, by_hand=by_hand)
+        decision = replace(old, is_new=group not in known, by_hand=by_hand)
         if group != old.group:
             counts = tables[v][m].toarray()[0]
             total = max(int(counts.sum()), 1)
-            leads = best[v]
-            rival = int(leads.second[m] if leads.first[m] == group else leads.first[m])
+            rival = int((best[v].second if best[v].first[m] == group else best[v].first)[m])
             decision = replace(
                 decision,
                 group=group,
@@ -230,14 +209,7 @@ def _logged(
     return tuple(log)
 
 
-# --- Repair an association by hand: a mask goes to another group, and what follows from it is
-# redone.
-# The bank before the mask's view stays; from that view on every mask is decided again in the same
-# order, the moved one as given: with "paper" by the splats behind it, with "robust" by points on
-# its surface (see `reassociate_points`). Either way decisions made by hand stay, ids of groups
-# stay, and only splats of groups whose masks changed get another label. (The authors name "a
-# dynamic reassignment mechanism" as future work.)
-
+# --- The move itself: which bank, which votes, which labels.
 
 STAGE = "Associate again"
 NEW = -1  # a group of its own
@@ -309,10 +281,13 @@ def reassociate_stage(
         yield Progress(
             STAGE, 1, 3, move.view, BankSnapshot(move.view, live, live.n_groups, keeps_ids=True)
         )
-        maps = VotingMaps(evidence, redone, tables, forced, labels, rasterizer)
-        votes = yield from part(_robust_vote(evidence, redone, maps, rasterizer), 2, 3, STAGE)
+        label_map = _label_map(evidence, redone, tables, forced, labels, rasterizer)
+        sums = VoteSums.empty(len(labels), redone.n_groups, evidence.config.histogram_bytes)
+        stage = sums.add_stage(evidence.gaussians, evidence.views, label_map, rasterizer)
+        yield from part(stage, 2, 3, STAGE)
+        votes = sums.votes()
     touched = changed_groups(bank.log, redone.log)
-    found = yield from _reassociate_labels(evidence, redone, votes, labels, touched)
+    found = yield from _labels_after(evidence, redone, votes, labels, touched)
     sure = votes.confidence if confidence is None else confidence
     return _settled(bank, redone, (found, votes.confidence), (labels, sure), touched, wanted)
 
@@ -418,39 +393,15 @@ def _decided(
         opened.add(to)
         rival = int(second[m] if best[m] == to or (is_new and key not in forced) else best[m])
         counted = int(best[m]) if is_new and key not in forced else to
-        log.append(
-            Decision(
-                view=view,
-                mask=key[1],
-                group=to,
-                is_new=is_new,
-                overlap=share(m, counted),
-                runner_up=rival,
-                runner_up_overlap=share(m, rival),
-                n_gaussians=int(sizes[m]),
-                by_hand=key in forced,
-            )
-        )
+        counts = share(m, counted), rival, share(m, rival), int(sizes[m])
+        log.append(Decision(*key, to, is_new, *counts, by_hand=key in forced))
     return log
-
-
-def _robust_vote(
-    evidence: Evidence, bank: MemoryBank, maps: VotingMaps, rasterizer: Rasterizer
-) -> Stage[Votes]:
-    return vote_labels(
-        evidence.gaussians,
-        evidence.views,
-        maps.of,
-        bank.n_groups,
-        rasterizer,
-        histogram_bytes=evidence.config.histogram_bytes,
-    )
 
 
 # --- labels
 
 
-def _reassociate_labels(
+def _labels_after(
     evidence: Evidence,
     bank: MemoryBank,
     votes: Votes,
@@ -509,5 +460,4 @@ def _settled(
 
 
 def _among(labels: IntArray, groups: Iterable[int] | Sequence[int]) -> BoolArray:
-    result: BoolArray = np.isin(labels, np.array(sorted(groups), np.int64))
-    return result
+    return np.isin(labels, np.array(sorted(groups), np.int64))

@@ -36,6 +36,7 @@ from gaga_core.grouping.robust.surface_points import (
     PointTables,
     Sightings,
     full_size,
+    lifted,
     masks_of_points,
     point_tables,
     sample_points,
@@ -53,7 +54,7 @@ from gaga_core.threads import run_chunks
 _NEIGHBOURS = 16
 _RADIUS = 4  # pixels on each side of a point whose depths make its plane
 _DEEP = 0.03  # share of its depth by which pixels of that plane may differ from the point
-_LEAST = 12  # pixels of a plane
+_PLANE_PIXELS_MIN = 12  # pixels of a plane
 _BORDER = 3.0  # neighbours per point of the smaller cluster at which the border says nothing
 _TOUCH = 0.25  # with fewer neighbours per point clusters do not touch
 APART = 0.34  # prior of clusters that do not touch
@@ -156,16 +157,14 @@ def _normals(
     depth = full_size(camera, depths)[rows, columns].astype(np.float64)
     near = np.abs(depth - z[:, None]) < _DEEP * z[:, None]
     usable = near & (labels[rows, columns] == mask[:, None])
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * depth
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * depth
-    cloud = np.stack([x, y, depth], axis=2)
+    cloud = lifted(camera, rows, columns, depth)
     weight = usable[:, :, None]
     middle = (cloud * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
     offsets = (cloud - middle[:, None]) * weight
     normal = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))[1][:, :, 0]
     away = (normal * middle).sum(axis=1) > 0
     result: DoubleArray = np.where(away[:, None], -normal, normal)
-    result[usable.sum(axis=1) < _LEAST] = 0
+    result[usable.sum(axis=1) < _PLANE_PIXELS_MIN] = 0
     return result
 
 
@@ -229,7 +228,9 @@ def linkage_stage(
         n_merges = kernels.merge_clusters(
             *state, end, parent, seen, size, numbers, partner, score, tree, _MERGES
         )
-    return renumbered(_roots(parent))
+    while (parent[parent] != parent).any():
+        parent = parent[parent]
+    return renumbered(parent)
 
 
 def renumbered(cluster: IntArray) -> IntArray:
@@ -237,8 +238,7 @@ def renumbered(cluster: IntArray) -> IntArray:
     _, first, inverse = np.unique(cluster, return_index=True, return_inverse=True)
     order = np.empty(len(first), np.int32)
     order[np.argsort(first)] = np.arange(1, len(first) + 1)
-    result: IntArray = order[inverse]
-    return result
+    return order[inverse]
 
 
 def _pairs(
@@ -257,18 +257,8 @@ def _pairs(
     other, together = np.zeros(0, np.int32), np.zeros(0)
 
     def work(begin: int, stop: int) -> None:
-        kernels.list_pairs(
-            mask_of,
-            first_row,
-            row_start,
-            members,
-            first + begin,
-            first + stop,
-            pair_start,
-            degree,
-            other,
-            together,
-        )
+        rows = mask_of, first_row, row_start, members, first + begin, first + stop
+        kernels.list_pairs(*rows, pair_start, degree, other, together)
 
     for is_written in (False, True):
         if is_written:
@@ -297,25 +287,7 @@ def _maxima(score: DoubleArray) -> DoubleArray:
     return np.concatenate([[-1.0], *reversed(levels)])
 
 
-def _roots(parent: IntArray) -> IntArray:
-    """The surviving cluster (S,) of each point."""
-    root = parent
-    while (root[root] != root).any():
-        root = root[root]
-    return root
-
-
-# --- Beyond the paper: groups by the consensus of all views (the preset "robust").
-# A segmenter errs view by view: it splits an object in one view and merges two objects in another.
-# Two points of one object show in one mask in most of the views that see both; two points of
-# different objects rarely do. So points on the surfaces (`surface_points`) are clustered by the
-# share of views that show them in one mask, over the views that see both: average linkage, where a
-# cluster's agreement with another is the mean over all pairs of their points. No view comes first,
-# and a mask that merges two objects is one vote among many. (The view consensus rate between masks
-# is from MaskClustering, Yan et al., CVPR 2024; here its members are points, so that merged masks
-# need not be found and dropped beforehand.)
-#
-# What was tried on top of this and left out, with its figures: docs/experiments.md.
+# --- Clusters that join by the votes of the views.
 
 
 STAGE = "Compare views"
@@ -492,17 +464,13 @@ def _view_agreement(
     agreement[voice < config.min_voice] = 0
     apart = np.flatnonzero((agreement > config.view_agreement) & (priors.of(key) <= APART))
     if len(apart) > 0:
-        agreement[apart[_shared_points(tables, key[apart]) < config.min_shared]] = 0
+        # Points of the lesser of both in masks that show both, view by view: of clusters far apart
+        # one stray point in one view would else join them.
+        first, second = np.divmod(key[apart], tables.width)
+        points = tables.counts.tocsc()
+        shared = points[:, first].minimum(points[:, second]).sum(axis=0)
+        agreement[apart[np.asarray(shared).ravel() < config.min_shared]] = 0
     return key, np.round(agreement, _DIGITS)
-
-
-def _shared_points(tables: PointTables, key: LongArray) -> DoubleArray:
-    """How many points (P,) of the lesser of two clusters lie in masks that show both, view by
-    view. Of clusters far apart one stray point in one view would else join them."""
-    first, second = np.divmod(key, tables.width)
-    columns = tables.counts.tocsc()
-    shared = columns[:, first].minimum(columns[:, second]).sum(axis=0)
-    return np.asarray(shared, np.float64).ravel()
 
 
 def _supported(tables: PointTables, n_points: LongArray, config: ConsensusConfig) -> IntArray:

@@ -7,6 +7,7 @@ there. Gaussians that no picture shows take the gate's votes, then their neighbo
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -16,8 +17,8 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks
-from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.grouping.robust.surface_points import Leaders
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.robust.surface_points import Leaders, PointTables
 from gaga_core.grouping.views import load_labels
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage
@@ -29,45 +30,28 @@ _TABLE_BYTES = 1 << 28  # of counts of all groups; above, a few groups of each G
 
 def decide_masks(
     bank: MemoryBank,  # its log has one decision for each mask of these views
-    tables: Mapping[str, csr_matrix],  # by view: (M + 1, G + 1) points of each group in each mask
-    ids: Mapping[str, IntArray],  # by view: (M + 1,) the id of each mask in the label map
+    views: Sequence[str],
+    tables: PointTables,  # of the views: points of each group in each mask
+    ids: Sequence[IntArray],  # by view: (M + 1,) the id of each mask in the label map
 ) -> MemoryBank:
     """The bank with each mask decided by its points: overlap = share of the points it shows.
 
     Decisions keep their order and #G(m); a group is new where it comes first. No group
     owns Gaussians yet. A mask without a point of any group has none.
     """
-    known: set[int] = set()
-    log = []
-    decisions: dict[int, tuple[int, float, int, float]] = {}  # of one view: those of all are many
-    view = None
-    for old in bank.log:
-        if old.view != view:
-            view, decisions = old.view, _decisions(tables[old.view], ids[old.view])
-        first, overlap, second, runner_up_overlap = decisions[old.mask]
-        log.append(
-            replace(
-                old,
-                group=first,
-                is_new=first > 0 and first not in known,
-                overlap=overlap,
-                runner_up=second,
-                runner_up_overlap=runner_up_overlap,
+    known, log = {0}, []
+    for view, decisions in groupby(bank.log, lambda d: d.view):
+        v = views.index(view)
+        said = Leaders.of(tables[v]).by_mask(ids[v])
+        for old in decisions:
+            group, share, second, rival = said[old.mask]
+            is_new = group not in known
+            log.append(
+                Decision(view, old.mask, group, is_new, share, second, rival, old.n_gaussians)
             )
-        )
-        known.add(first)
-    n_groups = next(iter(tables.values())).shape[1] - 1
-    return replace(bank, group=np.full_like(bank.group, -1), n_groups=n_groups, log=tuple(log))
-
-
-def _decisions(table: csr_matrix, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
-    """By the id of a mask: the group of most of its points and the next one, each with its share
-    of the points."""
-    found = Leaders.of(table)
-    total = np.maximum(found.total, 1)
-    columns = (found.first, found.n_first / total, found.second, found.n_second / total)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return dict(zip(ids.tolist(), rows, strict=True))
+            known.add(group)
+    group_of = np.full_like(bank.group, -1)
+    return replace(bank, group=group_of, n_groups=tables.width - 1, log=tuple(log))
 
 
 def voting_labels(

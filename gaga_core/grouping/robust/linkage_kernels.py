@@ -14,14 +14,6 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray, UInt16Array, UInt32Array
 from gaga_core.kernels import exact_kernel
 
-# --- Kernels of average linkage over points, on those pairs alone that some view shows in one
-# mask.
-# Pairs that no view shows in one mask never agree enough to join (`ConsensusConfig`), so they are
-# not kept. A cluster lists its pairs with how often each is together. An entry may name a cluster
-# that was merged since: it counts for the one that took it in, and what several entries say of one
-# cluster adds up. How many views see both is the product of their counts by view. All sums are
-# whole numbers: the same points give the same groups on every machine.
-
 
 @exact_kernel
 def list_pairs(

@@ -7,7 +7,6 @@ mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -20,17 +19,11 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.robust.linkage_kernels import flood, pieces_of
 from gaga_core.grouping.views import load_labels
-from gaga_core.grouping.votes import vote_labels
+from gaga_core.grouping.votes import VoteSums
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 from gaga_core.threads import n_threads
-
-# --- Beyond the paper: the surfaces that Gaussians form, as a graph of neighbours.
-# A Gaussian's normal is its thinnest axis; where it has none, that of the plane through its
-# neighbours. Over an edge the surface is smooth, convex, or has a crease: two objects that touch
-# mostly meet in a crease (local convexity: Stein et al., CVPR 2014).
-
 
 _FLAT = 0.5  # a splat whose thinnest axis has at most this share of the next one has a normal
 _FAR = 3.0  # an edge is at most so many times longer than the median edge of either end
@@ -62,11 +55,7 @@ class Neighbours:
         found = cKDTree(points).query(points, k=range(2, k + 2), workers=n_threads())
         distance, nearest = np.asarray(found[0]), np.asarray(found[1], np.int64)
         spacing = np.median(distance, axis=1)
-        a, b = np.repeat(np.arange(len(points)), k), nearest.ravel()
-        key = np.minimum(a, b) * len(points) + np.maximum(a, b)
-        _, once = np.unique(key, return_index=True)
-        a, b = key[once] // len(points), key[once] % len(points)
-        length = distance.ravel()[once]
+        a, b, length = edges_once(nearest, distance)
         near = length <= _FAR * np.minimum(spacing[a], spacing[b])
         kept = (length > 0) & (a != b) & (near | (not only_near))
         a, b, length, near = a[kept], b[kept], length[kept], near[kept]
@@ -74,9 +63,20 @@ class Neighbours:
         return Neighbours(nearest, a, b, way, length, near)
 
 
+def edges_once(
+    nearest: LongArray, distance: DoubleArray
+) -> tuple[LongArray, LongArray, DoubleArray]:
+    """Edges (E,) from each point to its ``nearest`` (N, k) at ``distance`` (N, k), each once: the
+    lower end, the higher end and the length."""
+    n, k = nearest.shape
+    a, b = np.repeat(np.arange(n), k), nearest.ravel()
+    keys, once = np.unique(np.minimum(a, b) * n + np.maximum(a, b), return_index=True)
+    return keys // n, keys % n, distance.ravel()[once]
+
+
 def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:
     """Unit normals (N, 3) of either sign, from neighbours ``nearest`` (N, k)."""
-    order = np.argsort(gaussians.log_scales, axis=1)
+    order = np.argsort(gaussians.log_scales, axis=1, kind="stable")
     axes = quats_to_matrices(gaussians.quats)
     normals = axes[np.arange(len(order)), :, order[:, 0]]
     scales = np.take_along_axis(gaussians.log_scales, order, axis=1)
@@ -85,8 +85,7 @@ def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:
     offsets = around - around.mean(axis=1, keepdims=True)
     if len(unclear) > 0:
         normals[unclear] = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
-    result: DoubleArray = np.nan_to_num(normals)
-    return result
+    return np.nan_to_num(normals)
 
 
 def towards_cameras(
@@ -277,14 +276,12 @@ def _observe(
     for v, camera in enumerate(views):
         labels = load_labels(masks, camera)[0] + np.int32(1)  # pixels of no mask count as well
         count = int(labels.max(initial=1))
-        stage = vote_labels(gaussians, [camera], partial(_same, labels), count, rasterizer)
-        votes = yield from part(stage, v, len(views), STAGE)
+        sums = VoteSums.empty(len(gaussians), count)
+        add = sums.add_stage(gaussians, [camera], {camera: labels}.__getitem__, rasterizer)
+        yield from part(add, v, len(views), STAGE)
+        votes = sums.votes()
         of[:, v], weights[:, v] = np.maximum(votes.labels - 1, 0), votes.weight
     return _ViewObservations(of, weights)
-
-
-def _same(labels: IntArray, _: Camera) -> IntArray:
-    return labels
 
 
 def _pieced(

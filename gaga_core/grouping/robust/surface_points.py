@@ -5,9 +5,8 @@ depths, instead of by Gaussians whose centres project into them: points inside a
 ragged edge, are reliable.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import numpy as np
 from scipy import ndimage
@@ -17,12 +16,6 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongA
 from gaga_core.camera import NEAR, Camera
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.progress import Progress, Stage
-
-# --- Points on the surfaces that the masks show, and the mask that each point shows in every view.
-# Two masks of different views are compared by points that both views really see, found by
-# comparing depths, instead of by Gaussians whose centres project into them: points inside a mask,
-# away from its ragged edge, are reliable.
-
 
 _TOLERANCE = 0.02  # share of its depth by which a point may miss the surface that a view shows
 _FLAT = 0.05  # share of the depth by which neighbours of a sampled pixel may differ
@@ -49,8 +42,7 @@ class DepthMaps:
 
     def at(self, view: str, rows: LongArray, columns: LongArray) -> FloatArray:
         """Depths at pixels (P,) of a view."""
-        depths: FloatArray = self._by_view[view][rows // self.stride, columns // self.stride]
-        return depths
+        return self._by_view[view][rows // self.stride, columns // self.stride]
 
 
 def sample_points(
@@ -79,7 +71,10 @@ def sample_points(
         wanted = np.ceil(per_mask * size).astype(np.int64) - count
         pixels = _pixels_to_add(camera, masks, depths, wanted, rng)
         mask = masks.labels.ravel()[pixels]
-        added, ranks = _lifted(camera, depths, pixels), (count[mask] + _ranks(mask)) / size[mask]
+        rows, columns = np.divmod(pixels, camera.width)
+        z = depths.at(camera.name, rows, columns).astype(np.float64)
+        added = to_world(camera, lifted(camera, rows, columns, z))
+        ranks = (count[mask] + _ranks(mask)) / size[mask]
         points, rank = np.concatenate([points, added]), np.concatenate([rank, ranks])
         while len(points) > max_points and per_mask > 1:
             per_mask = 3 * per_mask // 4
@@ -106,13 +101,38 @@ def _masks_at(
     camera: Camera, masks: ViewMasks, sure: BoolArray, depths: DepthMaps, points: DoubleArray
 ) -> IntArray:
     """The mask (S,) that each point shows in one view, 0 = none."""
+    result = np.zeros(len(points), np.int32)
+    inside, rows, columns, z = in_picture(camera, points)
+    depth = depths.at(camera.name, rows, columns)
+    seen = sure[rows, columns] & (np.abs(z - depth) < _TOLERANCE * depth)
+    result[inside[seen]] = masks.labels[rows[seen], columns[seen]]
+    return result
+
+
+def in_picture(
+    camera: Camera, points: DoubleArray
+) -> tuple[LongArray, LongArray, LongArray, DoubleArray]:
+    """Indices (K,) of the points (S, 3) that fall into a picture, whatever hides them, their pixels
+    (rows (K,), columns (K,)) and camera depths (K,)."""
     pixels, z = camera.project(points)
     size = (camera.width, camera.height)
-    inside = (z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1)
-    columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
-    depth = depths.at(camera.name, rows, columns)
-    seen = inside & sure[rows, columns] & (np.abs(z - depth) < _TOLERANCE * depth)
-    return np.where(seen, masks.labels[rows, columns], 0).astype(np.int32)
+    inside = np.flatnonzero((z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1))
+    columns, rows = pixels[inside].astype(np.int64).T
+    return inside, rows, columns, z[inside]
+
+
+def lifted(camera: Camera, rows: LongArray, columns: LongArray, z: DoubleArray) -> DoubleArray:
+    """Points (..., 3), camera frame, behind the centres of pixels at depths ``z`` (...)."""
+    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
+    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
+    return np.stack([x, y, z], axis=-1)
+
+
+def to_world(camera: Camera, points: DoubleArray) -> DoubleArray:
+    """Points (P, 3) of the camera's frame in the world."""
+    pose = camera.world_from_cam
+    result: DoubleArray = points @ pose[:3, :3].T + pose[:3, 3]
+    return result
 
 
 def _inner(masks: ViewMasks, radius: int) -> BoolArray:
@@ -147,25 +167,13 @@ def _pixels_to_add(
     few = len(masks) < 1 << 16  # numbers of 16 bits are sorted by their digits
     order = np.argsort(mask.astype(np.uint16) if few else mask, kind="stable")
     pixels, mask = pixels[order], mask[order]
-    chosen: LongArray = pixels[_ranks(mask) < wanted[mask]]
-    return chosen
+    return pixels[_ranks(mask) < wanted[mask]]
 
 
 def full_size(camera: Camera, depths: DepthMaps) -> FloatArray:
     """The kept depths (H, W) of a view, at its size; 0 = nothing there."""
     rows, columns = np.arange(camera.height), np.arange(camera.width)
     return depths.at(camera.name, rows[:, None], columns[None, :])
-
-
-def _lifted(camera: Camera, depths: DepthMaps, pixels: LongArray) -> DoubleArray:
-    """World points (P, 3) behind the centres of pixels (P,)."""
-    rows, columns = np.divmod(pixels, camera.width)
-    z = depths.at(camera.name, rows, columns).astype(np.float64)
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
-    pose = camera.world_from_cam
-    points: DoubleArray = np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
-    return points
 
 
 def _ranks(sorted_ids: IntArray) -> LongArray:
@@ -202,9 +210,17 @@ class Leaders:
         total = np.bincount(row, table.data, n).astype(np.float64)
         return Leaders(groups[0], counts[0], groups[1], counts[1], total)
 
+    def by_mask(self, ids: IntArray) -> dict[int, tuple[int, float, int, float]]:
+        """By the ``ids`` (M + 1,) of the masks: the group of most points and the next one, each
+        followed by its share of the points."""
+        total = np.maximum(self.total, 1)
+        columns = (self.first, self.n_first / total, self.second, self.n_second / total)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return dict(zip(ids.tolist(), rows, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
-class PointTables(Sequence[csr_matrix]):
+class PointTables:
     """For each view a sparse table (M + 1, C + 1) of points; row 0 and column 0 are empty.
 
     The views' rows lie below each other in one matrix: a dense table of many masks and groups
@@ -217,17 +233,11 @@ class PointTables(Sequence[csr_matrix]):
     def __len__(self) -> int:
         return len(self.first_row) - 1
 
-    @overload
-    def __getitem__(self, v: int) -> csr_matrix: ...
-    @overload
-    def __getitem__(self, v: slice) -> list[csr_matrix]: ...
-    def __getitem__(self, v: int | slice) -> csr_matrix | list[csr_matrix]:
-        if isinstance(v, slice):
-            return [self[i] for i in range(*v.indices(len(self)))]
-        if not -len(self) <= v < len(self):
-            raise IndexError(v)
-        v %= len(self)
+    def __getitem__(self, v: int) -> csr_matrix:
         return self.counts[self.first_row[v] : self.first_row[v + 1]]
+
+    def __iter__(self) -> Iterator[csr_matrix]:
+        return (self[v] for v in range(len(self)))
 
     @property
     def width(self) -> int:
@@ -248,29 +258,7 @@ class PointTables(Sequence[csr_matrix]):
         rows, columns, data = self.entries()
         cells = self.view_of_row()[rows] * self.width + columns
         found = np.bincount(cells, data, len(self) * self.width).astype(np.float64)
-        result: DoubleArray = found.reshape(len(self), self.width)
-        return result
-
-    def by_name(self, names: Sequence[str]) -> "TablesByName":
-        """The same by the names of the views."""
-        return TablesByName(self, {name: v for v, name in enumerate(names)})
-
-
-@dataclass(frozen=True, eq=False)
-class TablesByName(Mapping[str, csr_matrix]):
-    """`PointTables` by the names of the views."""
-
-    tables: PointTables
-    places: Mapping[str, int]
-
-    def __getitem__(self, name: str) -> csr_matrix:
-        return self.tables[self.places[name]]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.places)
-
-    def __len__(self) -> int:
-        return len(self.places)
+        return found.reshape(len(self), self.width)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ demo scene and of one generated room, from regions of two widths each
 """
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.sparse import coo_matrix, csr_matrix, identity
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, outlines
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, dense, outlines
 
 # --- Average linkage over a graph with signed evidence: who joins whom, and in what order.
 # The evidence between two clusters is the mean over their common border, not over all pairs of
@@ -47,15 +47,12 @@ class SignedGraph:
 
     def contracted(self, cluster: LongArray) -> "SignedGraph":
         """The graph of clusters (n,), dense ids from 0."""
-        n = int(cluster.max(initial=-1)) + 1
         a, b = cluster[self.first], cluster[self.second]
-        apart = a != b
-        key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
-        keys, cell = np.unique(key, return_inverse=True)
-        length: DoubleArray = np.bincount(cell, self.length[apart], len(keys)).astype(np.float64)
-        total = np.bincount(cell, (self.length * self.evidence)[apart], len(keys))
-        size = np.bincount(cluster, self.size, n).astype(np.float64)
-        return SignedGraph(size, keys // max(n, 1), keys % max(n, 1), length, total / length)
+        first, second, cell = _pairs(a, b)
+        length = np.bincount(cell, self.length[a != b], len(first)).astype(np.float64)
+        total = np.bincount(cell, (self.length * self.evidence)[a != b], len(first))
+        size = np.bincount(cluster, self.size).astype(np.float64)
+        return SignedGraph(size, first, second, length, total / length)
 
     def only(self, chosen: BoolArray) -> "SignedGraph":
         """The same nodes with some of the borders (B,)."""
@@ -79,6 +76,24 @@ class Clusters:
         """After all joins of at least this evidence, as the function `joined` makes them."""
         joins = joined(self.graph, least_evidence, least_size)
         return Clusters(joins[self.cluster], self.graph.contracted(joins))
+
+    def levels(
+        self,
+        least_evidence: Sequence[float],
+        least_size: float = 0.0,
+        again: Callable[["Clusters"], "Clusters"] = lambda now: now,
+    ) -> list["Clusters"]:
+        """Levels of clusters that grow: one a number of ``least_evidence``, which descends.
+
+        The smallest cluster has ``least_size`` where it has neighbours; ``again`` judges borders
+        before each level but the first.
+        """
+        levels: list[Clusters] = []
+        for evidence in least_evidence:
+            now = (again(levels[-1]) if levels else self).joined(evidence)
+            grows = least_size > 0 and not levels
+            levels.append(now.joined(-np.inf, least_size) if grows else now)
+        return levels
 
     def merged(self, into: LongArray) -> "Clusters":
         """After joining clusters (n,) to those of dense ids ``into`` (n,)."""
@@ -130,27 +145,7 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
         borders[b] = {}
     while (parent[parent] != parent).any():
         parent = parent[parent]
-    return np.unique(parent, return_inverse=True)[1].astype(np.int64)
-
-
-# --- Two witnesses of a border between pieces: what the views say, and the shape of the surface.
-# Views: the share of them that show both sides in one region. Regions of several levels of detail
-# count as so many views, because a single level is an accident of its threshold. Shape: concave
-# creases and steps speak for two things, even and bulging borders for one (local convexity: Stein
-# et al., CVPR 2014). Where the surface is even, views say nothing against one thing: print,
-# shadows and texture part regions as well. Two pieces that both stand on a plane and meet in a
-# crease are two things, too.
-#
-# A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
-# pieces asks the views about all samples near it on either side. And splats that a training left
-# rough have creases and steps everywhere: what pieces of one plane show of them is noise, and what
-# of it goes beyond the scenes that the weights were fitted to is taken off. Of the borders that
-# are left in rough splats after pieces have joined, noise made more the later, so they are not
-# judged at each level (`is_calm`).
-#
-# The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of
-# the demo scene and of one generated room, from regions of two widths each
-# (`tests.bench.bench_objects` reports other widths and scenes).
+    return dense(parent)
 
 
 KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
@@ -266,8 +261,8 @@ def coarse_graph(
     supports, on_plane = _supports(plane, cluster, near.spacing)
     coplanar = (on_plane[first] == on_plane[second]) & (on_plane[first] > 0)
     stand = _standing(first, second, length, crease, size, supports)
-    seen = _summed(views, piece, cluster, first, second, len(size))
-    view = 2 * (seen[0] + _PRIOR) / (seen[1] + 2 * _PRIOR) - 1
+    same, voice = _at_borders(views, coarser_of(piece, cluster))
+    view = 2 * (same + _PRIOR) / (voice + 2 * _PRIOR) - 1
     crease, step = np.clip(crease, 0, 1), np.clip(step, 0, 1)
     parts = np.clip(np.maximum(crease, step) / _SHARP, 0, 1)
     one, two = np.maximum(view, 0), np.minimum(view, 0) * np.clip(parts / _EVEN, 0, 1)
@@ -320,13 +315,19 @@ def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]
     return keys // n, keys % n, cell.astype(np.int64)
 
 
+def coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
+    """The cluster (n,) at a ``coarser`` level (S,) of each one at a ``level`` (S,)."""
+    result = np.zeros(int(level.max()) + 1, np.int64)
+    result[level] = coarser
+    return result
+
+
 def _near_in_cluster(
     first: LongArray, second: LongArray, piece: LongArray, cluster: LongArray
 ) -> csr_matrix:
     """Which pieces (n, n) are within `_STEPS` borders (B,) of each other inside one cluster."""
-    n = int(piece.max()) + 1
-    cluster_of = np.zeros(n, np.int64)
-    cluster_of[piece] = cluster
+    cluster_of = coarser_of(piece, cluster)
+    n = len(cluster_of)
     inside = cluster_of[first] == cluster_of[second]
     a, b, every = first[inside], second[inside], np.arange(n)
     rows, columns = np.concatenate([a, b, every]), np.concatenate([b, a, every])
@@ -400,29 +401,18 @@ def _standing(
         foot += np.bincount(thing[on], length[on], len(size))
     share = foot / outlines(size)
     least = np.clip(np.minimum(share[first], share[second]), 0, 1)
-    result: DoubleArray = np.where(supports[first] | supports[second], 0, least)
-    return result
+    return np.where(supports[first] | supports[second], 0, least)
 
 
-def _summed(
-    views: Agreement,
-    piece: LongArray,
-    cluster: LongArray,
-    first: LongArray,
-    second: LongArray,
-    n: int,
-) -> tuple[DoubleArray, DoubleArray]:
-    """Agreement (B,) and voice (B,) at borders of clusters: means over their length."""
-    cluster_of = np.zeros(int(piece.max()) + 1, np.int64)
-    cluster_of[piece] = cluster
+def _at_borders(views: Agreement, cluster_of: LongArray) -> tuple[DoubleArray, DoubleArray]:
+    """Agreement (B,) and voice (B,) at borders of clusters, of the pieces (n,) that these hold:
+    means over the length."""
     a, b = cluster_of[views.first], cluster_of[views.second]
-    apart = a != b
-    key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
-    cell = np.searchsorted(first * n + second, key)
-    length = views.length[apart]
+    first, _, cell = _pairs(a, b)
+    length = views.length[a != b]
     total = np.maximum(np.bincount(cell, length, len(first)), 1e-9)
-    same = np.bincount(cell, views.same[apart] * length, len(first)) / total
-    return same, np.bincount(cell, views.voice[apart] * length, len(first)) / total
+    same = np.bincount(cell, views.same[a != b] * length, len(first)) / total
+    return same, np.bincount(cell, views.voice[a != b] * length, len(first)) / total
 
 
 # --- What surrounds the scene: walls, floors, shrubs, the sky.
@@ -507,7 +497,7 @@ def _cut_views(
 _ENCLOSED = 0.75  # share of its outline along which one other cluster encloses a thing ...
 _LARGER = 4.0  # ... that is at least so many times larger
 _SEEN = 0.1  # share of the views that show a sample of it, mean
-_WHOLE = 0.7  # mean IoU with the best region of each view
+_WHOLE_IOU = 0.7  # mean IoU with the best region of each view
 
 
 def is_enclosed_thing(
@@ -519,7 +509,7 @@ def is_enclosed_thing(
     found &= _is_enclosed(near, now.cluster)
     if found.any():
         one_each = identity(len(found), format="csr")[found]
-        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE
+        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE_IOU
     return found
 
 
@@ -558,8 +548,7 @@ def _is_enclosed(near: Neighbourhood, cluster: LongArray) -> BoolArray:
     key, length = np.unique(one[apart] * n + other[apart], return_counts=True)
     outline = np.bincount(key // n, length, n)
     most = (size[key % n] >= _LARGER * size[key // n]) & (length >= _ENCLOSED * outline[key // n])
-    result: BoolArray = np.bincount(key[most] // n, minlength=n) > 0
-    return result
+    return np.bincount(key[most] // n, minlength=n) > 0
 
 
 def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> DoubleArray:
@@ -580,8 +569,7 @@ def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> Doubl
             np.maximum.at(best, common.row, iou)
         total += best * seen
         weight += seen
-    result: DoubleArray = total / np.maximum(weight, 1)
-    return result
+    return total / np.maximum(weight, 1)
 
 
 # --- How clusters grow to parts: their borders are judged, they join, and borders are judged
@@ -637,14 +625,9 @@ class Judge:
         The smallest part has ``least_size`` where it has neighbours; enclosed things of at least
         ``least_thing`` stay apart (`keep_enclosed`).
         """
-        levels: list[Clusters] = []
-        now = self.judged(cluster)
-        for evidence in least_evidence:
-            if levels and is_calm(self.noise):
-                now = self.again(now)
-            if levels:
-                now = keep_enclosed(self.surfels, self.near, now, least_thing)
-            now = now.joined(evidence)
-            now = now if levels else now.joined(-np.inf, least_size)
-            levels.append(now)
-        return levels
+
+        def again(now: Clusters) -> Clusters:
+            now = self.again(now) if is_calm(self.noise) else now
+            return keep_enclosed(self.surfels, self.near, now, least_thing)
+
+        return self.judged(cluster).levels(least_evidence, least_size, again)

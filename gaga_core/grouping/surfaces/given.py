@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import BoolArray, IntArray, LongArray
+from gaga_core.arrays import IntArray, LongArray
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.grouping.robust.surface_graph import finite
@@ -22,6 +22,8 @@ from gaga_core.grouping.surfaces.borders import (
     Agreement,
     Clusters,
     Judge,
+    SignedGraph,
+    coarser_of,
     fine_graph,
     joined,
     keep_enclosed,
@@ -30,6 +32,7 @@ from gaga_core.grouping.surfaces.objects import LEAST_SURFELS, HierarchyConfig
 from gaga_core.grouping.surfaces.surfels import (
     Neighbourhood,
     Surfels,
+    dense,
     planes_of,
     sample_surfels,
     small_pieces,
@@ -78,37 +81,26 @@ def _nested_clusters(
     (S,)."""
     near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
-    piece = _dense(piece * (int(given.max()) + 1) + given)
+    piece = dense(piece * (int(given.max()) + 1) + given)
     plane = planes_of(surfels, near)
     judge = Judge(surfels, near, plane, piece, surfels.n_views / n_views, KNOWN_NOISE)
     fine = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
-    inside = _of_one_group(piece, given, fine.first, fine.second)
-    now = judge.judged(joined(fine.only(inside), config.pieces)[piece])
-    inside = _of_one_group(now.cluster, given, now.graph.first, now.graph.second)
-    now = Clusters(now.cluster, now.graph.only(inside))
-    fine_to_coarse = []
-    for i, evidence in enumerate(config.finer):
-        if i > 0:
-            now = keep_enclosed(surfels, near, now, config.least_object)
-        now = now.joined(evidence)
-        now = now if i > 0 else now.joined(-np.inf, config.least_part)
-        fine_to_coarse.append(now.cluster)
-    now = judge.judged(_dense(given))
-    fine_to_coarse.append(now.cluster)
-    for evidence in config.coarser:
-        now = now.joined(evidence)
-        fine_to_coarse.append(now.cluster)
-    return np.stack(fine_to_coarse[::-1])
 
+    def within(graph: SignedGraph, cluster: LongArray) -> SignedGraph:
+        """Without the borders of clusters (S,) of two groups."""
+        group = coarser_of(cluster, given)
+        return graph.only(group[graph.first] == group[graph.second])
 
-def _of_one_group(
-    cluster: LongArray, given: LongArray, first: LongArray, second: LongArray
-) -> BoolArray:
-    """Which borders (B,) of clusters (S,) lie within one group (S,)."""
-    group = np.zeros(int(cluster.max()) + 1, np.int64)
-    group[cluster] = given
-    result: BoolArray = group[first] == group[second]
-    return result
+    now = judge.judged(joined(within(fine, piece), config.pieces)[piece])
+    now = Clusters(now.cluster, within(now.graph, now.cluster))
+    parts = now.levels(
+        config.finer,
+        config.least_part,
+        lambda part: keep_enclosed(surfels, near, part, config.least_object),
+    )
+    whole = judge.judged(dense(given))
+    levels = [*parts, whole, *whole.levels(config.coarser)]
+    return np.stack([level.cluster for level in levels[::-1]])
 
 
 def _spread(
@@ -128,9 +120,4 @@ def _spread(
     of_group[:, given[order]] = clusters[:, order]
     own = given[around] == labels[:, None]
     sample = around[np.arange(len(labels)), own.argmax(axis=1)]
-    result: LongArray = np.where(own.any(axis=1), clusters[:, sample], of_group[:, labels])
-    return result
-
-
-def _dense(ids: LongArray) -> LongArray:
-    return np.unique(ids, return_inverse=True)[1].astype(np.int64)
+    return np.where(own.any(axis=1), clusters[:, sample], of_group[:, labels])

@@ -14,13 +14,14 @@ from gaga_core.camera import Camera
 from gaga_core.color import lab_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.levels import Levels, agreement_of
+from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
 from gaga_core.grouping.surfaces.borders import (
     Agreement,
     Clusters,
     Judge,
+    coarser_of,
     fine_graph,
     is_outside,
     joined,
@@ -32,6 +33,7 @@ from gaga_core.grouping.surfaces.surfels import (
     LoadFurther,
     Neighbourhood,
     Surfels,
+    dense,
     outlines,
     planes_of,
     sample_surfels,
@@ -48,8 +50,8 @@ from gaga_core.threads import n_threads
 # length.
 
 
-_WHOLE = 0.62  # mean IoU of both sides with the best region of each view ...
-_BETTER = 0.05  # ... by which they are better than together
+_WHOLE_IOU = 0.62  # mean IoU of both sides with the best region of each view ...
+_BETTER_IOU = 0.05  # ... by which they are better than together
 _NECK = 2.0  # outlines of the smaller side along which both touch, at most
 
 
@@ -69,12 +71,12 @@ def divided(
     """
     leaf, levels, n = parts[0], [cluster, *parts], int(cluster.max()) + 1
     members = vstack([_members(level, leaf) for level in levels], format="csr")
-    inside = np.concatenate([_coarser_of(level, cluster) for level in levels])
+    inside = np.concatenate([coarser_of(level, cluster) for level in levels])
     whole = shown_whole(surfels, leaf, members)  # of the clusters, then of all parts
     count, size = members @ np.bincount(leaf), members @ np.bincount(leaf, shown)
     outline = outlines(np.minimum(count, count[inside] - count))
     neck = np.concatenate([_necks(near, cluster, level) for level in levels])
-    asked = (whole > _WHOLE) & (whole > whole[inside] + _BETTER) & (neck < _NECK * outline)
+    asked = (whole > _WHOLE_IOU) & (whole > whole[inside] + _BETTER_IOU) & (neck < _NECK * outline)
     found = np.flatnonzero(asked & (np.minimum(size, size[inside] - size) >= least_size))
     if len(found) == 0:
         return cluster
@@ -83,24 +85,17 @@ def divided(
     least = np.minimum(whole[found], shown_whole(surfels, leaf, rests))
     better = least - whole[inside[found]]
     side = cluster.copy()
-    for k in np.argsort(better):  # the best of each cluster last
-        if least[k] > _WHOLE and better[k] > _BETTER:
+    for k in np.argsort(better, kind="stable"):  # the best of each cluster last
+        if least[k] > _WHOLE_IOU and better[k] > _BETTER_IOU:
             own = inside[found[k]]
             side[cluster == own] = own
             side[np.isin(leaf, members[found[k]].indices)] = n + own
-    return np.unique(side, return_inverse=True)[1].astype(np.int64)
-
-
-def _coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
-    """The cluster (n,) at a ``coarser`` level (S,) of each one at a ``level`` (S,)."""
-    result = np.zeros(int(level.max()) + 1, np.int64)
-    result[level] = coarser
-    return result
+    return dense(side)
 
 
 def _members(level: LongArray, leaf: LongArray) -> csr_matrix:
     """Which leaves (n, m) each cluster of a level (S,) consists of."""
-    of_leaf = _coarser_of(leaf, level)
+    of_leaf = coarser_of(leaf, level)
     return csr_matrix((np.ones(len(of_leaf)), (of_leaf, np.arange(len(of_leaf)))))
 
 
@@ -125,7 +120,9 @@ _IN_PLANE = 0.3  # share of its samples that makes a cluster a part of such a pl
 _FOOT = 0.25  # share of its outline that a thing has in common at least with what it stands on
 _HELD = 1.5  # ... that parts have in common with what holds them, below which they are one thing
 _SEEN = 0.12  # share of the views that show a sample, mean: less says nothing of the foot
-_MOST = 0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
+_HANGING_SHARE_MAX = (
+    0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
+)
 
 
 def held_together(
@@ -150,9 +147,9 @@ def held_together(
     size = np.bincount(part[cluster], minlength=n)
     held = np.bincount(part[np.concatenate([one[outer], other[outer]])], minlength=n)
     joins = (held > 0) & (held < _HELD * outlines(size))
-    joins &= size < _MOST * len(cluster)
+    joins &= size < _HANGING_SHARE_MAX * len(cluster)
     ids = np.where(joins[part], part, n + np.arange(n))
-    return np.unique(ids, return_inverse=True)[1].astype(np.int64)
+    return dense(ids)
 
 
 def _standing(
@@ -169,8 +166,7 @@ def _standing(
         foot += np.bincount(cluster[thing[on]], minlength=n)
     size = np.bincount(cluster, minlength=n)
     flat = np.bincount(cluster, large[plane], n) > _IN_PLANE * size
-    result: BoolArray = flat | (foot >= _FOOT * outlines(size))
-    return result
+    return flat | (foot >= _FOOT * outlines(size))
 
 
 # --- Levels below the smallest parts: things of few samples, told apart by their color, too.
@@ -185,7 +181,7 @@ _AROUND = 4  # splats whose median is the color of a sample
 _OPAQUE = 0.3  # opacity of such splats
 _LIGHTNESS = 0.4  # weight of lightness against hue: faces of one thing are lit differently
 _AGAINST = 0.05  # log odds against one thing for a unit of CIE Lab between two pieces
-_SMALLER_UNLIKE = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
+_LAB_PER_SPACING = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
 _CHUNK = 1 << 16
 
 
@@ -207,8 +203,7 @@ def colors_of_samples(
     tree = cKDTree(gaussians.means[rows[opaque]].astype(np.float64))
     nearest = opaque[np.asarray(tree.query(points, k=ranks, workers=n_threads())[1])]
     around = np.stack([hue_of(rgb[rank]) for rank in nearest.T])
-    result: DoubleArray = np.median(around, axis=0)
-    return result
+    return np.median(around, axis=0)
 
 
 def smaller_levels(
@@ -230,22 +225,17 @@ def smaller_levels(
         return np.zeros((0, len(part)), np.int64)
     piece = small_pieces(surfels, near, color)
     piece = np.where(part < 0, 0, 1 + piece * (int(part.max()) + 1) + part)
-    piece = np.unique(piece, return_inverse=True)[1].astype(np.int64)
+    piece = dense(piece)
     graph = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
-    part_of = np.zeros(len(graph.size), np.int64)
-    part_of[piece] = part
+    part_of = coarser_of(piece, part)
     count = np.bincount(piece)
     mean = np.stack([np.bincount(piece, column) / count for column in color.T], axis=1)
     unlike = np.linalg.norm(mean[graph.first] - mean[graph.second], axis=1)
     size = np.bincount(piece, shown).astype(np.float64)
     graph = replace(graph, size=size, evidence=graph.evidence - _AGAINST * unlike)
     now = Clusters(piece, graph.only(part_of[graph.first] == part_of[graph.second]))
-    fine_to_coarse = []
-    for i, evidence in enumerate(least_evidence[::-1]):
-        now = now.joined(evidence)
-        now = now if i > 0 else now.joined(-np.inf, least_size)
-        fine_to_coarse.append(now.cluster)
-    return np.stack(fine_to_coarse[::-1])
+    levels = now.levels(least_evidence[::-1], least_size)
+    return np.stack([level.cluster for level in levels[::-1]])
 
 
 def carriers_by_color(
@@ -268,7 +258,7 @@ def carriers_by_color(
         rows = slice(start, start + _CHUNK)
         near = samples[rows]
         unlike = np.linalg.norm(of_sample[near] - hue_of(rgb[rows])[:, None], axis=2)
-        cost = distance[rows] / spacing[near] + unlike / _SMALLER_UNLIKE
+        cost = distance[rows] / spacing[near] + unlike / _LAB_PER_SPACING
         cost[part[near] != part[carriers[rows]][:, None]] = np.inf
         chosen[rows] = near[np.arange(len(near)), cost.argmin(axis=1)]
     return chosen
@@ -281,8 +271,8 @@ def carriers_by_color(
 # neither do two plates on a table: the table is lower than they are, and larger.
 
 
-_LEAST = 0.002  # share of all samples that either side has on the plane
-_SPANNED_UNLIKE = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
+_SIDE_SHARE_MIN = 0.002  # share of all samples that either side has on the plane
+_ONE_SURFACE_LAB = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
 _WIDTH = 1.2  # times the least gap: how far apart opposite samples are at most
 _ALONG = (0.25, 0.5, 0.75)  # of the way between them that are looked at
 _COVERED = 0.8  # share of the ways that the thing covers
@@ -301,10 +291,10 @@ def spanned(
     for p in range(1, int(plane.max(initial=0)) + 1):
         rows = np.flatnonzero(plane == p)
         own = cluster[rows]
-        large = np.flatnonzero(np.bincount(own) >= _LEAST * len(cluster))
+        large = np.flatnonzero(np.bincount(own) >= _SIDE_SHARE_MIN * len(cluster))
         for one, other in combinations([rows[own == k] for k in large], 2):
             unlike = np.median(color[one], axis=0) - np.median(color[other], axis=0)
-            if np.linalg.norm(unlike) > _SPANNED_UNLIKE:
+            if np.linalg.norm(unlike) > _ONE_SURFACE_LAB:
                 continue
             if _is_spanned(surfels, near, plane, cluster, one, other):
                 pairs.append((cluster[one[0]], cluster[other[0]]))
@@ -333,20 +323,16 @@ def _is_spanned(
     between = np.asarray(cKDTree(points).query(places)[1], np.int64)
     thing = int(np.bincount(cluster[between]).argmax())
     covers = (cluster[between] == thing) & (plane[between] == plane[one[0]])
-    height = (points[between[covers]] - points[both].mean(axis=0)) @ _normal(surfels, both)
+    middle = points[both].mean(axis=0)
+    normal = np.linalg.svd(points[both] - middle, full_matrices=False)[2][2]
+    normal = normal if normal @ surfels.normals[both].sum(axis=0) > 0 else -normal  # that is seen
+    height = (points[between[covers]] - middle) @ normal
     if covers.mean() < _COVERED or height.mean() < _HEIGHT * spacing:
         return False
     return int(((cluster == thing) & (plane == plane[one[0]])).sum()) < len(both)
 
 
-def _normal(surfels: Surfels, rows: LongArray) -> DoubleArray:
-    """Unit normal (3,) of the plane through samples (K,), to the side that is seen."""
-    points = surfels.points[rows]
-    normal: DoubleArray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
-    return normal if normal @ surfels.normals[rows].sum(axis=0) > 0 else -normal
-
-
-# --- Objects of regions: pieces of surface join, best evidence first, to levels of objects.
+# --- All levels, from the finest pieces to what surrounds the scene.
 
 
 STAGE = "Find objects"
@@ -429,7 +415,7 @@ def objects_stage(
     groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
-    confidence[rows] = agreement_of(groups, clusters[chosen][nearest].astype(np.int32))
+    confidence[rows] = (groups == clusters[chosen][nearest][:, None]).mean(axis=1)
     yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
     parts = np.where(background, -1, clusters[-1])
     shown = surfels.n_views / len(views)
@@ -517,7 +503,7 @@ def _nested_clusters(
     two = divided(surfels, near, now.cluster, fine_to_coarse, judge.shown, config.least_object)
     if two.max() > now.cluster.max():
         now = keep_enclosed(surfels, near, judge.judged(two), config.least_object)
-        fine_to_coarse = [_overlaid(level, two) for level in fine_to_coarse]
+        fine_to_coarse = [dense(level * (int(two.max()) + 1) + two) for level in fine_to_coarse]
     now = now.merged(held_together(near, plane, now.cluster, judge.shown))
     now = now.merged(spanned(surfels, near, plane, color, now.cluster))
     splats = np.bincount(now.cluster, n_splats)
@@ -528,16 +514,6 @@ def _nested_clusters(
     background = outside[now.cluster]
     behind = np.where(outside, 1 + np.cumsum(outside & ~crumbs) * ~crumbs, 0)[now.cluster]
     now = now.set_apart(outside)
-    fine_to_coarse.append(now.cluster)
-    for evidence in config.coarser:
-        now = now.joined(evidence)
-        fine_to_coarse.append(now.cluster)
+    fine_to_coarse += [level.cluster for level in (now, *now.levels(config.coarser))]
     levels = np.stack(fine_to_coarse[::-1])
     return np.where(background, levels.max() + 1, levels), behind
-
-
-def _overlaid(one: LongArray, other: LongArray) -> LongArray:
-    """Dense ids (S,) of the samples that two clusterings (S,) have in common."""
-    key = one * (int(other.max()) + 1) + other
-    result: LongArray = np.unique(key, return_inverse=True)[1].astype(np.int64)
-    return result

@@ -14,17 +14,19 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.camera import NEAR, Camera
-from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks, full_size
+from gaga_core.camera import Camera
+from gaga_core.grouping.robust.surface_graph import edges_once
+from gaga_core.grouping.robust.surface_points import (
+    DepthMaps,
+    LoadMasks,
+    full_size,
+    in_picture,
+    lifted,
+    to_world,
+)
 from gaga_core.grouping.surfaces.surfels_kernels import choose_seeds, keep_apart, normals_at
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
-
-# --- Samples of the surfaces that the views see, with fused normals and the region seen in each
-# view.
-# Normals of single splats are too rough to tell a crease from noise. Those of planes fitted to the
-# rendered depth maps, averaged over all views that see a point, are not.
-
 
 LoadFurther = Callable[[Camera], Sequence[IntArray]]  # label maps (H, W) of a view, dense
 
@@ -102,12 +104,9 @@ def _seen(
     camera: Camera, depth: FloatArray, points: DoubleArray, miss: float
 ) -> tuple[LongArray, LongArray, LongArray]:
     """Indices (K,) of the points that a view shows, and their pixels: rows (K,), columns (K,)."""
-    pixels, z = camera.project(points)
-    size = (camera.width, camera.height)
-    inside = np.flatnonzero((z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1))
-    columns, rows = pixels[inside].astype(np.int64).T
+    inside, rows, columns, z = in_picture(camera, points)
     shown = depth[rows, columns]
-    seen = np.abs(z[inside] - shown) < miss * shown
+    seen = np.abs(z - shown) < miss * shown
     return inside[seen], rows[seen], columns[seen]
 
 
@@ -130,11 +129,8 @@ def _uncovered(
     near = ndimage.maximum_filter(covered, 3)
     new = (z > 0) & (covered == 0) & ~((near > 0) & (np.abs(near - z) < _COVERED * z))
     z, rows, columns = z[new], rows[new], columns[new]
-    x = (columns + 0.5 - camera.K[0, 2]) / camera.K[0, 0] * z
-    y = (rows + 0.5 - camera.K[1, 2]) / camera.K[1, 1] * z
-    pose = camera.world_from_cam
-    lifted: DoubleArray = np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
-    return lifted, stride * z / camera.K[0, 0]
+    points = to_world(camera, lifted(camera, rows, columns, z))
+    return points, stride * z / camera.K[0, 0]
 
 
 def _thinned(points: DoubleArray, size: DoubleArray, wanted: int) -> DoubleArray:
@@ -211,14 +207,10 @@ class Neighbourhood:
     @staticmethod
     def of(points: DoubleArray) -> "Neighbourhood":
         """Neighbours among points (S, 3); S must be over 16."""
-        n = len(points)
         found = cKDTree(points).query(points, k=_AROUND + 1, workers=n_threads())
         distance, nearest = np.asarray(found[0])[:, 1:], np.asarray(found[1], np.int64)[:, 1:]
         spacing = np.median(distance[:, :_EDGES], axis=1)
-        a, b = np.repeat(np.arange(n), _EDGES), nearest[:, :_EDGES].ravel()
-        key = np.minimum(a, b) * n + np.maximum(a, b)
-        keys, once = np.unique(key, return_index=True)
-        a, b, length = keys // n, keys % n, distance[:, :_EDGES].ravel()[once]
+        a, b, length = edges_once(nearest[:, :_EDGES], distance[:, :_EDGES])
         near = (length > 0) & (length <= _FAR * np.minimum(spacing[a], spacing[b]))
         return Neighbourhood(nearest, spacing, a[near], b[near], length[near])
 
@@ -233,10 +225,14 @@ class Neighbourhood:
         return coo_matrix((ones, (a[both], b[both])), shape=(len(rows), len(rows))).tocsr()
 
 
+def dense(ids: AnyArray) -> LongArray:
+    """The same ids as 0, 1, ... in their order."""
+    return np.unique(ids, return_inverse=True)[1].astype(np.int64)
+
+
 def outlines(n_samples: AnyArray) -> DoubleArray:
     """Edges (n,) along the outline of compact pieces of surface of so many samples (n,)."""
-    result: DoubleArray = _OUTLINE * np.sqrt(n_samples)
-    return result
+    return _OUTLINE * np.sqrt(n_samples)
 
 
 def small_pieces(
@@ -260,7 +256,7 @@ def small_pieces(
     order = np.random.default_rng(0).permutation(n)
     choose_seeds(order, np.ascontiguousarray(near.around[:, :_EDGES]), seeds)
     source = _sources(graph, seeds)
-    return np.unique(source, return_inverse=True)[1].astype(np.int64)
+    return dense(source)
 
 
 def _sources(graph: csr_matrix, seeds: BoolArray) -> LongArray:
@@ -295,8 +291,8 @@ _AWAY = 1.5  # times the spacing around: distance from the plane of a sample on 
 _TURNED = np.cos(np.radians(30.0))  # cosine between normals of the plane and of a sample on it
 _TRIED, _PROBED = 150, 8000  # planes tried at a time, and samples counted for each
 _FITTED, _FITS = 6, 4  # best ones that are fitted, and how often
-_LEAST = 150  # samples of a plane
-_MOST = 24  # planes
+_PLANE_SAMPLES_MIN = 150  # samples of a plane
+_PLANES_MAX = 24  # planes
 _MISSES = 3  # searches in vain that end it
 _FIT_POINTS = 3000
 
@@ -311,7 +307,7 @@ def planes_of(surfels: Surfels, near: Neighbourhood) -> IntArray:
     free = length > 2 * _FLAT
     plane, n_planes, n_misses = np.zeros(len(points), np.int32), 0, 0
     rng = np.random.default_rng(0)
-    while n_planes < _MOST and n_misses < _MISSES and int(free.sum()) >= _LEAST:
+    while n_planes < _PLANES_MAX and n_misses < _MISSES and int(free.sum()) >= _PLANE_SAMPLES_MIN:
         rows = np.flatnonzero(free)
         best, most = np.zeros(0, np.int64), 0.0
         for seed in _promising(points, normals, near.spacing, rows, rng):
@@ -340,8 +336,7 @@ def _promising(
     away = points[probe] @ normals[tried].T - (points[tried] * normals[tried]).sum(axis=1)
     on = np.abs(away) < _AWAY * spacing[probe][:, None]
     on &= normals[probe] @ normals[tried].T > _TURNED
-    result: LongArray = tried[np.argsort(-on.sum(axis=0), kind="stable")[:_FITTED]]
-    return result
+    return tried[np.argsort(-on.sum(axis=0), kind="stable")[:_FITTED]]
 
 
 def _grown(
@@ -353,11 +348,11 @@ def _grown(
     for _ in range(_FITS):
         on = free & (np.abs((points - origin) @ normal) < _AWAY * near.spacing)
         rows = np.flatnonzero(on & (normals @ normal > _TURNED))
-        if len(rows) < _LEAST:
+        if len(rows) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         part = connected_components(near.adjacency(rows), directed=False)[1]
         found = rows[part == np.bincount(part, near.spacing[rows] ** 2).argmax()]
-        if len(found) < _LEAST:
+        if len(found) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         origin = points[found].mean(axis=0)
         some = points[found[:: max(1, len(found) // _FIT_POINTS)]] - origin

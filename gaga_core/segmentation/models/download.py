@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -101,32 +101,20 @@ def write_lock(
     folder: Path, listing: Listing, licence: str, accepted_at: str, files: list[LockedFile]
 ) -> ModelLock:
     """Write the lock of ``listing`` into ``folder``."""
-    lock = ModelLock(
-        _FORMAT,
-        _VERSION,
-        listing.model.name,
-        listing.model.hub,
-        listing.endpoint,
-        listing.revision,
-        listing.commit,
-        licence,
-        listing.licence,
-        accepted_at,
-        files,
-    )
+    model, where = listing.model, (listing.endpoint, listing.revision, listing.commit)
+    said = (licence, listing.licence, accepted_at)
+    lock = ModelLock(_FORMAT, _VERSION, model.name, model.hub, *where, *said, files)
     with atomic_write(folder / LOCK_FILE) as temporary:
         text = json.dumps(msgspec.to_builtins(lock), indent=1)
         temporary.write_text(text + "\n", encoding="utf-8")
     return lock
 
 
-def check_file(
-    path: Path, stated: RemoteFile, on_block: Callable[[], None] = lambda: None
-) -> LockedFile | None:
+def check_file(path: Path, stated: RemoteFile) -> LockedFile | None:
     """Compare a file with what the hub states: size, then sha256 or the name of the git blob.
 
-    Returns what is recorded of it; None when it is another file. ``on_block`` is called between
-    two steps. Raises ``GagaError`` when it cannot be read.
+    Returns what is recorded of it; None when it is another file. Raises ``GagaError`` when it
+    cannot be read.
     """
     try:
         size = path.stat().st_size
@@ -137,7 +125,6 @@ def check_file(
                 sha256.update(block)
                 if not stated.sha256:
                     blob.update(block)
-                on_block()
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     found = sha256.hexdigest()
@@ -161,11 +148,7 @@ def check_against(listing: Listing, lock: ModelLock) -> Listing:
     files = []
     for locked in lock.files:
         file = stated.get(locked.name)
-        if (
-            file is None
-            or file.size != locked.size
-            or (file.sha256 and file.sha256 != locked.sha256)
-        ):
+        if file is None or file.size != locked.size or file.sha256 not in ("", locked.sha256):
             raise GagaError(
                 f"{locked.name} on {listing.endpoint} is not the file of the lock "
                 f"({lock.commit[:12]}). Get the model without --lock, or use the hub of the lock, "
@@ -185,13 +168,6 @@ def check_folder(folder: Path, lock: ModelLock) -> None:
                 f"{path} is not the file of the lock (commit {lock.commit[:12]}). Remove the model "
                 f"(gaga models remove {lock.name}), then get it again with the lock."
             )
-
-
-# --- Weights from a hub, after a person has accepted the licence: whole and checked, or not at
-# all.
-# Files come over plain HTTPS into ``models/.downloads/NAME/COMMIT``, and go on where they broke
-# off, also after a cancel: ``snapshot_download`` of huggingface_hub throws such parts away. When
-# all are there and have the hashes that the hub states, one rename puts the folder in its place.
 
 
 STAGE = "Download"
@@ -277,11 +253,14 @@ def download(
         try:
             with connected(model, config) as client:
                 for file in listing.files:
-                    locked.append(
-                        (yield from _fetch(client, listing, file, staging, meter, config))
-                    )
+                    fetched = _fetch(client, listing, file, staging, meter, config)
+                    locked.append((yield from fetched))
             write_lock(staging, listing, consent.licence, consent.accepted_at, locked)
-            path = _install(model, staging)
+            if not is_model_folder(staging):
+                raise GagaError(
+                    f"The files of {model.hub} make no whole model. Get it again later."
+                )
+            path = staging.replace(models_folder() / model.name)
         except OSError as error:
             raise GagaError(explain_os_error(error, staging)) from error
         shutil.rmtree(parts, ignore_errors=True)
@@ -462,12 +441,3 @@ def _append(
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.is_file() else 0
-
-
-def _install(model: KnownModel, staging: Path) -> Path:
-    """Move the whole folder to its place."""
-    if not is_model_folder(staging):
-        raise GagaError(f"The files of {model.hub} make no whole model. Get it again later.")
-    target = models_folder() / model.name
-    staging.replace(target)
-    return target

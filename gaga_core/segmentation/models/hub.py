@@ -261,18 +261,15 @@ def _remote_file(client: "httpx2.Client", listing: Listing, item: _Sibling) -> R
     if size is None:  # a mirror that lists names only
         head = client.head(listing.url(RemoteFile(item.rfilename, 0)))
         raise_for_status(head)
-        said = [answer.headers for answer in (*head.history, head)]  # redirects name LFS files
-        stated = _first(said, "x-linked-size") or head.headers.get("content-length") or ""
+        said: dict[str, str] = {}
+        for answer in (head, *reversed(head.history)):  # redirects name LFS files: they win
+            said |= dict(answer.headers)
+        stated = said.get("x-linked-size") or head.headers.get("content-length") or ""
         size = int(stated) if stated.isdecimal() else 0
-        etag = _first(said, "x-linked-etag") or head.headers.get("etag") or ""
+        etag = said.get("x-linked-etag") or head.headers.get("etag") or ""
         found = re.fullmatch(r'(?:W/)?"?([0-9a-f]{64})"?', etag)
         sha256 = sha256 or (found[1] if found else "")
     return RemoteFile(item.rfilename, size, sha256, item.blobId or "")
-
-
-def _first(headers: "list[httpx2.Headers]", name: str) -> str:
-    found: list[str] = [answer[name] for answer in headers if name in answer]
-    return found[0] if found else ""
 
 
 def _read_bounded(client: "httpx2.Client", url: str) -> bytes:

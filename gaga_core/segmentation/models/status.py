@@ -79,27 +79,21 @@ def _gigaflops() -> float:
     return 2 * _SIDE**3 / best / 1e9 * (os.cpu_count() or 1)
 
 
-def _path() -> Path:
-    return models_folder() / _FILE
-
-
 def _read() -> _Speed:
+    path = models_folder() / _FILE
     try:
-        return read_json(_path(), _Speed, "") if _path().is_file() else _Speed()
+        return read_json(path, _Speed, "") if path.is_file() else _Speed()
     except GagaError:  # damaged: it is measured again
         return _Speed()
 
 
 def _write(speed: _Speed) -> None:
     try:
-        with atomic_write(_path()) as temporary:
+        with atomic_write(models_folder() / _FILE) as temporary:
             text = json.dumps(msgspec.to_builtins(speed), indent=1)
             temporary.write_text(text + "\n", encoding="utf-8")
     except GagaError:  # a folder of models that cannot be written: nothing is remembered
         return
-
-
-# --- What there is to say of each known model on this machine.
 
 
 _PURPOSES = {
@@ -153,15 +147,9 @@ def status_of(model: KnownModel) -> ModelStatus:
     """The state of one model; asks no network."""
     path = find_model(model)
     lock = lock_of(path) if path is not None and path.is_dir() else None
-    seconds = seconds_a_photo(model) if model.purpose == "masks" else None
-    return ModelStatus(
-        model,
-        path,
-        lock,
-        partial_bytes(model),
-        seconds[0] if seconds else None,
-        seconds[1] if seconds else False,
-    )
+    known = seconds_a_photo(model) if model.purpose == "masks" else None
+    seconds, is_measured = known or (None, False)
+    return ModelStatus(model, path, lock, partial_bytes(model), seconds, is_measured)
 
 
 def all_models() -> tuple[ModelStatus, ...]:

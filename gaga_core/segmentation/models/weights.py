@@ -94,7 +94,7 @@ def weights_at(path: Path) -> Weights:
             f"{path} is no folder of a model: it needs config.json and model.safetensors. "
             "Copy both from the model's page."
         )
-    model_type = _model_type(path)
+    model_type = model_type_of(path)
     if not family_of(model_type):
         raise GagaError(
             f"The model in {path} is of type {model_type or 'unknown'}, which makes no masks here. "
@@ -117,7 +117,7 @@ def own_models(known: tuple[KnownModel, ...]) -> dict[str, Weights]:
     found = {}
     for path in sorted(base.iterdir()):
         if path.name not in taken and path.is_dir() and is_model_folder(path):
-            model_type = _model_type(path)
+            model_type = model_type_of(path)
             if family_of(model_type):
                 found[path.name] = Weights(path, model_type)
     return found
@@ -126,9 +126,11 @@ def own_models(known: tuple[KnownModel, ...]) -> dict[str, Weights]:
 def where_to_put(model: KnownModel) -> str:
     """One sentence: which files belong where."""
     base = models_folder()
+    is_of_masks = model.purpose == "masks"
+    files = "config.json, preprocessor_config.json and model.safetensors"
     text = (
         f"Get it with gaga models get {model.name}, or under Models in the window. By hand: put "
-        f"config.json, preprocessor_config.json and model.safetensors of {model.page} "
+        f"{files if is_of_masks else 'all files'} of {model.page} "
         f"(about {model.megabytes} MB, {model.licence}) into {base / model.name}"
     )
     return text + (f", or {model.file} into {base}." if model.file else ".")
@@ -167,7 +169,7 @@ def _weight_files(folder: Path) -> list[Path]:
     return sorted(p for p in folder.iterdir() if p.suffix in _WEIGHT_SUFFIXES and p.is_file())
 
 
-def _model_type(folder: Path) -> str:
+def model_type_of(folder: Path) -> str:
     """What the configuration of a model says that it is; "" when it does not."""
     path = folder / "config.json"
     raw = read_bytes(path, "", MOST_BYTES)

@@ -1,6 +1,5 @@
 """Association on scenes with known groups."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -51,12 +50,6 @@ def test_voted_labels_follow_the_truth(scene: Synthetic, association: Associatio
     assert (association.labels[voted] == group_of[truth[voted]]).mean() > 0.97
 
 
-def test_confidence_and_labels_agree(association: Association) -> None:
-    assert association.labels.dtype == np.int32
-    assert (association.confidence >= 0).all()
-    assert (association.confidence <= 1).all()
-
-
 def test_who_no_mask_sees_keeps_the_banks_group(scene: Synthetic) -> None:
     """Every third splat is too faint to be drawn: nothing votes for it."""
     gaussians = scene.gaussians.take(np.arange(len(scene.gaussians)))
@@ -92,22 +85,6 @@ def test_views_go_by_name_and_need_masks(scene: Synthetic) -> None:
     views = [decision.view for decision in result.bank.log]
     assert list(dict.fromkeys(views)) == ["002.png", "004.png"]
     assert any("6 of 8 views have no masks" in note for note in result.notes)
-
-
-def test_zero_padding_of_names_changes_nothing() -> None:
-    """Layouts of other publishers call the third view rgb_2 or rgb_0002: it stays the third."""
-    scene = objects_scene(n_objects=3, n_cameras=12, seed=1)
-
-    def associated(form: str) -> Association:
-        cameras = [replace(c, name=form.format(k)) for k, c in enumerate(scene.cameras)]
-        masks = masks_of(scene, cameras)
-        return run_stage(associate_stage(scene.gaussians, cameras[::-1], masks, choose()))
-
-    short, padded = associated("rgb_{}.png"), associated("rgb_{:04d}.png")
-    views = list(dict.fromkeys(decision.view for decision in short.bank.log))
-    assert views == [f"rgb_{k}.png" for k in range(12)]
-    assert (short.bank.group == padded.bank.group).all()
-    assert (short.labels == padded.labels).all()
 
 
 def test_the_same_again_bit_for_bit(
@@ -173,13 +150,6 @@ def test_nothing_to_associate_is_a_plain_sentence(scene: Synthetic) -> None:
         run_stage(associate_stage(nothing, scene.cameras, masks_of(scene, scene.cameras), choose()))
 
 
-def test_label_maps_without_any_mask_open_no_group(scene: Synthetic) -> None:
-    empty = MaskSet({c.name: lambda: np.zeros((120, 160), np.int32) for c in scene.cameras})
-    result = run_stage(associate_stage(scene.gaussians, scene.cameras, empty, choose()))
-    assert result.bank.n_groups == 0
-    assert (result.labels == 0).all()
-
-
 def test_all_gaussians_ablation_ignores_depth(scene: Synthetic) -> None:
     masks = masks_of(scene, scene.cameras[:1])
     gated = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose()))
@@ -192,8 +162,3 @@ def test_all_gaussians_ablation_ignores_depth(scene: Synthetic) -> None:
 def test_config_is_checked(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"threshold|depth|histogram"):
         AssociateConfig(**bad)  # type: ignore[arg-type]
-
-
-def test_unknown_preset_names_the_choice() -> None:
-    with pytest.raises(GagaError, match="paper"):
-        AssociateConfig.of("quick")

@@ -1,18 +1,15 @@
 """Label maps with errors of a scene with known groups: what every way to identity starts from."""
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
-from gaga_core.grouping.votes import vote_labels
+from gaga_core.grouping.votes import LabelMap, vote_labels
 from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import true_map
-from tests.core.identity.noisy import HELD_OUT, G
+from tests.core.identity.noisy import HELD_OUT, G, Views
 from tests.scenes import Synthetic, objects_scene
 
 
@@ -39,19 +36,17 @@ def maps(scene: Synthetic) -> dict[str, IntArray]:
 
 
 @pytest.fixture(scope="module")
-def label_map(maps: dict[str, IntArray]) -> Callable[[Camera], IntArray]:
+def label_map(maps: dict[str, IntArray]) -> LabelMap:
     return lambda camera: maps[camera.name]
 
 
 @pytest.fixture(scope="module")
-def train(scene: Synthetic) -> Sequence[Camera]:
+def train(scene: Synthetic) -> Views:
     return [camera for i, camera in enumerate(scene.cameras) if i not in HELD_OUT]
 
 
 @pytest.fixture(scope="module")
-def closed(
-    scene: Synthetic, train: Sequence[Camera], label_map: Callable[[Camera], IntArray]
-) -> ClosedForm:
+def closed(scene: Synthetic, train: Views, label_map: LabelMap) -> ClosedForm:
     votes = run_stage(vote_labels(scene.gaussians, train, label_map, G, choose()))
     nobody = np.full(len(scene.gaussians), -1, np.int32)
     voted = Voted(votes.labels, votes.confidence)

@@ -1,8 +1,5 @@
 """The linear operator on cached rows of W, and the step that trains on it."""
 
-import math
-from itertools import pairwise
-
 import numpy as np
 import pytest
 import torch
@@ -10,7 +7,7 @@ from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.identity.linear_kernels import D, softmax_rows
-from gaga_core.identity.rows import Batch, LinearRows, join_rows, take_rows
+from gaga_core.identity.rows import Batch, LinearRows
 from gaga_core.identity.training_step import (
     IdentityGradients,
     IdentityRates,
@@ -72,16 +69,6 @@ def test_transposed_operator_is_the_transpose(rows: LinearRows) -> None:
     assert backward == pytest.approx(forward, rel=1e-5)
 
 
-def test_transposed_operator_writes_touched_rows_only(weights: PixelWeights) -> None:
-    rows = LinearRows.of(take_rows(weights, 1000, 1400), _N)
-    out = np.full((_N, D), 7, np.float32)
-    result = rows.multiply_transposed(np.zeros((len(rows), D), np.float32), out)
-    assert result is out
-    assert 0 < len(rows.touched) < _N
-    assert (out[rows.touched] == 0).all()
-    assert (np.delete(out, rows.touched, axis=0) == 7).all()
-
-
 def test_results_do_not_depend_on_threads(
     rows: LinearRows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,15 +83,6 @@ def test_results_do_not_depend_on_threads(
     assert results[0][0] == results[1][0]
     for one, many in zip(results[0][1:], results[1][1:], strict=True):
         assert np.array_equal(one, many)
-
-
-def test_rows_split_and_joined_are_the_same(weights: PixelWeights) -> None:
-    cuts = [0, 17, 17, 900, len(weights.indptr) - 1]
-    parts = [take_rows(weights, a, b) for a, b in pairwise(cuts)]
-    joined = join_rows(parts)
-    assert np.array_equal(joined.indptr, weights.indptr)
-    assert np.array_equal(joined.indices, weights.indices)
-    assert np.array_equal(joined.weights, weights.weights)
 
 
 def test_softmax_of_large_and_equal_scores() -> None:
@@ -193,11 +171,3 @@ def test_every_view_comes_once_before_any_comes_twice() -> None:
     epochs = [[batch_of_step(9 * e + i, 9, seed=4) for i in range(9)] for e in range(3)]
     assert all(sorted(epoch) == list(range(9)) for epoch in epochs)
     assert epochs[0] != epochs[1]
-
-
-def test_a_start_from_zeros_is_chance(rows: LinearRows) -> None:
-    training = start_from_zeros(_N, _K - 1, 0)
-    training.weight[:] = 0
-    training.bias[:] = 0
-    fit = cross_entropy(training, Batch(rows, _labels(len(rows))))
-    assert fit.loss == pytest.approx(math.log(_K), rel=1e-5)

@@ -1,13 +1,11 @@
 """Cached rows of the blending matrix: which pixels, how many, in which batches."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.rows import RowConfig, ViewRows, mixed_batches, sample_rows, view_batches
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -15,14 +13,12 @@ from tests.core.identity.noisy import ROWS, G
 from tests.scenes import Synthetic
 
 
-def _rows(
-    scene: Synthetic, label_map: Callable[[Camera], IntArray], config: RowConfig
-) -> list[ViewRows]:
+def _rows(scene: Synthetic, label_map: LabelMap, config: RowConfig) -> list[ViewRows]:
     return run_stage(sample_rows(scene.gaussians, scene.cameras, label_map, choose(), config))
 
 
 def test_rows_are_labelled_pixels_spread_over_the_view(
-    scene: Synthetic, label_map: Callable[[Camera], IntArray], maps: dict[str, IntArray]
+    scene: Synthetic, label_map: LabelMap, maps: dict[str, IntArray]
 ) -> None:
     for view in _rows(scene, label_map, RowConfig(per_view=1000)):
         truth = maps[view.view]
@@ -33,25 +29,14 @@ def test_rows_are_labelled_pixels_spread_over_the_view(
         assert np.abs(share - got).max() < 0.03
 
 
-def test_all_pixels_when_none_are_named(
-    scene: Synthetic, label_map: Callable[[Camera], IntArray], maps: dict[str, IntArray]
-) -> None:
-    views = _rows(scene, label_map, RowConfig(per_view=0, w_min=0, train_void=True))
-    assert [len(view.labels) for view in views] == [maps[view.view].size for view in views]
-    views = _rows(scene, label_map, RowConfig(per_view=0))
-    assert [len(v.labels) for v in views] == [int((maps[v.view] > 0).sum()) for v in views]
-
-
-def test_rows_keep_to_the_memory(scene: Synthetic, label_map: Callable[[Camera], IntArray]) -> None:
+def test_rows_keep_to_the_memory(scene: Synthetic, label_map: LabelMap) -> None:
     limit = 3_000_000
     views = _rows(scene, label_map, RowConfig(per_view=0, memory_bytes=limit))
     used = sum(16 * len(view.weights.indices) for view in views)
     assert 0.4 * limit < used < 1.1 * limit
 
 
-def test_batches_hold_every_row_once(
-    scene: Synthetic, label_map: Callable[[Camera], IntArray]
-) -> None:
+def test_batches_hold_every_row_once(scene: Synthetic, label_map: LabelMap) -> None:
     views = _rows(scene, label_map, RowConfig(per_view=333))
     whole = np.sort(np.concatenate([view.weights.weights for view in views]))
     mixed = mixed_batches(views, len(scene.gaussians))

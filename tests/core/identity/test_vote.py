@@ -1,27 +1,20 @@
 """Mode "vote": labels, who gets them without a vote, and their encodings."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from gaga_core.arrays import IntArray
-from gaga_core.camera import Camera
-from gaga_core.grouping.votes import vote_labels
-from gaga_core.identity.closed_form import ClosedForm, VoteConfig, Voted, vote_identity
+from gaga_core.grouping.votes import LabelMap, vote_labels
+from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
 from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from tests.core.identity.noisy import G, right_pixels
-from tests.scenes import Synthetic, objects_scene
+from tests.core.identity.noisy import G, Views, right_pixels
+from tests.scenes import Synthetic
 
 
 def test_vote_decodes_to_the_voted_labels(
-    scene: Synthetic,
-    closed: ClosedForm,
-    train: Sequence[Camera],
-    label_map: Callable[[Camera], IntArray],
+    scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap
 ) -> None:
     votes = run_stage(vote_labels(scene.gaussians, train, label_map, G, choose()))
     voted = votes.labels > 0
@@ -93,26 +86,6 @@ def test_positions_that_are_no_numbers_are_left_alone(scene: Synthetic) -> None:
     result = run_stage(vote_identity(gaussians, voted, nobody, G, scene.cameras, choose()))
     assert (result.identity.labels[:5] == 0).all()
     assert (result.identity.confidence[:5] == 0).all()
-
-
-def test_vote_without_any_group() -> None:
-    scene = objects_scene(n_objects=1, per_object=30, n_cameras=2)
-    none = np.zeros(len(scene.gaussians), np.int32)
-    voted = Voted(none, none.astype(np.float32))
-    result = run_stage(vote_identity(scene.gaussians, voted, none, 0, scene.cameras, choose()))
-    assert (result.identity.labels == 0).all()
-
-
-def test_vote_checks_its_labels(scene: Synthetic) -> None:
-    none = np.zeros(len(scene.gaussians), np.int32)
-    with pytest.raises(ValueError, match="more than 6 groups"):
-        run_stage(
-            vote_identity(
-                scene.gaussians, Voted(none + 7, none.astype(np.float32)), none, 6, [], choose()
-            )
-        )
-    with pytest.raises(ValueError, match="positive"):
-        VoteConfig(scale=0)
 
 
 def test_nearest_are_the_nearest() -> None:

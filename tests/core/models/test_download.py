@@ -10,7 +10,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, run_stage
-from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
+from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.download import (
     Consent,
     Installed,
@@ -70,14 +70,6 @@ def test_a_second_get_asks_for_no_file(hub: Hub) -> None:
     assert len(before) == len(set(before)), "nothing came twice"
 
 
-def test_the_listing_downloads_nothing(hub: Hub, models: Path) -> None:
-    listing = list_files(TINY, config_of(hub))
-    assert {file.name for file in listing.files} == WANTED
-    assert listing.size == sum(file.size for file in listing.files)
-    assert hub.downloads() == []
-    assert not models.exists()
-
-
 def test_a_mirror_that_lists_names_only_gives_sizes_and_hashes_of_files(hub: Hub) -> None:
     full = list_files(TINY, config_of(hub))
     hub.only_names = True
@@ -113,14 +105,6 @@ def test_a_hub_that_falls_silent_is_asked_again(hub: Hub, repository: Path) -> N
     shares = [step.done for step in steps]
     assert shares == sorted(shares)
     assert shares[-1] == steps[-1].total
-
-
-def test_a_hub_that_ignores_ranges_sends_all_again(hub: Hub, repository: Path) -> None:
-    hub.cuts, hub.ignores_range = [100_000], True
-    done = get(hub)
-    assert (done.path / "model.safetensors").read_bytes() == (
-        repository / "model.safetensors"
-    ).read_bytes()
 
 
 def test_a_connection_that_stays_broken_keeps_what_came(hub: Hub, models: Path) -> None:
@@ -274,13 +258,6 @@ def test_an_answer_of_something_else_is_one_sentence(answer: bytes, tmp_path: Pa
         thread.join()
 
 
-def test_names_that_leave_the_folder_are_not_wanted(hub: Hub, repository: Path) -> None:
-    (repository / "..config.json").write_text("{}")
-    names = {file.name for file in list_files(TINY, config_of(hub)).files}
-    assert names <= WANTED | {"..config.json"}, "plain names of one folder"
-    assert all("/" not in name and "\\" not in name for name in names)
-
-
 def test_consent_for_another_model_counts_nothing(hub: Hub) -> None:
     listing = list_files(TINY, config_of(hub))
     with pytest.raises(ValueError, match="consent"):
@@ -351,12 +328,3 @@ def test_two_programs_do_not_get_the_same_at_once(hub: Hub, models: Path) -> Non
         assert other.stdin is not None
         other.stdin.close()
     get(hub)
-
-
-def test_the_catalogue_holds_no_hash_and_every_name_once() -> None:
-    assert len({model.name for model in CATALOGUE}) == len(CATALOGUE)
-    assert len({model.hub for model in CATALOGUE}) == len(CATALOGUE)
-    assert known_model("facebook/sam2.1-hiera-tiny") is TINY
-    assert {model.purpose for model in CATALOGUE} == {"masks", "words", "boxes"}
-    with pytest.raises(GagaError, match="no known model"):
-        known_model("nonsense")

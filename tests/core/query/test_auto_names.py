@@ -1,7 +1,6 @@
 """Automatic names: sure ones are given, unsure ones are not, people's own are kept."""
 
 import numpy as np
-import pytest
 
 from gaga_core.arrays import FloatArray
 from gaga_core.query.auto_names import NOUNS, NameConfig, name_by_nouns, suggest_names
@@ -53,22 +52,6 @@ def test_a_noun_that_is_near_to_everything_names_nothing_by_that() -> None:
     plain = NameConfig(own=0.0, least=0.2, margin=1.2)
     found = suggest_names(_index(rows), nouns, v, config=plain)
     assert sum(name.startswith("photo") for name in found.values()) > 5
-
-
-def test_margins_only_ever_take_names_away() -> None:
-    rng = np.random.default_rng(3)
-    nouns = [f"noun {k}" for k in range(40)]
-    v = _nouns(40)
-    index = _index(
-        (v[rng.integers(0, 40, 60)] + 0.4 * rng.normal(size=(60, _DIM)) / 8).astype("f4")
-    )
-    before = set(suggest_names(index, nouns, v, config=NameConfig(least=0.05, margin=1.0)))
-    for least, margin in ((0.2, 1.0), (0.2, 2.0), (0.6, 2.0), (0.9, 10.0)):
-        now = set(suggest_names(index, nouns, v, config=NameConfig(least=least, margin=margin)))
-        assert now <= before
-        before = now
-    with pytest.raises(ValueError, match="names"):
-        NameConfig(least=1.5)
 
 
 def test_our_list_is_clean_and_its_vectors_are_made_once() -> None:

@@ -106,25 +106,6 @@ def test_views_vote_weighted_by_score() -> None:
     assert vote_boxes([(labels, first), (without, doubtful)]).groups.tolist() == [3, 2]
 
 
-def test_the_lerf_mask_protocol_end_to_end() -> None:
-    """Ids chosen on the first view; their pixels in another view are the prediction."""
-    first = _map()
-    other = np.roll(first, (5, 12), axis=(0, 1))
-    cup = np.zeros(first.shape, np.bool_)
-    cup[33:67, 98:132] = True
-    assert np.array_equal(np.isin(other, contained(first, cup)), other == 3)
-
-
-def test_boxes_are_clipped_sorted_and_empty_ones_go() -> None:
-    boxes = as_boxes(
-        [[-5, -5, 20, 20], [30, 30, 30, 60], [50, 50, 500, 500], [200, 0, 300, 9]],
-        [0.2, 0.9, 0.7, 0.8],
-        (100, 160),
-    )
-    assert boxes.scores.tolist() == pytest.approx([0.7, 0.2])
-    assert boxes.corners.tolist() == [[50, 50, 160, 100], [0, 0, 20, 20]]
-
-
 @pytest.mark.parametrize("write", [write_grounding_dino, write_owlv2])
 def test_detectors_load_from_a_folder_and_find_boxes(
     tmp_path: Path, write: Callable[[Path], Path]

@@ -26,10 +26,3 @@ def test_every_color_of_the_table_is_divided_among_the_names() -> None:
 def test_plain_colors_have_their_names(code: str, name: str) -> None:
     rgb = np.array([int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)])
     assert NAMES[int(name_weights(rgb).argmax())] == name
-
-
-def test_shade_does_not_change_the_color_of_a_hue() -> None:
-    for code, name in (("d81e1e", "red"), ("1e56c8", "blue"), ("2a9a34", "green")):
-        rgb = np.array([int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)])
-        for light in (0.45, 0.7, 1.0):
-            assert NAMES[int(name_weights(rgb * light).argmax())] == name

@@ -1,6 +1,5 @@
 """The index of pictures: what is looked at, what is kept, how texts are ranked."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,9 +18,7 @@ from gaga_core.query.index import (
     GroupIndex,
     IndexConfig,
     IndexedViews,
-    Shown,
     TextVectors,
-    best_views,
     cut_out,
     index_stage,
     load_index,
@@ -102,13 +99,6 @@ def test_boxes_and_areas_of_a_label_map() -> None:
     assert 0 < shown_groups(0, cut)[0].score < 20 * 20
 
 
-def test_best_views_are_whole_before_cut_and_large_before_small() -> None:
-    ones = [Shown(1, v, (0, 0, 9, 9), s) for v, s in enumerate((5.0, 9.0, 1.0, 9.0))]
-    chosen = best_views([*ones, Shown(2, 0, (0, 0, 9, 9), 3.0)], 2)
-    assert [one.view for one in chosen[1]] == [1, 3]
-    assert [one.view for one in chosen[2]] == [0]
-
-
 def test_a_cut_out_is_square_keeps_the_object_and_dims_the_rest() -> None:
     labels = _map()
     picture = np.zeros((60, 80, 3), np.uint8)
@@ -167,15 +157,6 @@ def test_a_group_that_only_changed_its_number_is_not_looked_at_again() -> None:
     assert n_stale(None, digests) == 2
 
 
-def test_a_group_that_no_view_shows_scores_nothing() -> None:
-    embedder = MeanColor()
-    groups, digests = np.array([1, 99], np.int32), np.array([1, 2], np.int64)
-    index = run_stage(index_stage(groups, digests, _views(), embedder))
-    texts = TextVectors(index.model, lambda: embedder)
-    scores = relevancy(index, texts.nouns(["red"])[0], texts.anything())
-    assert scores[1] == 0
-
-
 def test_an_index_that_saw_nothing_is_no_obstacle_to_the_next() -> None:
     embedder = MeanColor()
     blank = replace(_views(), labels_of=lambda _: np.zeros((60, 80), np.int32))
@@ -187,34 +168,6 @@ def test_an_index_that_saw_nothing_is_no_obstacle_to_the_next() -> None:
     assert index.vectors.shape == (2, 3)
     assert not index.vectors[0].any()
     assert index.vectors[1].any()
-
-
-def test_what_is_like_everything_is_like_nothing() -> None:
-    """A group as near to one of the phrases that fit anything as to the text scores a half."""
-    axes = np.eye(3, dtype=np.float32)
-    pictures = np.zeros((2, 64, 64, 3), np.uint8)
-    vectors = _unit(np.array([[1, 1, 0], [1, 0, 0.0]]))
-    index = GroupIndex("m", np.array([1, 2], np.int32), np.arange(2), vectors, pictures)
-    scores = relevancy(index, axes[0], axes[1:])
-    assert scores[0] == pytest.approx(0.5)
-    assert scores[1] > 0.9
-
-
-def test_progress_is_even_and_cancel_keeps_the_last_index(tmp_path: Path) -> None:
-    embedder = MeanColor()
-    path = tmp_path / "index.npz"
-    save_index(path, _built(embedder))
-    before = path.read_bytes()
-    groups, digests = np.array([1, 2], np.int32), np.array([5, 6], np.int64)
-    stage = index_stage(groups, digests, _views(), embedder, previous=load_index(path))
-    steps = []
-    for _ in range(4):
-        steps.append(next(stage))
-    stage.close()
-    assert path.read_bytes() == before
-    assert [s.done for s in steps] == sorted(s.done for s in steps)
-    assert all(s.done <= s.total for s in steps)
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_index_survives_the_disk_and_damage_is_told(tmp_path: Path) -> None:
@@ -250,18 +203,6 @@ def test_texts_are_embedded_once_and_kept_on_disk(tmp_path: Path) -> None:
     assert np.array_equal(offline.of(["green"])[0], first[1])
     other = TextVectors("another", lambda: MeanColor("another"), path)
     assert other.of(["green"]).shape == (1, 3)
-
-
-def test_500_groups_are_ranked_at_once() -> None:
-    rng = np.random.default_rng(0)
-    vectors = _unit(rng.normal(size=(500, 768)))
-    index = GroupIndex("m", np.arange(1, 501, dtype=np.int32), np.arange(500),
-                       vectors, np.zeros((500, 64, 64, 3), np.uint8))  # fmt: skip
-    scores = relevancy(index, vectors[123], _unit(rng.normal(size=(4, 768))))
-    assert scores.argmax() == 123
-    start = time.process_time()
-    relevancy(index, vectors[7], vectors[:4])
-    assert time.process_time() - start < 1  # the bar is 50 ms: see tests/bench/bench_query.py
 
 
 # --- digests --------------------------------------------------------------------------------------

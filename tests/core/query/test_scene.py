@@ -172,18 +172,6 @@ def test_moved_objects_are_looked_at_where_they_stand(made: tuple[Synthetic, Pro
     assert len(index) == 5
 
 
-def test_without_groups_or_views_an_index_says_what_is_missing(
-    made: tuple[Synthetic, Project],
-) -> None:
-    synthetic, project = made
-    words = ColorWords(synthetic)
-    with pytest.raises(GagaError, match="needs the views"):
-        run_stage(index_scene(project.scene, (), words))
-    bare = Scene.of(synthetic.gaussians)
-    with pytest.raises(GagaError, match="no groups"):
-        run_stage(index_scene(bare, synthetic.cameras, words))
-
-
 def test_groups_are_named_once_and_texts_need_no_model_again(
     made: tuple[Synthetic, Project], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -289,15 +277,6 @@ def test_models_are_found_by_path_by_name_and_in_the_hub_cache(
     assert folder_of(snapshot, KNOWN_EMBEDDERS, cache) == snapshot
     mine = write_clip(tmp_path / "models" / "my-clip")
     assert folder_of("my-clip", KNOWN_EMBEDDERS, cache) == mine
-
-
-def test_known_models_say_what_a_person_must_know() -> None:
-    names = [m.name for m in (*KNOWN_EMBEDDERS, *KNOWN_DETECTORS)]
-    assert len(set(names)) == len(names)
-    for model in (*KNOWN_EMBEDDERS, *KNOWN_DETECTORS):
-        assert model.megabytes > 0
-        assert model.licence
-        assert model.page.startswith("https://")
 
 
 def test_pictures_only_score_groups_that_they_know(made: tuple[Synthetic, Project]) -> None:

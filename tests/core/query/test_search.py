@@ -10,7 +10,7 @@ from gaga_core.geometry import look_at
 from gaga_core.pipeline.search import search
 from gaga_core.query.colors import NAMES
 from gaga_core.query.grammar import parse
-from gaga_core.query.group_facts import compact_rows, facts_of, group_facts
+from gaga_core.query.group_facts import facts_of, group_facts
 from gaga_core.query.search import FITS, Answer, name_scores
 from gaga_core.query.spatial_relations import canonical_view
 from gaga_core.scene import edits
@@ -94,13 +94,6 @@ def test_wood_is_brown_and_not_yellow() -> None:
     assert meant(ask(scene, "brown")) == {1}
 
 
-def test_a_thing_of_many_colors_has_none_of_them() -> None:
-    scene = boxes_scene([((0, 0, 0.1 * k), (0.3, 0.3, 0.1), c) for k, c in enumerate(
-        ("c81414", "1e50c8", "209030", "f57c14", "f0d010"))])  # fmt: skip
-    scene.labels[:] = 1
-    assert not len(meant(ask(scene, "red")) | meant(ask(scene, "blue")))
-
-
 def test_one_huge_splat_does_not_color_a_group() -> None:
     scene = boxes_scene(TABLE)
     g = scene.gaussians
@@ -155,15 +148,6 @@ def test_facts_do_not_depend_on_ids_order_or_the_way_up() -> None:
     assert np.allclose(a.extents, c.extents, rtol=0.02)
 
 
-def test_compact_rows_give_labels_back() -> None:
-    rng = np.random.default_rng(0)
-    for top in (3, 1000, 1 << 29):
-        labels = rng.integers(0, top, 500).astype(np.int32)
-        rows, ids = compact_rows(labels)
-        assert np.array_equal(ids[rows], labels)
-        assert np.array_equal(ids, np.unique(labels))
-
-
 def test_facts_are_kept_until_the_scene_changes(table: Scene) -> None:
     scene = boxes_scene(TABLE)
     cameras = (FRONT, BACK)
@@ -180,18 +164,6 @@ def test_facts_are_kept_until_the_scene_changes(table: Scene) -> None:
     assert 2 not in facts_of(scene, cameras).ids
     history.undo()
     assert 2 in facts_of(scene, cameras).ids
-
-
-def test_a_recolored_object_is_found_by_its_new_color(table: Scene) -> None:
-    scene = boxes_scene(TABLE)
-    history = History(scene)
-    color = np.concatenate([np.zeros((3, 3)), np.array([[0.1], [0.6], [0.15]])], axis=1)
-    edit = edits.recolor(scene, np.flatnonzero(scene.labels == 1).astype(np.int32), color)
-    assert edit is not None
-    assert 1 in meant(ask(scene, "red"))
-    history.do(edit)
-    assert 1 not in meant(ask(scene, "red"))
-    assert 1 in meant(ask(scene, "green"))
 
 
 # --- the grammar ----------------------------------------------------------------------------------
@@ -231,15 +203,6 @@ def test_ways_to_say_the_same_have_the_same_answer(table: Scene, texts: tuple[st
     for answer in answers[1:]:
         assert answer.groups[0] == answers[0].groups[0], texts
         assert meant(answer) == meant(answers[0])
-
-
-@pytest.mark.parametrize(
-    "text", ["", "   ", "?!", "the", "of the", "and or not", "left of", "(((", "\0"]
-)
-def test_texts_that_say_nothing_find_nothing_and_say_so(table: Scene, text: str) -> None:
-    answer = ask(table, text)
-    assert len(answer.groups) == 0 or answer.n_meant <= len(answer.groups)
-    assert answer.sentence.endswith(".")
 
 
 def test_random_words_never_break_the_parser(table: Scene) -> None:
@@ -348,14 +311,6 @@ def test_left_and_right_are_opposite_and_turn_with_the_view(table: Scene) -> Non
         assert left == right
         assert len(left) >= 6
         assert len(left & turned) >= 6
-
-
-def test_a_superlative_is_the_extreme_of_what_fits(table: Scene) -> None:
-    facts = facts_of(table, (FRONT, BACK))
-    for color in ("red", "blue", "yellow"):
-        fits = meant(ask(table, color))
-        best = max(fits, key=lambda g: facts.size[facts.row(g) or 0])
-        assert ask(table, f"largest {color}").groups[0] == best
 
 
 def test_names_beat_colors_where_a_word_is_both() -> None:

@@ -1,8 +1,7 @@
-"""Segment Anything of 2023 as a function of its weights, under their original names.
+"""Random weights of Segment Anything of 2023 under their original names (Kirillov 2023).
 
-Written from the published architecture (Kirillov 2023, appendix A; ViTDet encoder, Li 2022;
-relative positions of MViTv2, Li 2022b), plainly and without modules: what the loader is compared
-with.
+``tests/fixtures/sam_2023.npz`` holds what the published architecture, written plainly and without
+modules, makes of those of seed 0 (`sam_reference.py` of commit 453603a has the program).
 """
 
 import math
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import conv2d, conv_transpose2d, gelu, layer_norm, linear, pad, relu
 
 State = dict[str, Tensor]
 
@@ -131,161 +129,3 @@ def _random_decoder(random: _Random, shape: Shape) -> None:
             random.dense(f"{head}.{j}", o, n_out)
     for j, (n_in, n_out) in enumerate([(o, hidden), (hidden, hidden), (hidden, 4)]):
         random.dense(f"mask_decoder.iou_prediction_head.layers.{j}", n_in, n_out)
-
-
-def embed(state: State, shape: Shape, pixels: Tensor) -> Tensor:
-    """Embedding (1, out, grid, grid) of a prepared picture (1, 3, S, S)."""
-    weight, bias = (state[f"image_encoder.patch_embed.proj.{k}"] for k in ("weight", "bias"))
-    x = conv2d(pixels, weight, bias, stride=shape.patch).permute(0, 2, 3, 1)
-    x = x + state["image_encoder.pos_embed"]
-    for i in range(shape.depth):
-        block = f"image_encoder.blocks.{i}"
-        y = _norm(state, f"{block}.norm1", x, 1e-6)
-        if i in shape.whole:
-            y = _attend_2d(state, f"{block}.attn", y, shape.heads)
-        else:
-            y = _in_windows(state, f"{block}.attn", y, shape)
-        x = x + y
-        y = _norm(state, f"{block}.norm2", x, 1e-6)
-        x = x + _dense(state, f"{block}.mlp.lin2", gelu(_dense(state, f"{block}.mlp.lin1", y)))
-    x = conv2d(x.permute(0, 3, 1, 2), state["image_encoder.neck.0.weight"])
-    x = _norm_2d(state, "image_encoder.neck.1", x)
-    x = conv2d(x, state["image_encoder.neck.2.weight"], padding=1)
-    return _norm_2d(state, "image_encoder.neck.3", x)
-
-
-def _in_windows(state: State, name: str, x: Tensor, shape: Shape) -> Tensor:
-    """Attention inside windows of the padded picture, one after the other."""
-    side, w = shape.grid, shape.window
-    n = -(-side // w)
-    padded = pad(x, (0, 0, 0, n * w - side, 0, n * w - side))
-    out = torch.zeros_like(padded)
-    for r in range(n):
-        for c in range(n):
-            rows, columns = slice(r * w, r * w + w), slice(c * w, c * w + w)
-            out[:, rows, columns] = _attend_2d(state, name, padded[:, rows, columns], shape.heads)
-    return out[:, :side, :side]
-
-
-def _attend_2d(state: State, name: str, x: Tensor, heads: int) -> Tensor:
-    """Attention of a square of tokens with decomposed relative positions."""
-    _, h, w, c = x.shape
-    d = c // heads
-    q, k, v = _dense(state, f"{name}.qkv", x).reshape(h * w, 3, heads, d).unbind(1)
-    rows = torch.arange(h * w) // w
-    columns = torch.arange(h * w) % w
-    by_row = state[f"{name}.rel_pos_h"][rows[:, None] - rows[None] + h - 1]  # (hw, hw, d)
-    by_column = state[f"{name}.rel_pos_w"][columns[:, None] - columns[None] + w - 1]
-    out = torch.empty(h * w, heads, d)
-    for i in range(heads):
-        scores = q[:, i] @ k[:, i].T / math.sqrt(d)
-        scores = scores + torch.einsum("qd,qkd->qk", q[:, i], by_row + by_column)
-        out[:, i] = scores.softmax(1) @ v[:, i]
-    return _dense(state, f"{name}.proj", out.reshape(1, h, w, c))
-
-
-def decode(
-    state: State, shape: Shape, embedding: Tensor, point: tuple[float, float]
-) -> tuple[Tensor, Tensor]:
-    """Three masks (3, 4 grid, 4 grid) and their predicted IoU (3,) for a point x, y in pixels."""
-    side = shape.grid * shape.patch
-    xy = (torch.tensor([point]) + 0.5) / side
-    ends = "prompt_encoder.point_embeddings.1.weight"
-    sparse = torch.cat(
-        [_positions(state, xy) + state[ends], state["prompt_encoder.not_a_point_embed.weight"]]
-    )
-    centres = (torch.arange(shape.grid) + 0.5) / shape.grid
-    y, x = torch.meshgrid(centres, centres, indexing="ij")
-    key_pe = _positions(state, torch.stack([x, y], -1).reshape(-1, 2))
-    image = embedding + state["prompt_encoder.no_mask_embed.weight"].reshape(1, -1, 1, 1)
-    keys = image.flatten(2)[0].T
-    tokens = torch.cat(
-        [state["mask_decoder.iou_token.weight"], state["mask_decoder.mask_tokens.weight"], sparse]
-    )
-    queries = tokens
-    for i in range(2):
-        layer = f"mask_decoder.transformer.layers.{i}"
-        if i == 0:
-            queries = _attend(state, f"{layer}.self_attn", queries, queries, queries)
-        else:
-            q = queries + tokens
-            queries = queries + _attend(state, f"{layer}.self_attn", q, q, queries)
-        queries = _norm(state, f"{layer}.norm1", queries)
-        q, k = queries + tokens, keys + key_pe
-        queries = queries + _attend(state, f"{layer}.cross_attn_token_to_image", q, k, keys)
-        queries = _norm(state, f"{layer}.norm2", queries)
-        hidden = relu(_dense(state, f"{layer}.mlp.lin1", queries))
-        queries = _norm(
-            state, f"{layer}.norm3", queries + _dense(state, f"{layer}.mlp.lin2", hidden)
-        )
-        q, k = queries + tokens, keys + key_pe
-        keys = keys + _attend(state, f"{layer}.cross_attn_image_to_token", k, q, queries)
-        keys = _norm(state, f"{layer}.norm4", keys)
-    final = "mask_decoder.transformer"
-    q, k = queries + tokens, keys + key_pe
-    queries = queries + _attend(state, f"{final}.final_attn_token_to_image", q, k, keys)
-    queries = _norm(state, f"{final}.norm_final_attn", queries)
-    up = _upscale(state, keys.T.reshape(1, shape.out, shape.grid, shape.grid))
-    masks = torch.stack(
-        [
-            (
-                _mlp(state, f"mask_decoder.output_hypernetworks_mlps.{i}", queries[1 + i])[
-                    :, None, None
-                ]
-                * up
-            ).sum(0)
-            for i in range(1, 4)
-        ]
-    )
-    return masks, _mlp(state, "mask_decoder.iou_prediction_head", queries[0])[1:]
-
-
-def _upscale(state: State, x: Tensor) -> Tensor:
-    name = "mask_decoder.output_upscaling"
-    x = conv_transpose2d(x, state[f"{name}.0.weight"], state[f"{name}.0.bias"], stride=2)
-    x = gelu(_norm_2d(state, f"{name}.1", x))
-    x = conv_transpose2d(x, state[f"{name}.3.weight"], state[f"{name}.3.bias"], stride=2)
-    return gelu(x)[0]
-
-
-def _positions(state: State, xy: Tensor) -> Tensor:
-    """Random Fourier features (n, out) of points (n, 2) in 0..1."""
-    matrix = state["prompt_encoder.pe_layer.positional_encoding_gaussian_matrix"]
-    angles = 2 * math.pi * ((2 * xy - 1) @ matrix)
-    return torch.cat([angles.sin(), angles.cos()], dim=-1)
-
-
-def _attend(state: State, name: str, q: Tensor, k: Tensor, v: Tensor, heads: int = 8) -> Tensor:
-    q, k, v = (
-        _dense(state, f"{name}.{part}_proj", x).reshape(len(x), heads, -1).transpose(0, 1)
-        for part, x in (("q", q), ("k", k), ("v", v))
-    )
-    scores = (q @ k.transpose(1, 2) / math.sqrt(q.shape[-1])).softmax(-1)
-    return _dense(state, f"{name}.out_proj", (scores @ v).transpose(0, 1).flatten(1))
-
-
-def _mlp(state: State, name: str, x: Tensor) -> Tensor:
-    for j in range(3):
-        x = _dense(state, f"{name}.layers.{j}", x)
-        x = relu(x) if j < 2 else x
-    return x
-
-
-def _dense(state: State, name: str, x: Tensor) -> Tensor:
-    return linear(x, state[f"{name}.weight"], state[f"{name}.bias"])
-
-
-def _norm(state: State, name: str, x: Tensor, eps: float = 1e-5) -> Tensor:
-    return layer_norm(x, x.shape[-1:], state[f"{name}.weight"], state[f"{name}.bias"], eps)
-
-
-def _norm_2d(state: State, name: str, x: Tensor) -> Tensor:
-    """Over the channels of (1, C, h, w)."""
-    y = layer_norm(
-        x.permute(0, 2, 3, 1),
-        (x.shape[1],),
-        state[f"{name}.weight"],
-        state[f"{name}.bias"],
-        1e-6,
-    )
-    return y.permute(0, 3, 1, 2)

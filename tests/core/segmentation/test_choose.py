@@ -6,22 +6,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.progress import run_stage
 from gaga_core.segmentation import choose
-from gaga_core.segmentation.base import Picture
-from gaga_core.segmentation.choose import ProviderSettings, available_providers, provider_named
+from gaga_core.segmentation.choose import available_providers, provider_named
 from gaga_core.segmentation.models.catalogue import KNOWN
 from gaga_core.segmentation.models.weights import (
     find_weights,
-    models_folder,
     weights_at,
-    where_to_put,
 )
-from gaga_core.segmentation.regions import RegionsConfig
 
 Folder = Callable[[str], Path]
 
@@ -91,12 +85,6 @@ def test_weights_are_found_in_the_hub_cache(
     assert nearer.path == models / known.name
 
 
-def test_a_path_wins_and_any_name_will_do(models: Path, model_folder: Folder) -> None:
-    provider = provider_named("fine masks", weights=model_folder("sam"))
-    assert provider.name == "fine masks"
-    assert provider.card.model == "sam (sam)"
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -147,17 +135,6 @@ def test_without_transformers_only_regions_work(
     assert provider_named("regions").cues == {"depth"}
 
 
-def test_regions_need_no_model() -> None:
-    provider = provider_named("regions", settings=ProviderSettings(RegionsConfig(width=64)))
-    image = np.zeros((48, 64, 3), np.uint8)
-    image[:, 32:] = (200, 40, 40)
-    labels = run_stage(provider.label_map(Picture(image)))
-    assert labels.shape == (48, 64)
-    assert labels[20, 5] != labels[20, 60]
-    other = ProviderSettings(RegionsConfig(width=64, detail=2.0))
-    assert provider_named("regions", settings=other).fingerprint() != provider.fingerprint()
-
-
 def test_the_list_imports_no_torch(models: Path) -> None:
     code = (
         "import sys; from gaga_core.segmentation.choose import available_providers;"
@@ -165,12 +142,3 @@ def test_the_list_imports_no_torch(models: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-def test_the_folder_of_models_follows_the_home(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("GAGA_MODELS", raising=False)
-    monkeypatch.setenv("GAGA_HOME", str(tmp_path))
-    assert models_folder() == tmp_path / "models"
-    assert str(tmp_path) in where_to_put(KNOWN[0])

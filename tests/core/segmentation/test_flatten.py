@@ -55,28 +55,6 @@ def test_as_defined(seed: int) -> None:
     np.testing.assert_array_equal(ids, np.arange(1, len(ids) + 1))
 
 
-def test_the_order_of_the_masks_does_not_matter() -> None:
-    masks, _ = _random(3)
-    scores = np.random.default_rng(0).permutation(len(masks)).astype(np.float32)
-    turn = np.random.default_rng(1).permutation(len(masks))
-    size = masks.shape[1:]
-    np.testing.assert_array_equal(
-        flatten(scored_masks(masks, scores, *size)),
-        flatten(scored_masks(masks[turn], scores[turn], *size)),
-    )
-
-
-def test_a_mask_hidden_but_for_a_tenth_is_dropped_and_leaves_none() -> None:
-    masks = np.zeros((2, 10, 10), bool)
-    masks[0, :, :] = True  # 100 pixels, 10 of them visible
-    masks[1, 1:, :] = True
-    scored = scored_masks(masks, [0.8, 0.9], 10, 10)
-    labels = flatten(scored)
-    assert (labels[0] == 0).all()
-    assert (labels[1:] == 1).all()
-    assert flatten(scored, FlattenConfig(min_visible=0.09)).max() == 2
-
-
 def test_levels_show_the_outermost_and_the_innermost_mask() -> None:
     """Whole, part and subpart of one thing, and another thing next to it."""
     masks = np.zeros((4, 12, 12), bool)
@@ -101,13 +79,6 @@ def test_masks_side_by_side_have_no_levels() -> None:
     assert (
         flatten_levels(scored_masks(masks, np.linspace(0.5, 1, 16, dtype=np.float32), 4, 4)) is None
     )
-
-
-def test_nothing_is_a_map_of_zeros() -> None:
-    empty = scored_masks([], [], 4, 5)
-    assert flatten(empty).tolist() == np.zeros((4, 5), int).tolist()
-    unsure = scored_masks([np.ones((4, 5), bool)], [0.49], 4, 5)
-    assert flatten(unsure).max() == 0
 
 
 def test_more_masks_than_a_map_holds(monkeypatch: pytest.MonkeyPatch) -> None:

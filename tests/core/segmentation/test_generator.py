@@ -14,11 +14,9 @@ from gaga_core.segmentation.base import ScoredMasks
 from gaga_core.segmentation.choose import ProviderSettings
 from gaga_core.segmentation.generator import (
     Encoded,
-    boxes_of,
     crop_windows,
     generate,
     non_maximum_suppression,
-    point_grid,
 )
 from gaga_core.segmentation.settings import GeneratorConfig
 
@@ -108,15 +106,6 @@ def test_thresholds_choose() -> None:
     assert len(all_of_them) == 64
 
 
-def test_batches_change_nothing() -> None:
-    image = _picture()
-    one, many = (
-        run_stage(generate(Tiles(), image, replace(_CONFIG, points_per_batch=n))) for n in (1, 64)
-    )
-    np.testing.assert_array_equal(one.boxes, many.boxes)
-    np.testing.assert_array_equal(one.scores, many.scores)
-
-
 def test_crops_find_no_cut_masks_and_no_duplicates() -> None:
     image, model = _picture(), Tiles()
     config = replace(_CONFIG, crop_layers=1, pred_iou_thresh=0.5)
@@ -147,12 +136,6 @@ def test_a_cancel_stops_between_batches() -> None:
         next(stage)
     stage.close()
     assert len(model.batches) == 2
-
-
-def test_no_mode_of_torch_leaks_out_of_the_stage() -> None:
-    stage = generate(Tiles(), _picture(), _CONFIG)
-    for _ in stage:
-        assert not torch.is_inference_mode_enabled()
 
 
 @pytest.mark.parametrize("size", [(480, 640), (640, 480), (100, 1000), (37, 41)])
@@ -189,18 +172,6 @@ def test_suppression_as_defined() -> None:
     assert found.tolist() == kept
     nothing = non_maximum_suppression(torch.zeros(0, 4), torch.zeros(0), 0.5)
     assert nothing.tolist() == []
-
-
-def test_boxes_are_tight() -> None:
-    masks = torch.zeros(2, 6, 9, dtype=torch.bool)
-    masks[0, 2:4, 3:8] = True
-    masks[1, 5, 0] = True
-    assert boxes_of(masks).tolist() == [[3, 2, 8, 4], [0, 5, 1, 6]]
-    assert boxes_of(masks[:0]).shape == (0, 4)
-
-
-def test_points_lie_in_the_middle_of_their_cells() -> None:
-    assert point_grid(2).tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
 
 
 def test_settings_are_checked() -> None:

@@ -45,17 +45,6 @@ def test_every_family_answers_boxes_one_mask_each(
     assert ask.in_boxes(photo, corners[:0]).shape == (0, *photo.shape[:2])
 
 
-def test_one_point_is_answered_as_the_generator_is(model_folder: Folder, photo: UInt8Array) -> None:
-    from gaga_core.segmentation.loading import load_folder
-    from gaga_core.segmentation.sam import sam_encoder
-
-    encoded = sam_encoder(load_folder("mask_generation", model_folder("sam2")))(photo)
-    logits, scores = encoded.decode(_POINTS[:1])
-    asked = encoded.prompt(_POINTS[:1], np.array([True]))
-    np.testing.assert_allclose(asked[0].numpy(), logits[0].numpy(), atol=1e-4)
-    np.testing.assert_allclose(asked[1].numpy(), scores[0].numpy(), atol=1e-5)
-
-
 def test_wrong_questions_are_refused(model_folder: Folder, photo: UInt8Array) -> None:
     ask = prompter_named("tiny", weights=model_folder("sam2"), device="cpu")
     with pytest.raises(ValueError, match="at least one point on the thing"):

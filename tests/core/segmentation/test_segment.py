@@ -173,7 +173,7 @@ def test_maps_edited_by_hand_are_kept(folder: SceneFolder) -> None:
     assert (read_labels(path) == 7).all()
 
 
-@pytest.mark.parametrize("n_steps", [1, 3, 6, 9, 14])
+@pytest.mark.parametrize("n_steps", [3, 14])
 def test_a_cancel_keeps_finished_views_and_no_halves(folder: SceneFolder, n_steps: int) -> None:
     provider = Quarters()
     stage = segment_scene(folder, provider)
@@ -216,13 +216,13 @@ def test_maps_of_others_are_never_overwritten(folder: SceneFolder) -> None:
     assert run_stage(segment_scene(folder, Quarters(), name="mine")).folder.name == "mine"
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"views": 3}', '{"views": {"001": "x"}}'])
-def test_a_damaged_record_costs_no_work(folder: SceneFolder, text: str) -> None:
+def test_a_damaged_record_costs_no_work(folder: SceneFolder) -> None:
     report = run_stage(segment_scene(folder, Quarters()))
-    (report.folder / "provider.json").write_text(text)
-    again = Quarters()
-    assert len(run_stage(segment_scene(folder, again)).kept) == 4
-    assert again.seen == []
+    for text in ("", "[]", '{"views": 3}', '{"views": {"001": "x"}}'):
+        (report.folder / "provider.json").write_text(text)
+        again = Quarters()
+        assert len(run_stage(segment_scene(folder, again)).kept) == 4
+        assert again.seen == []
 
 
 def test_depth_is_given_to_those_who_use_it(folder: SceneFolder) -> None:

@@ -26,28 +26,26 @@ def save_tiny(kind: str, folder: Path) -> None:
     model.save_pretrained(folder)
 
 
-def _sam() -> Module:
-    model: Module = T.SamModel(
-        T.SamConfig(
-            vision_config=T.SamVisionConfig(**_VISION),
-            prompt_encoder_config=T.SamPromptEncoderConfig(**_PROMPT),
-            mask_decoder_config=T.SamMaskDecoderConfig(num_hidden_layers=2, **_DECODER),
-        )
+def _model(prefix: str, vision: object, *, decoder: object = None, **more: object) -> Module:
+    """The Segment Anything model whose classes begin so, at tests' sizes."""
+    config = getattr(T, f"{prefix}Config")(
+        vision_config=vision,
+        prompt_encoder_config=getattr(T, f"{prefix}PromptEncoderConfig")(**_PROMPT),
+        mask_decoder_config=decoder or getattr(T, f"{prefix}MaskDecoderConfig")(**_DECODER),
+        **more,
     )
+    model: Module = getattr(T, f"{prefix}Model")(config)
     return model
+
+
+def _sam() -> Module:
+    decoder = T.SamMaskDecoderConfig(num_hidden_layers=2, **_DECODER)
+    return _model("Sam", T.SamVisionConfig(**_VISION), decoder=decoder)
 
 
 def _sam_hq() -> Module:
-    model: Module = T.SamHQModel(
-        T.SamHQConfig(
-            vision_config=T.SamHQVisionConfig(**_VISION),
-            prompt_encoder_config=T.SamHQPromptEncoderConfig(**_PROMPT),
-            mask_decoder_config=T.SamHQMaskDecoderConfig(
-                num_hidden_layers=2, vit_dim=32, **_DECODER
-            ),
-        )
-    )
-    return model
+    decoder = T.SamHQMaskDecoderConfig(num_hidden_layers=2, vit_dim=32, **_DECODER)
+    return _model("SamHQ", T.SamHQVisionConfig(**_VISION), decoder=decoder)
 
 
 def _sam2() -> Module:
@@ -68,34 +66,32 @@ def _sam2() -> Module:
         backbone_feature_sizes=[[32, 32], [16, 16], [8, 8]],
         fpn_hidden_size=32,
     )
-    model: Module = T.Sam2Model(
-        T.Sam2Config(
-            vision_config=vision,
-            prompt_encoder_config=T.Sam2PromptEncoderConfig(**_PROMPT),
-            mask_decoder_config=T.Sam2MaskDecoderConfig(**_DECODER),
-        )
-    )
-    return model
+    return _model("Sam2", vision)
 
 
-def _sam2_video() -> Module:
+def _sam2_video(width: int = 32, channels: int = 16) -> Module:
     """As the published SAM 2.1 folders are: with the memory that one picture does not need."""
     image: Any = _sam2()
+    image.config.vision_config.fpn_hidden_size = width
+    size = {"hidden_size": width}
+    memory = {
+        "attention_hidden_size": width,
+        "attention_feed_forward_hidden_size": 32,
+        "attention_num_layers": 1,
+        "attention_rope_feat_sizes": [8, 8],
+        "encoder_hidden_size": width,
+        "encoder_output_channels": channels,
+        "fuser_embed_dim": width,
+        "fuser_intermediate_dim": 64,
+    }
     model: Module = T.Sam2VideoModel(
         T.Sam2VideoConfig(
             vision_config=image.config.vision_config,
-            prompt_encoder_config=T.Sam2VideoPromptEncoderConfig(**_PROMPT),
-            mask_decoder_config=T.Sam2VideoMaskDecoderConfig(**_DECODER),
+            prompt_encoder_config=T.Sam2VideoPromptEncoderConfig(**_PROMPT | size),
+            mask_decoder_config=T.Sam2VideoMaskDecoderConfig(**_DECODER | size),
             image_size=_SIDE,
-            memory_attention_hidden_size=32,
-            memory_attention_feed_forward_hidden_size=32,
-            memory_attention_num_layers=1,
-            memory_attention_rope_feat_sizes=[8, 8],
-            memory_encoder_hidden_size=32,
-            memory_encoder_output_channels=16,
-            memory_fuser_embed_dim=32,
-            memory_fuser_intermediate_dim=64,
-            mask_downsampler_embed_dim=32,
+            mask_downsampler_embed_dim=width,
+            **{f"memory_{name}": value for name, value in memory.items()},
         )
     )
     return model
@@ -103,26 +99,7 @@ def _sam2_video() -> Module:
 
 def _sam2_film() -> Module:
     """A video model whose memory works: its attention takes 64 channels, pointers are wider."""
-    image: Any = _sam2()
-    image.config.vision_config.fpn_hidden_size = 128
-    model: Module = T.Sam2VideoModel(
-        T.Sam2VideoConfig(
-            vision_config=image.config.vision_config,
-            prompt_encoder_config=T.Sam2VideoPromptEncoderConfig(**_PROMPT | {"hidden_size": 128}),
-            mask_decoder_config=T.Sam2VideoMaskDecoderConfig(**_DECODER | {"hidden_size": 128}),
-            image_size=_SIDE,
-            memory_attention_hidden_size=128,
-            memory_attention_feed_forward_hidden_size=32,
-            memory_attention_num_layers=1,
-            memory_attention_rope_feat_sizes=[8, 8],
-            memory_encoder_hidden_size=128,
-            memory_encoder_output_channels=64,
-            memory_fuser_embed_dim=128,
-            memory_fuser_intermediate_dim=64,
-            mask_downsampler_embed_dim=128,
-        )
-    )
-    return model
+    return _sam2_video(128, 64)
 
 
 def _sam3_tracker() -> Module:

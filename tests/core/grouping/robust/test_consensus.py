@@ -19,7 +19,6 @@ from gaga_core.grouping.robust.consensus import (
     Priors,
     linkage_stage,
     merged_masks,
-    without_wholes,
 )
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -89,20 +88,6 @@ def test_wholes_of_many_things_in_half_of_the_views_join_nothing(scene: Syntheti
     assert len(set(groups)) == result.bank.n_groups == 6
 
 
-def test_a_whole_is_a_mask_of_four_clusters_that_each_show_well_in_it() -> None:
-    cluster = np.repeat(np.arange(1, 7), 20).astype(np.int32)
-    mask_of = np.zeros((120, 3), np.int32)
-    mask_of[:80, 0], mask_of[80:, 0] = 1, 2  # four clusters, two clusters
-    mask_of[:60, 1] = 1  # three
-    mask_of[:62, 1] = 1  # ... and two points of a fourth one
-    mask_of[:, 2] = 1  # all six
-    found = without_wholes(mask_of, cluster, [3, 2, 2], ConsensusConfig())
-    assert (found[:80, 0] == 0).all()
-    assert (found[80:, 0] == 2).all()
-    assert (found[:, 1] == mask_of[:, 1]).all()
-    assert (found[:, 2] == 0).all()
-
-
 def test_a_thing_that_40_percent_of_the_views_cut_is_one(scene: Synthetic) -> None:
     def cut(i: int, labels: IntArray) -> None:
         if i % 5 < 2:
@@ -147,22 +132,6 @@ def test_the_same_again_bit_for_bit(scene: Synthetic, monkeypatch: pytest.Monkey
     assert again.bank.log == first.bank.log
 
 
-def test_it_stops_at_any_step(scene: Synthetic) -> None:
-    masks = masks_of(scene, scene.cameras[:3])
-    config = AssociateConfig.of("robust")
-    arguments = (scene.gaussians, scene.cameras, masks, choose(), config)
-    steps = list(associate_stage(*arguments))
-    messages = [step.message for step in steps]
-    assert [step.done for step in steps] == sorted(step.done for step in steps)
-    assert steps[-1].done <= steps[-1].total
-    assert any("clusters" in message for message in messages)
-    for n in range(1, len(messages), 4):
-        stage = associate_stage(*arguments)
-        for _ in range(n):
-            next(stage)
-        stage.close()
-
-
 def test_views_without_masks_and_empty_maps_give_no_groups(scene: Synthetic) -> None:
     empty = np.zeros((120, 160), np.int32)
     masks = MaskSet({camera.name: lambda: empty for camera in scene.cameras[:3]})
@@ -199,12 +168,6 @@ def test_a_large_mask_has_more_points_also_when_they_are_too_many(scene: Synthet
     assert area.max() > 5 * np.median(area)
 
 
-def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
-    load, depths = _loaded(scene)
-    behind = np.array([[0.0, 0.0, -2.0]])  # below the floor
-    assert not run_stage(masks_of_points(behind, scene.cameras, load, depths)).any()
-
-
 def test_linkage_is_what_the_definition_says() -> None:
     """Also with many merges, so that lists of pairs are packed on the way."""
     rng = np.random.default_rng(3)
@@ -218,15 +181,6 @@ def test_linkage_is_what_the_definition_says() -> None:
         assert list(dict.fromkeys(cluster.tolist())) == list(range(1, len(expected) + 1))
         found = {frozenset(np.flatnonzero(cluster == c).tolist()) for c in set(cluster.tolist())}
         assert found == expected
-
-
-def test_more_points_of_one_view_than_16_bits_count_are_linked() -> None:
-    """70,000 points in pairs, each pair in a mask of its own."""
-    mask_of = np.repeat(np.arange(1, 35_001, dtype=np.int32), 2)[:, None]
-    assert consensus._counts(mask_of > 0).dtype == np.uint32
-    assert consensus._counts(mask_of[:65_535] > 0).dtype == np.uint16
-    cluster = run_stage(linkage_stage(mask_of, LinkageRules(0.55, 0.1, 2.0), "link"))
-    assert np.array_equal(cluster, mask_of[:, 0])
 
 
 @pytest.mark.parametrize(
@@ -264,11 +218,6 @@ def test_what_few_views_see_is_a_group_if_it_has_a_mask_in_most_of_them(
     tables = point_tables(mask_of, cluster, [3] * 100)
     kept = consensus._supported(tables, np.bincount(cluster), ConsensusConfig())
     assert kept.tolist() == [0, 1, 2 if stays else 0]
-
-
-def test_merged_masks_hold_two_groups() -> None:
-    table = csr_matrix([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
-    assert merged_masks(table, ConsensusConfig()).tolist() == [2, 3]
 
 
 def test_a_large_mask_that_holds_most_of_a_small_thing_is_merged() -> None:

@@ -17,6 +17,7 @@ from gaga_core.grouping.robust.label_masks import (
     fill_unseen,
     voting_labels,
 )
+from gaga_core.grouping.robust.surface_points import PointTables
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -32,17 +33,6 @@ def scene() -> Synthetic:
 def _robust(scene: Synthetic, masks: MaskSet) -> Association:
     config = AssociateConfig.of("robust")
     return run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose(), config))
-
-
-def test_perfect_masks_give_the_true_groups_to_every_gaussian(scene: Synthetic) -> None:
-    result = _robust(scene, masks_of(scene, scene.cameras))
-    assert result.bank.n_groups == 6
-    assert (result.labels > 0).all()
-    truth = np.where(scene.labels > 0, scene.labels, 6)
-    table = np.zeros((7, 7), np.int64)
-    np.add.at(table, (truth, result.labels), 1)
-    assert len(set(table[1:].argmax(axis=1))) == 6
-    assert table.max(axis=1).sum() > 0.97 * len(truth)
 
 
 def test_a_group_that_one_view_made_up_is_dissolved(scene: Synthetic) -> None:
@@ -129,7 +119,8 @@ def test_masks_take_the_group_of_most_of_their_points() -> None:
     log = tuple(Decision("a", mask, 9, True, 0.5, 0, 0.0, 40) for mask in (3, 8, 9))
     table = csr_matrix([[0, 0, 0], [0, 1, 3], [0, 0, 0], [0, 0, 5]])
     bank = MemoryBank(np.ones(6, np.int32), 9, log, preset="robust")
-    decided = decide_masks(bank, {"a": table}, {"a": np.array([0, 3, 8, 9], np.int32)})
+    tables = PointTables(table, np.array([0, 4]))
+    decided = decide_masks(bank, ["a"], tables, [np.array([0, 3, 8, 9], np.int32)])
     assert decided.n_groups == 2
     assert decided.preset == "robust"
     assert (decided.group == -1).all()

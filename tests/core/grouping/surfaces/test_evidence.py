@@ -39,13 +39,6 @@ def test_the_normal_of_a_plane_is_exact_also_next_to_a_step(
     np.testing.assert_allclose(found, np.stack([wanted, wanted]), atol=1e-3)
 
 
-def test_where_nothing_is_there_is_no_normal() -> None:
-    found = np.ones((1, 3))
-    nothing = np.zeros((40, 60), np.float32)
-    normals_at(nothing, np.array([20]), np.array([25]), _LENS, 5, 1, _SHARES, found)
-    assert not found.any()
-
-
 def _sheet(height: float, n: int, side: float) -> DoubleArray:
     x, y = np.meshgrid(np.linspace(-side, side, n), np.linspace(-side, side, n))
     return np.stack([x.ravel(), y.ravel(), np.full(n * n, height)], axis=1)
@@ -129,26 +122,6 @@ def test_what_lies_outside_and_is_cut_is_background() -> None:
         for c in views
     ]
     assert not is_background(surfels, outwards, cluster).any()
-
-
-def test_a_piece_that_regions_miss_is_judged_with_its_cluster() -> None:
-    """Regions part two sheets but for a strip on either side of the border."""
-    points = _sheet(0.0, 40, 1.0)
-    right = points[:, 0] > 0
-    strip = np.abs(points[:, 0]) < 0.12
-    surfels = _surfels(points, np.tile([0, 0, 1.0], (len(points), 1)))
-    regions = np.where(strip, 1, 2 + right)[:, None].repeat(4, axis=1).astype(np.int32)
-    surfels = replace(surfels, regions=regions)
-    near = Neighbourhood.of(points)
-    column = np.floor((points[:, :2] + 1) / 0.1).astype(np.int64) @ np.array([21, 1])
-    piece = np.unique(column, return_inverse=True)[1].astype(np.int64)
-    alone = Agreement.of(surfels, near, piece)
-    together = Agreement.of(surfels, near, piece, right.astype(np.int64))
-    sides = np.zeros(piece.max() + 1, np.bool_)
-    sides[piece] = right
-    across = sides[alone.first] != sides[alone.second]
-    assert (alone.same[across] / alone.voice[across]).mean() > 0.9
-    assert (together.same[across] / together.voice[across]).mean() < 0.6
 
 
 def test_creases_that_noise_makes_are_taken_off() -> None:

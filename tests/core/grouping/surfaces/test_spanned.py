@@ -58,17 +58,15 @@ def test_open_air_joins_nothing() -> None:
     assert len(set(_groups(points, plank, kept=~runner | plank))) == 3
 
 
-@pytest.mark.parametrize("height", [0.0, -0.4])
-def test_what_lies_as_low_as_both_sides_is_another_surface(height: float) -> None:
-    assert len(set(_groups(*_table(), height=height))) == 3
-
-
-def test_what_rises_over_the_plane_does_not_lie_on_it() -> None:
-    assert len(set(_groups(*_table(), height=2.0))) == 3
-
-
-def test_two_colors_are_two_surfaces() -> None:
-    assert len(set(_groups(*_table(), other=(60.0, 20.0, 22.0)))) == 3
+@pytest.mark.parametrize(
+    ("height", "other"),
+    [(0.0, _WOOD), (-0.4, _WOOD), (2.0, _WOOD), (0.4, (60.0, 20.0, 22.0))],
+    ids=["level", "lower", "not on it", "another color"],
+)
+def test_what_does_not_lie_on_both_sides_of_one_color_joins_nothing(
+    height: float, other: tuple[float, float, float]
+) -> None:
+    assert len(set(_groups(*_table(), height=height, other=other))) == 3
 
 
 def test_a_thing_that_is_larger_is_the_surface() -> None:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.color import lab_from_rgb, rgb_from_dc
+from gaga_core.color import rgb_from_dc
 from gaga_core.grouping.surfaces.objects import (
     carriers_by_color,
     colors_of_samples,
     hue_of,
     smaller_levels,
 )
-from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, small_pieces
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels
 from tests.scenes import objects_scene
 
 _RED, _TEAL = (70.0, 60.0, 45.0), (70.0, -25.0, -10.0)
@@ -56,12 +56,6 @@ def test_books_of_other_colors_part_where_all_views_show_one_region() -> None:
     assert len(np.unique(plain[0])) == 1  # of one color they are one thing
 
 
-def test_small_pieces_end_where_the_color_changes() -> None:
-    surfels, near, book = _row_of_books()
-    assert _is_refined(small_pieces(surfels, near, _colors(book)), book)
-    assert not _is_refined(small_pieces(surfels, near), book)
-
-
 def test_pieces_stay_inside_of_parts_and_what_stays_whole_is_one() -> None:
     _, _, book = _row_of_books()
     part = book % 3 - 1  # of strips that do not touch: books 0 and 3 stay whole
@@ -96,14 +90,3 @@ def test_samples_have_the_color_of_the_opaque_splats_around() -> None:
     assert (np.linalg.norm(found[ghosts] - own[ghosts], axis=1) > 10).all()
     shown = colors_of_samples(g, rows[ghosts], rgb[ghosts], g.means[:5].astype(np.float64))
     np.testing.assert_allclose(shown, own[:5])  # where nothing is opaque, what there is
-
-
-def test_lightness_counts_less_than_hue() -> None:
-    rgb = np.array([[0.8, 0.8, 0.8], [0.35, 0.35, 0.35], [0.8, 0.2, 0.2], [0.1, 0.45, 0.3]])
-    lab, found = lab_from_rgb(rgb), hue_of(rgb.astype(np.float32))
-
-    def share(a: int, b: int) -> float:
-        return float(np.linalg.norm(found[a] - found[b]) / np.linalg.norm(lab[a] - lab[b]))
-
-    assert share(0, 1) < 0.5  # one grey, lit and in shade
-    assert share(2, 3) > 0.95  # red and green

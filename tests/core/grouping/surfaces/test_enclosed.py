@@ -77,21 +77,6 @@ def test_any_level_of_detail_may_show_it() -> None:
     assert is_enclosed_thing(replace(shown, further=levels), near, now, _LEAST).tolist() == [0, 1]
 
 
-def test_what_two_others_hold_is_not_enclosed() -> None:
-    points, disc = _wall()
-    cluster = np.where(disc > 0, 1, 2 * (points[:, 1] > 0))
-    near = Neighbourhood.of(points)
-    assert not is_enclosed_thing(_shown(points, 1 + disc), near, _clusters(cluster), _LEAST).any()
-
-
-def test_what_few_views_show_is_no_thing() -> None:
-    points, disc = _wall()
-    shown, near = _shown(points, 1 + disc), Neighbourhood.of(points)
-    size = np.bincount(disc).astype(np.float64)
-    assert is_enclosed_thing(shown, near, _clusters(disc, 0.2 * size), _LEAST).any()
-    assert not is_enclosed_thing(shown, near, _clusters(disc, 0.05 * size), _LEAST).any()
-
-
 def test_a_thing_on_a_far_wall_is_not_background() -> None:
     points, disc = _wall()
     views = orbit_cameras(12)

@@ -339,13 +339,6 @@ def test_the_order_of_the_views_changes_nothing(scene: Synthetic, found: Associa
     assert np.array_equal(again.labels, found.labels)
 
 
-def test_detail_chooses_the_level(scene: Synthetic, found: Association) -> None:
-    assert found.bank.levels is not None
-    fine = HierarchyConfig(detail=1.0)
-    again = _found(scene.gaussians, scene.cameras, _masks(scene), fine)
-    assert np.array_equal(again.labels, found.bank.levels.labels[-1])
-
-
 @pytest.mark.parametrize(
     "change",
     [
