@@ -24,14 +24,6 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import explain_json_error, read_json
 from gaga_core.scene.frame import scale_of
 
-# --- Ways of the camera: shots that a person keeps, and a smooth path through some of them.
-# The path is a cubic Hermite curve through the keyframes with the tangents of Catmull and Rom
-# (1974) for unequal times: it passes through every keyframe and its speed has no jumps. Positions,
-# logs of the fields of view and rotations (as quaternions of one sign, then made unit; Shoemake
-# 1985 calls for no more where neighbours are less than half a turn apart) all go by the same
-# curve.
-
-
 TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
 _STILL = 1e-6  # share of the whole way below which a segment stands still

@@ -14,9 +14,6 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import RGB, Scene, State
 
-# --- The object list: one row a group.
-
-
 UNASSIGNED = "unassigned"
 _SEVERAL = 4  # groups, from which on large ones are muted
 _SMALL, _LARGE = 0.35, 0.6  # radii, of the scene's: from not muted at all to muted most

@@ -13,9 +13,6 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
 
-# --- Which way is up in a scene, by its cameras or by its splats, and what the cameras look at.
-
-
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up

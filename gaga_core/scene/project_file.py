@@ -20,9 +20,6 @@ from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.scene import Placements, Scene
 from gaga_core.scene.splat_columns import columns_of, splats_of
 
-# --- The file project.json: its fields, and reading it while another program may replace it.
-
-
 FORMAT = 1
 PROJECT_FILE = "project.json"
 CURE = "Move project.json away to open the scene from the start."

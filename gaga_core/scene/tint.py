@@ -10,9 +10,6 @@ from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
 
-# --- Affine colors that recolor an object and keep its shading.
-
-
 _DARK = 0.15  # an object darker than this is not brightened by more than target / 0.15
 _BLACK = 0.02  # shading left in an object painted black, so that the next recolor still has some
 

@@ -14,12 +14,6 @@ from gaga_core.camera import Camera
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.lod.tree import FAN, LodTree
 
-# --- The cut of a tree: for every part of the scene the one node that is drawn.
-# A node is divided while what it cannot show is larger than some pixels in the picture; how many
-# pixels follows from the budget of splats (view-dependent refinement: Hoppe 1997, Rusinkiewicz
-# 2000).
-
-
 LEAST_ERROR = 0.7  # pixels: finer than this nothing is divided
 MARGIN = 0.12  # share of the picture's size around it that counts as seen, as in the depth sort
 _OUTSIDE = 0.2  # share of the error that counts of what is not in the picture

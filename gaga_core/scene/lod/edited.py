@@ -20,12 +20,6 @@ from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_core.threads import run_chunks
 
-# --- A tree under a scene that was edited: where its nodes stand, and which stand for too much.
-# Merged splats know nothing of edits: a node's splats take state, placement and group of the splat
-# that counts most in each. That is right as long as all splats below it were treated alike; a node
-# of others is mixed, and is drawn from its children, or is merged again.
-
-
 _BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
 _UNSEEN = int(State.HIDDEN | State.DELETED)
 _MOST_PLACEMENTS = 8  # of a node that are told apart

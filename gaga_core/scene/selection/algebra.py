@@ -12,11 +12,6 @@ from gaga_core.scene.objects import group_indices, selected_groups, selected_ind
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.by_screen import rectangle
 
-# --- Which splats: by group, by a region of the picture, and the algebra of selections.
-# Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
-# selection.
-
-
 __all__ = [
     "everything",
     "group_indices",

@@ -8,9 +8,6 @@ from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
-# --- Where splats are: boxes that a few stray splats do not blow up.
-
-
 _BOUNDS_SAMPLE = 200_000  # splats looked at: percentiles of more would not differ
 
 _WHOLE, _MUCH_LARGER = 0.996, 2.0

@@ -17,11 +17,6 @@ from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.selection_kernels import covered, project_centres
 from gaga_core.threads import run_chunks
 
-# --- The splats as points of one picture: what gestures on the picture select from.
-# Projected once per camera and scene; a stroke then asks for a mask of pixels as often as the
-# mouse moves, one pass over (N,) integers each time.
-
-
 # A splat counts as visible surface up to this far behind the median depth, relative to depth:
 # centres of a surface's splats lie a little on both sides of it.
 SURFACE_SLACK = 0.02

@@ -10,9 +10,6 @@ from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable, world_means
 
-# --- Splats whose centres lie in a sphere or a box of the world.
-
-
 def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
     """Splats (K,) that can be selected, at most ``radius`` from ``centre`` (3,), world."""
     check_shape("centre", np.asarray(centre), (3,))

@@ -10,9 +10,6 @@ from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import selectable, world_means
 from gaga_core.threads import n_threads
 
-# --- Selections that grow and shrink: by distance, and by likeness of identity.
-
-
 _SAMPLE = 2000  # splats whose spacing is measured
 _STEP = 6  # neighbours that one step reaches
 
