@@ -168,8 +168,7 @@ def objects_indices(
     """Splats (K,) that an export of these groups (default: all) writes."""
     shown = options.inside(scene, exported_indices(scene))
     labels = scene.labels[shown]
-    chosen: IntArray = shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
-    return chosen
+    return shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:

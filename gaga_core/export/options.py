@@ -72,8 +72,7 @@ class ExportOptions:
             return splats
         means = world_means(scene, splats)
         lo, hi = (np.array(corner) for corner in self.crop)
-        kept: IntArray = splats[((means >= lo) & (means <= hi)).all(axis=1)]
-        return kept
+        return splats[((means >= lo) & (means <= hi)).all(axis=1)]
 
     def count(self, n: int) -> int:
         """About how many of ``n`` splats are left."""

@@ -168,8 +168,7 @@ class Chart:
             ndimage.map_coordinates(planes[:, :, c], [row, column], order=1, mode="nearest")
             for c in range(planes.shape[2])
         ]
-        result: DoubleArray = np.stack(found, axis=1).reshape(len(local), *values.shape[2:])
-        return result
+        return np.stack(found, axis=1).reshape(len(local), *values.shape[2:])
 
 
 def chart_of(
@@ -293,8 +292,7 @@ def darker(color: DoubleArray, known: BoolArray, asked: BoolArray) -> BoolArray:
     luma = (color @ LUMA)[:, :, None]
     usual = continued(blurred(luma, sure.astype(float), _WIDE), sure, asked)
     own = blurred(luma, known.astype(float), _NARROW)
-    result: BoolArray = asked & (own < (1 - _GAP) * usual)[:, :, 0]
-    return result
+    return asked & (own < (1 - _GAP) * usual)[:, :, 0]
 
 
 def _whole(hole: BoolArray, known: BoolArray, gap: BoolArray) -> BoolArray:
@@ -311,8 +309,7 @@ def _whole(hole: BoolArray, known: BoolArray, gap: BoolArray) -> BoolArray:
     # Cells between it and the known surface, of which no view could tell.
     gaps = ndimage.binary_closing(np.pad(result | known, _RIM), iterations=_RIM)
     gaps = gaps[_RIM:-_RIM, _RIM:-_RIM] & ~known
-    whole: BoolArray = result | (gaps & ndimage.binary_dilation(result, iterations=_RIM))
-    return whole
+    return result | (gaps & ndimage.binary_dilation(result, iterations=_RIM))
 
 
 def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:

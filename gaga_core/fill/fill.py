@@ -319,8 +319,7 @@ def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
 def _continued_height(chart: Chart) -> DoubleArray:
     """Height (H, W) with the hole filled."""
     height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
-    result: DoubleArray = np.where(chart.hole, height, chart.height)
-    return result
+    return np.where(chart.hole, height, chart.height)
 
 
 def _under(chart: Chart, points: DoubleArray) -> BoolArray:
@@ -328,8 +327,7 @@ def _under(chart: Chart, points: DoubleArray) -> BoolArray:
     local = chart.plane.local(points)
     row, column, inside = chart.cells(local)
     near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
-    result: BoolArray = inside & near & chart.hole[row, column]
-    return result
+    return inside & near & chart.hole[row, column]
 
 
 def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
@@ -338,8 +336,7 @@ def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
     row, column, inside = chart.cells(local)
     surface = ndimage.binary_fill_holes(chart.known | chart.hole)
     near = np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart)
-    result: BoolArray = inside & near & surface[row, column]
-    return result
+    return inside & near & surface[row, column]
 
 
 def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:

@@ -193,8 +193,7 @@ def gains(
     stained = _touching(stained & (lacking > least), foot)
     shift = _pulled(log, lacking[:, :, None] * found.channels, stained, place.around)
     soft = ndimage.gaussian_filter(shift * (place.fade * stained)[:, :, None], (_SOFT, _SOFT, 0))
-    factors: DoubleArray = np.clip(np.exp(soft), 1.0, _MOST)
-    return factors
+    return np.clip(np.exp(soft), 1.0, _MOST)
 
 
 def shadow_of(chart: Chart, foot: BoolArray, own: DoubleArray, taken: BoolArray) -> Cast | None:
@@ -266,8 +265,7 @@ def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
 def _even(chart: Chart, far: BoolArray) -> DoubleArray:
     """Log colors (H, W, 3) without the fall-off of light over the cells ``far`` (H, W)."""
     log = np.log(np.maximum(chart.color, _DARK))
-    result: DoubleArray = log - _falloff(log @ LUMA, far)[:, :, None]
-    return result
+    return log - _falloff(log @ LUMA, far)[:, :, None]
 
 
 def _falloff(log: DoubleArray, far: BoolArray) -> DoubleArray:
@@ -314,8 +312,7 @@ def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:
     over = inside & (local[:, 2] > tolerance_of(chart)) & (local[:, 2] < height)
     found = np.zeros(chart.shape, np.bool_)
     found[row[over], column[over]] = True
-    result: BoolArray = ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
-    return result
+    return ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
 
 
 def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
@@ -328,10 +325,7 @@ def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
     found = np.zeros(chart.shape, np.bool_)
     found[row[low], column[low]] = True
     padded = ndimage.binary_closing(np.pad(found, _JOIN + 1), iterations=_JOIN)
-    result: BoolArray = ndimage.binary_fill_holes(padded)[
-        _JOIN + 1 : -_JOIN - 1, _JOIN + 1 : -_JOIN - 1
-    ]
-    return result
+    return ndimage.binary_fill_holes(padded)[_JOIN + 1 : -_JOIN - 1, _JOIN + 1 : -_JOIN - 1]
 
 
 def _lacks_light(lacking: DoubleArray, rim: BoolArray, far: BoolArray) -> bool:
@@ -442,5 +436,4 @@ def _falling_off(lacking: DoubleArray, foot: BoolArray) -> DoubleArray:
 def _touching(stained: BoolArray, hole: BoolArray) -> BoolArray:
     """What of ``stained`` (H, W) hangs together with the hole."""
     parts, _ = ndimage.label(stained | hole)
-    result: BoolArray = stained & np.isin(parts, np.unique(parts[hole]))
-    return result
+    return stained & np.isin(parts, np.unique(parts[hole]))

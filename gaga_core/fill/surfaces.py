@@ -67,13 +67,11 @@ class Plane:
 
     def local(self, points: DoubleArray) -> DoubleArray:
         """Coordinates (N, 3) along u, v and the normal of world points (N, 3)."""
-        result: DoubleArray = (points - self.origin) @ self.axes
-        return result
+        return (points - self.origin) @ self.axes
 
     def world(self, points: DoubleArray) -> DoubleArray:
         """World points (N, 3) of coordinates (N, 3)."""
-        result: DoubleArray = points @ self.axes.T + self.origin
-        return result
+        return points @ self.axes.T + self.origin
 
 
 def normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:

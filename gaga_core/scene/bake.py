@@ -143,15 +143,13 @@ def baked_color(sh: FloatArray, affine: DoubleArray) -> FloatArray:
     scale, offset = affine[:, :3], affine[:, 3]
     result = sh @ scale.T
     result[:, 0] += (scale @ np.full(3, 0.5) + offset - 0.5) / SH_C0
-    colors: FloatArray = result.astype(np.float32)
-    return colors
+    return result.astype(np.float32)
 
 
 def _baked_opacity(logits: FloatArray, factor: float) -> FloatArray:
     opacity = factor / (1 + np.exp(-np.clip(logits.astype(np.float64), -700, 700)))
     opacity = np.clip(opacity, _OPACITY, 1 - _OPACITY)
-    result: FloatArray = np.log(opacity / (1 - opacity)).astype(np.float32)
-    return result
+    return np.log(opacity / (1 - opacity)).astype(np.float32)
 
 
 def _turn_normals(turn: DoubleArray, extra: Mapping[str, AnyArray], at: LongArray) -> None:

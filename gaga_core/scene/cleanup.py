@@ -692,8 +692,7 @@ def whole_objects(scene: Scene) -> tuple[int, ...]:
 
 def _rows_of(scene: Scene, groups: Sequence[int] | IntArray, labels: AnyArray) -> BoolArray:
     """Splats (N,) of these groups that are not deleted."""
-    members: BoolArray = np.isin(labels, np.asarray(groups, np.int32)) & ~scene.has(State.DELETED)
-    return members
+    return np.isin(labels, np.asarray(groups, np.int32)) & ~scene.has(State.DELETED)
 
 
 def _in_turn(scene: Scene, title: str, *builds: Callable[[Scene], Edit | None]) -> Edit | None:

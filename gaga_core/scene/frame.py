@@ -61,8 +61,7 @@ def scale_of(world: DoubleArray) -> float:
 
 def inverse(world: DoubleArray) -> DoubleArray:
     """The map back (4, 4) of a similarity (4, 4)."""
-    result: DoubleArray = np.linalg.inv(world).astype(np.float64)
-    return result
+    return np.linalg.inv(world).astype(np.float64)
 
 
 def carried_camera(camera: Camera, world: DoubleArray) -> Camera:

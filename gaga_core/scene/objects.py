@@ -243,8 +243,7 @@ def confidence_of_groups(scene: Scene, ids: IntArray) -> DoubleArray:
     labels, n = scene.labels[live], int(ids.max(initial=0)) + 1
     total = np.bincount(labels, column[live], n)[ids]
     count = np.bincount(labels, minlength=n)[ids]
-    mean: DoubleArray = np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
-    return mean
+    return np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
 
 
 def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
@@ -256,8 +255,7 @@ def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
     if column is None:
         raise GagaError("How sure the splats are is not known. Use Find objects to learn it.")
     free = ~scene.has(State.LOCKED | State.DELETED)[splats]
-    chosen: IntArray = splats[free & (column[splats] < below * 255)]
-    return chosen
+    return splats[free & (column[splats] < below * 255)]
 
 
 # --- Parts of an object: what the levels of detail of its association cut it into.

@@ -267,8 +267,7 @@ def degrees_of(pose: Pose, *, local: bool) -> DoubleArray:
     else:  # x and z are about one axis: all of it is x
         x, z = np.arctan2(turn[2, 1], turn[1, 1]), 0.0
     angles = np.degrees([x, y, z])
-    result: DoubleArray = (angles if local else -angles) + 0.0
-    return result
+    return (angles if local else -angles) + 0.0
 
 
 def _about(axis: int, angle: float) -> DoubleArray:

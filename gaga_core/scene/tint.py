@@ -54,8 +54,7 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
         rgb[at] = rgb[at] @ affine[:, :3].T + affine[:, 3]
     logits = scene.gaussians.logit_opacities[splats].astype(np.float64)
     weights = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
-    mean: DoubleArray = np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
-    return mean
+    return np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
 
 
 # --- Color grading as one affine map of RGB, so that SH stay right and grades compose.

@@ -218,5 +218,4 @@ def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:
 def box_of(means: FloatArray, longest: FloatArray) -> DoubleArray | FloatArray:
     """Box (6,) lo, hi of splats with these largest standard deviations (K,)."""
     reach = np.float32(_REACH) * longest[:, None]
-    box: FloatArray = np.concatenate([(means - reach).min(axis=0), (means + reach).max(axis=0)])
-    return box
+    return np.concatenate([(means - reach).min(axis=0), (means + reach).max(axis=0)])

@@ -116,8 +116,7 @@ def picture_shares(counts: IntArray, errors: FloatArray, camera: Camera) -> Doub
     # Those that are divided whatever their size have their own error on top.
     pixels = np.where(errors >= _MOST, errors - _MOST, errors).astype(np.float64)
     covered = _COVERED * counts * pixels**2
-    shares: DoubleArray = np.minimum(covered / (camera.width * camera.height), 1.0)
-    return shares
+    return np.minimum(covered / (camera.width * camera.height), 1.0)
 
 
 def drawn_nodes(tree: LodTree, divided: BoolArray) -> IntArray:

@@ -7,6 +7,7 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.kernels import kernel
 
+
 @kernel
 def node_errors(
     boxes: FloatArray,  # (M, 6) lo, hi, world

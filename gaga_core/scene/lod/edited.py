@@ -147,8 +147,7 @@ def _moved(boxes: FloatArray, matrices: DoubleArray) -> FloatArray:
     middle, half = (boxes[:, :3] + boxes[:, 3:]) / 2, (boxes[:, 3:] - boxes[:, :3]) / 2
     centre = np.einsum("kij,kj->ki", matrices[:, :, :3], middle) + matrices[:, :, 3]
     reach = np.einsum("kij,kj->ki", np.abs(matrices[:, :, :3]), half)
-    moved: FloatArray = np.concatenate([centre - reach, centre + reach], axis=1).astype(np.float32)
-    return moved
+    return np.concatenate([centre - reach, centre + reach], axis=1).astype(np.float32)
 
 
 # --- Which splats a pixel may show: what a click in a large scene looks at.

@@ -65,8 +65,7 @@ class OrientedBox:
     def corners(self) -> DoubleArray:
         """The corners (8, 3); bit i of the number says which end of side i."""
         signs = np.array([[(k >> i & 1) - 0.5 for i in range(3)] for k in range(8)])
-        result: DoubleArray = self.centre + (signs * self.size) @ self.axes.T
-        return result
+        return self.centre + (signs * self.size) @ self.axes.T
 
 
 def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:

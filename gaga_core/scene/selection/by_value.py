@@ -45,8 +45,7 @@ def column(scene: Scene, name: str) -> FloatArray:
     Raises ``ValueError`` for a name that is not among `column_names`.
     """
     if name in _COLUMNS:
-        values: FloatArray = np.ascontiguousarray(_COLUMNS[name](scene), np.float32)
-        return values
+        return np.ascontiguousarray(_COLUMNS[name](scene), np.float32)
     if name not in scene.gaussians.extra:
         raise ValueError(f"column: {name!r} is not one of {', '.join(column_names(scene))}")
     return scene.gaussians.extra[name].astype(np.float32)

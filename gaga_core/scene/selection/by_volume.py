@@ -10,6 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable, world_means
 
+
 def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
     """Splats (K,) that can be selected, at most ``radius`` from ``centre`` (3,), world."""
     check_shape("centre", np.asarray(centre), (3,))

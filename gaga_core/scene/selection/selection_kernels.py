@@ -3,6 +3,7 @@
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.kernels import kernel
 
+
 @kernel
 def project_centres(
     means: FloatArray,  # (N, 3) file
