@@ -1,5 +1,6 @@
-"""The file groups.json next to exported objects: its fields, and which files it names."""
+"""The file groups.json next to exported objects: one description writes and reads it."""
 
+import json
 from pathlib import Path
 
 import msgspec
@@ -40,11 +41,17 @@ class Manifest(msgspec.Struct, frozen=True):
 
     version: int
     source: str  # the scene
-    groups: list[ManifestEntry]
+    groups: list[ManifestEntry]  # colors 0..1, boxes in the world of the files
     form: str = ""  # of the files: one of splats, "mesh", "collider" or "box"; older files lack it
     up: _Direction = (0.0, 0.0, 0.0)  # unit, in the axes of a .ply; zeros: older files lack it
     units: float = 1.0  # of the files per scene unit
     left_out: list[str] = []  # names of objects without a surface
+
+
+def write_manifest(content: Manifest, folder: Path) -> None:
+    """Write groups.json into ``folder``."""
+    text = json.dumps(msgspec.to_builtins(content), indent=1, ensure_ascii=False)
+    (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 
 def read_manifest(manifest: Path) -> Manifest:

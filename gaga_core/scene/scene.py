@@ -4,9 +4,11 @@ Indices never move while editing: delete is a bit, duplicate appends, compaction
 Only an Edit changes a Scene, and only History applies one.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from enum import IntFlag
-from typing import Literal
+from functools import wraps
+from typing import Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -18,7 +20,9 @@ from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
 
-_MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
+_CATCH_UP = 16  # changes of the Gaussians that mirrors can catch up with
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 RGB = tuple[float, float, float]  # 0..1
 LabelSource = Literal["votes", "identities"]  # of the masks; of the classifier on the encodings
@@ -134,7 +138,7 @@ class Revision:
     def splats_changed(self, kept: int) -> None:
         """Count a change of the Gaussians that left the first ``kept`` rows as they were."""
         self.splats += 1
-        self.kept = (*self.kept, (self.splats, kept))[-_MOST_KEPT:]
+        self.kept = (*self.kept, (self.splats, kept))[-_CATCH_UP:]
 
     def rows_kept_since(self, splats: int) -> int:
         """Leading rows of the Gaussians that are what they were at this count of ``splats``."""
@@ -241,3 +245,18 @@ class Scene:
     def visible(self) -> BoolArray:
         """Splats (N,) that are drawn, picked and exported: neither hidden nor deleted."""
         return ~self.has(State.HIDDEN | State.DELETED)
+
+
+def of_scene_now(
+    work: Callable[Concatenate[Scene, _P], _T],
+) -> Callable[Concatenate[Scene, _P], _T]:
+    """Let a stage see the scene as it is at the call, not at the first step.
+
+    Columns are never written in place, so this copies nothing.
+    """
+
+    @wraps(work)
+    def started(scene: Scene, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        return work(replace(scene, revision=Revision()), *args, **kwargs)
+
+    return started
