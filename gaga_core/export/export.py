@@ -13,10 +13,9 @@ from msgspec.structs import replace as changed
 
 from gaga_core.arrays import IntArray, LongArray
 from gaga_core.errors import GagaError
-from gaga_core.export.colliders import box_mesh, convex_collider
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import write_scene_page_stage
-from gaga_core.export.proxy_mesh import MeshConfig, proxy_mesh_stage
+from gaga_core.export.solids import MeshConfig, box_mesh, convex_collider, proxy_mesh_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh

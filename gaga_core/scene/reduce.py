@@ -6,6 +6,7 @@ scripts know it as any other edit. What no pair was found for stays as it is, bi
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -122,8 +123,8 @@ def _pairs(
     if len(good) < 2:
         return parents, 0
     k = min(_NEIGHBOURS + 1, len(good))
-    means = gaussians.means[good]
-    _, near = cKDTree(means).query(means, k=k, workers=n_threads())
+    finite = gaussians.means[good]
+    _, near = cKDTree(finite).query(finite, k=k, workers=n_threads())
     yield Progress(STEP, 0, 0, f"{n:,} left")
     ones = np.repeat(np.arange(len(good)), k)
     others = near.ravel()
@@ -137,20 +138,9 @@ def _pairs(
     costs = np.empty(len(first))
     colors = for_kernel(np.float32(SH_C0) * gaussians.sh[:, 0], np.float32)
 
-    def work(start: int, stop: int) -> None:
-        pair_costs(
-            for_kernel(gaussians.means, np.float32),
-            covariances,
-            weights,
-            colors,
-            first,
-            second,
-            _COLOR_WEIGHT,
-            costs,
-            start,
-            stop,
-        )
-
+    means = for_kernel(gaussians.means, np.float32)
+    splats = means, covariances, weights, colors
+    work = partial(pair_costs, *splats, first, second, _COLOR_WEIGHT, costs)
     run_chunks(work, len(first), _CHUNK)
     yield Progress(STEP, 0, 0, f"{n:,} left")
     order = np.argsort(costs, kind="stable")

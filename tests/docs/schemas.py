@@ -19,7 +19,7 @@ from gaga_core.scene.camera_path import PathEntry
 from gaga_core.scene.edits.json import AnyEntry
 from gaga_core.scene.export_manifest import Manifest
 from gaga_core.scene.lod.tree import LodFile
-from gaga_core.scene.project_file import ProjectFile
+from gaga_core.scene.project import ProjectFile
 from gaga_core.segmentation.models.download import ModelLock
 from gaga_studio.actions.autosave import RecoveryNote
 from gaga_studio.session.settings import Settings

@@ -24,8 +24,13 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.project import Project, open_path_stage, save_project
-from gaga_core.scene.project_file import PROJECT_FILE, saved_scene
+from gaga_core.scene.project import (
+    PROJECT_FILE,
+    Project,
+    open_path_stage,
+    save_project,
+    saved_scene,
+)
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.history_copy import (
     HistoryCopy,

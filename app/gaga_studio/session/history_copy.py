@@ -12,7 +12,7 @@ from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write
 from gaga_core.scene.edits.history import History, HistoryRecord
 from gaga_core.scene.edits.history_file import history_arrays, history_of
-from gaga_core.scene.project_file import scene_arrays
+from gaga_core.scene.project import scene_arrays
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.session.document import Document
 

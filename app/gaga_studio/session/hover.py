@@ -8,7 +8,7 @@ from dataclasses import replace
 from gaga_core.camera import Camera
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 
 _LEAST_INTERVAL_S = 0.1
 _STILL_S = 0.05  # the mouse and the camera must rest this long

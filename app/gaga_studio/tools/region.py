@@ -11,6 +11,7 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
+from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_studio.session.session import Session
@@ -83,7 +84,7 @@ class Region:
         if not self._whole:
             return splats, f"{verb} {len(splats):,} splats"
         groups = algebra.groups_inside(self._scene, splats)
-        rows = algebra.group_indices(self._scene, groups)
+        rows = group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
         return rows, f"{verb} {len(groups)} objects"

@@ -1,6 +1,8 @@
 """Building the tree: one pass from the opened splats up, a chunk at a time."""
 
+import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -29,7 +31,7 @@ from gaga_core.scene.lod.tree import (
     row_type,
     union_of_children,
 )
-from gaga_core.scene.merge_splats import merge_runs
+from gaga_core.scene.merge_splats import kernel_columns, merge_runs
 from gaga_core.threads import run_chunks
 
 STAGE = "Build level of detail"
@@ -49,6 +51,7 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
     a splat more than the splats themselves. Raises ``GagaError`` when it cannot be written.
     """
     folder, sizes = Path(folder), level_sizes(len(gaussians))
+    n_sh = gaussians.sh.shape[1]
     total = sum(sizes)
     yield Progress(STAGE, 0, total, "order")
     order = curve_order(gaussians.means)
@@ -61,13 +64,20 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
         target.mkdir()
         order.astype("<i4").tofile(target / ORDER)
         for level, size in enumerate(sizes):
-            with (target / level_file(level)).open("wb") if level else _Nothing() as file:
+            # Level 0 has no file: the model is there.
+            with (target / level_file(level) if level else Path(os.devnull)).open("wb") as file:
                 for first in range(0, size, CHUNK):
                     end = min(first + CHUNK, size)
                     if level == 0:
                         splats = gaussians.bare(order[first:end])
                     else:
-                        splats, rows = _merged(gaussians, order, target, level, first, end, sizes)
+                        start, stop = first * FAN, min(end * FAN, sizes[level - 1])
+                        rows = order[start:stop]
+                        if level == 1:
+                            below = gaussians.bare(rows)
+                        else:
+                            below, rows = read_rows(target, level - 1, start, stop, n_sh)
+                        splats, rows = merged_level(below, rows)
                         file.write(_packed(splats, rows))
                     nodes.append(_nodes(splats, is_merged=level > 0))
                     finite = splats.log_scales[np.isfinite(splats.log_scales)]
@@ -78,7 +88,6 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
         table = np.concatenate(nodes)
         union_of_children(table, first_nodes(sizes))
         np.save(target / NODES, table)
-        n_sh = gaussians.sh.shape[1]
         sizes_range = (low, high) if low <= high else (0.0, 0.0)  # no splat has a finite size
         stored = LodFile(FORMAT, digest, sizes, n_sh, sizes_range)
         (target / FILE).write_bytes(msgspec.json.encode(stored))
@@ -86,19 +95,6 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
     tree = open_lod(folder, digest, len(gaussians), n_sh)
     assert tree is not None
     return tree
-
-
-class _Nothing:
-    """Level 0 has no file: the model is there."""
-
-    def __enter__(self) -> "_Nothing":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return
-
-    def write(self, _: bytes) -> int:
-        raise ValueError("level 0 is not written")
 
 
 def curve_order(means: FloatArray) -> IntArray:
@@ -112,30 +108,8 @@ def curve_order(means: FloatArray) -> IntArray:
     keys = np.empty(len(means), np.uint64)
     centre = middle.astype(np.float32)
 
-    def work(start: int, stop: int) -> None:
-        hilbert_keys(means, centre, half, keys, start, stop)
-
-    run_chunks(work, len(means), _KEY_CHUNK)
+    run_chunks(partial(hilbert_keys, means, centre, half, keys), len(means), _KEY_CHUNK)
     return np.argsort(keys, kind="stable").astype(np.int32)
-
-
-def _merged(
-    gaussians: Gaussians,
-    order: IntArray,
-    folder: Path,
-    level: int,
-    first: int,
-    end: int,
-    sizes: list[int],
-) -> tuple[Gaussians, IntArray]:
-    """Splats ``first`` to ``end`` of a level, from those of the level below."""
-    start, stop = first * FAN, min(end * FAN, sizes[level - 1])
-    if level == 1:
-        rows = order[start:stop]
-        below = gaussians.bare(rows)
-    else:
-        below, rows = read_rows(folder, level - 1, start, stop, gaussians.sh.shape[1])
-    return merged_level(below, rows)
 
 
 def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
@@ -145,14 +119,7 @@ def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]
     one splat cannot be as opaque as they are together, it is larger than their moments say: a dense
     surface would let through what lies behind it.
     """
-    named = Gaussians(
-        below.means,
-        below.quats,
-        below.log_scales,
-        below.logit_opacities,
-        below.sh,
-        {"row": rows},
-    )
+    named = replace(below, extra={"row": rows})
     order, starts = alike_runs(below)
     merged = merge_runs(named, starts, order)
     covered = (below.opacities * _faces(below.log_scales))[order]
@@ -166,23 +133,11 @@ def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]
 
 def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
     """Rows (K,) of splats, those that become one next to each other, and where runs begin (P,)."""
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.raster.cpu.prepare import for_kernel
     from gaga_core.scene.lod.build_kernels import cluster_windows
 
     n = len(splats)
     order, starts = np.empty(n, np.int64), np.empty(-(-n // FAN), np.int64)
-    means = for_kernel(splats.means, np.float32)
-    quats = for_kernel(splats.quats, np.float32)
-    log_scales = for_kernel(splats.log_scales, np.float32)
-    logits = for_kernel(splats.logit_opacities, np.float32)
-    sh = for_kernel(splats.sh, np.float32)
-
-    def work(first: int, last: int) -> None:
-        cluster_windows(
-            means, quats, log_scales, logits, sh, WINDOW, FAN, order, starts, first, last
-        )
-
+    work = partial(cluster_windows, *kernel_columns(splats), WINDOW, FAN, order, starts)
     run_chunks(work, -(-n // WINDOW), _WINDOWS)
     return order, starts
 

@@ -7,6 +7,7 @@ others is mixed, and is drawn from its children, or is merged again.
 
 import threading
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ _BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
 _UNSEEN = int(State.HIDDEN | State.DELETED)
 _MOST_PLACEMENTS = 8  # of a node that are told apart
 _LEAVES = 256  # nodes that one thread looks at at once
+_EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)  # box
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,23 +55,8 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
     found = np.full((n_leaves, _MOST_PLACEMENTS), -1, np.int32)
     n_found = np.empty(n_leaves, np.int32)
 
-    def work(start: int, stop: int) -> None:
-        leaf_facts(
-            tree.order,
-            state,
-            placement,
-            _BITS,
-            _UNSEEN,
-            NODE,
-            leaf_mixed,
-            leaf_torn,
-            states,
-            found,
-            n_found,
-            start,
-            stop,
-        )
-
+    given = tree.order, state, placement, _BITS, _UNSEEN, NODE
+    work = partial(leaf_facts, *given, leaf_mixed, leaf_torn, states, found, n_found)
     run_chunks(work, n_leaves, _LEAVES)
     keys = np.where(leaf_mixed, -1, states.astype(np.int64) << 32 | found[:, 0])
     mixed, gone = _upwards(tree, keys)
@@ -119,8 +106,7 @@ def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> Flo
     boxes = tree.boxes.copy()
     n_leaves = int(tree.first_nodes[1])
     opened = tree.boxes[:n_leaves]
-    placed = np.full((n_leaves, 6), np.inf, np.float32)
-    placed[:, 3:] = -np.inf
+    placed = np.tile(_EMPTY, (n_leaves, 1))
     for column in facts.leaf_placements.T:
         has = np.flatnonzero(column >= 0)
         if len(has):
@@ -130,9 +116,7 @@ def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> Flo
         for matrix in placements.matrix:
             moved = _moved(opened[many], np.broadcast_to(matrix, (len(many), 3, 4)))
             _unite(placed, many, moved)
-    boxes[:n_leaves] = placed
-    above = boxes[n_leaves:]
-    above[:, :3], above[:, 3:] = np.inf, -np.inf
+    boxes[:n_leaves], boxes[n_leaves:] = placed, _EMPTY
     union_of_children(boxes, tree.first_nodes)
     return boxes
 

@@ -1,4 +1,4 @@
-"""Which splats: by group, by a region of the picture, and the algebra of selections.
+"""Which splats: all, none, whole groups, and where they are.
 
 Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
 selection.
@@ -7,24 +7,8 @@ selection.
 import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
-from gaga_core.camera import Camera
-from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
+from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.by_screen import rectangle
-
-__all__ = [
-    "everything",
-    "group_indices",
-    "groups_inside",
-    "in_mask",
-    "in_rectangle",
-    "inverted",
-    "nothing",
-    "selectable",
-    "selected_indices",
-    "whole",
-    "world_means",
-]
 
 
 def selectable(scene: Scene) -> BoolArray:
@@ -50,38 +34,6 @@ def nothing() -> IntArray:
 def inverted(scene: Scene) -> IntArray:
     """Those that can be selected and are not."""
     return _rows(selectable(scene) & ~scene.has(State.SELECTED))
-
-
-def in_rectangle(
-    scene: Scene,
-    camera: Camera,
-    corners: tuple[float, float, float, float],
-    surface_depth: FloatArray | None = None,
-) -> IntArray:
-    """Splats whose centre is drawn inside the rectangle (u0, v0, u1, v1), pixels, any corner order.
-
-    With ``surface_depth`` (H, W), a picture's median depth at the camera's size, only the visible
-    surface; without it, through everything.
-    """
-    mask = rectangle(corners, camera.width, camera.height)
-    return in_mask(scene, camera, mask, surface_depth)
-
-
-def in_mask(
-    scene: Scene,
-    camera: Camera,
-    mask: BoolArray,
-    surface_depth: FloatArray | None = None,
-) -> IntArray:
-    """Splats whose centre is drawn on a set pixel of ``mask`` (H, W): any lasso, polygon, brush.
-
-    ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
-    A gesture that asks again and again keeps the `gaga_core.scene.selection.by_screen.Screen`.
-    """
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.selection.by_screen import screen
-
-    return screen(scene, camera, surface_depth).inside(mask)
 
 
 def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:

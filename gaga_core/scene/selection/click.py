@@ -9,6 +9,7 @@ neighbours costs the more the likelier they are one thing.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -90,10 +91,7 @@ class ClickGraph:
         from gaga_core.scene.selection.selection_kernels import vote_of_samples
 
         result = np.empty(len(self.rows), np.bool_)
-
-        def work(start: int, stop: int) -> None:
-            vote_of_samples(self.nearest, self.weights, samples, result, start, stop)
-
+        work = partial(vote_of_samples, self.nearest, self.weights, samples, result)
         run_chunks(work, len(self.rows), _CHUNK)
         return self.rows[result]
 

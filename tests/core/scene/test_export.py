@@ -20,7 +20,7 @@ from gaga_core.export.export import (
     slug,
 )
 from gaga_core.export.options import ExportOptions
-from gaga_core.export.proxy_mesh import MeshConfig
+from gaga_core.export.solids import MeshConfig
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats import ply
 from gaga_core.io.splats.ply import read_ply, write_ply

@@ -13,7 +13,7 @@ from gaga_core.io.splats.ply import read_ply
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
-from gaga_core.scene.selection.picking import Pick, pick
+from gaga_core.scene.selection.by_screen import Pick, pick
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CPU = CpuRasterizer()

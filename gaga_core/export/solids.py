@@ -1,18 +1,19 @@
-"""The surface of an object as a triangle mesh: depth of rendered views, fused (Curless 1996).
-
-The object alone is drawn from all around. In a grid of voxels, each view says of a voxel how far in
-front of the surface it is, up to a few voxels, or that it sees past the object; the mean of that is
-a signed distance whose zero is the surface. A voxel that no view sees into is inside, so the mesh
-is closed. Views from below only cut at the outline: most objects were never seen from there, and
-through an open bottom one would see their inner side.
-"""
+"""Solids that physics engines take in place of an object: a convex hull, and its oriented box."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
+from gaga_core.arrays import (
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt8Array,
+    check_shape,
+)
 from gaga_core.camera import Camera
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
@@ -22,7 +23,98 @@ from gaga_core.io.meshes import TriangleMesh
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.scene.orientation import upright_basis
-from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.selection.bounds import OrientedBox, oriented_box, robust_box
+
+# --- Solids that physics engines take in place of an object: a convex hull, and its oriented box.
+
+
+MOST_TRIANGLES = 255  # that PhysX, and the engines on it, take of a convex hull
+# Rows of `OrientedBox.corners`, counter-clockwise seen from outside.
+_BOX_FACES = np.array(
+    [
+        [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6],
+    ],
+    np.int32,
+)  # fmt: skip
+_PLANES = 64  # of a hull that is simplified: 4 * 64 - 12 triangles at most
+
+
+def convex_collider(points: DoubleArray) -> TriangleMesh:
+    """A convex solid around points (N, 3), of at most 255 triangles.
+
+    It is their convex hull where that has so few, else the hull of 64 planes around them: the faces
+    of the oriented box, and the rest evenly around it. Raises ``GagaError`` when the points
+    lie in a plane.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+    check_shape("points", points, ("N", 3))
+    finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    try:
+        hull = ConvexHull(finite)
+        corners = finite[hull.vertices]
+        if len(hull.simplices) > MOST_TRIANGLES:
+            normals = _normals(oriented_box(corners, share=1.0))
+            planes = np.column_stack([normals, -(corners @ normals.T).max(axis=0)])
+            corners = HalfspaceIntersection(planes, corners.mean(axis=0)).intersections
+        return _hull_mesh(corners)
+    except (QhullError, ValueError) as error:
+        raise GagaError("An object that is flat or of a few points has no convex solid.") from error
+
+
+def box_mesh(box: OrientedBox) -> TriangleMesh:
+    """The oriented box as twelve triangles; sides without a length get one that float32 tells."""
+    least = 1e-6 * max(float(box.size.max()), float(np.abs(box.centre).max()), 1e-12)
+    corners = OrientedBox(box.centre, box.axes, np.maximum(box.size, least)).corners()
+    faces = _BOX_FACES if np.linalg.det(box.axes) > 0 else _BOX_FACES[:, ::-1]
+    return TriangleMesh(corners.astype(np.float32), np.ascontiguousarray(faces))
+
+
+def _normals(box: OrientedBox | None) -> DoubleArray:
+    """Unit directions (P, 3) of the planes of a simplified hull."""
+    sides = np.zeros((0, 3)) if box is None else np.vstack([box.axes.T, -box.axes.T])
+    n = _PLANES - len(sides)
+    height = 1 - 2 * (np.arange(n) + 0.5) / n
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)  # the golden angle: evenly over the sphere
+    across = np.sqrt(1 - height**2)
+    even = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    if box is not None:  # even where the box is a cube: long things are wrapped as tightly
+        even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
+        even /= np.linalg.norm(even, axis=1, keepdims=True)
+    return np.vstack([sides, even])
+
+
+def _hull_mesh(corners: DoubleArray) -> TriangleMesh:
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(corners)
+    faces = _outwards(corners, hull.simplices, hull.equations[:, :3])
+    used, rows = np.unique(faces, return_inverse=True)
+    return TriangleMesh(
+        np.ascontiguousarray(corners[used], np.float32),
+        np.ascontiguousarray(rows.reshape(-1, 3), np.int32),
+    )
+
+
+def _outwards(
+    corners: DoubleArray, triangles: IntArray | LongArray, normals: DoubleArray
+) -> IntArray | LongArray:
+    """``triangles`` (F, 3), counter-clockwise seen from outside."""
+    a, b, c = (corners[triangles[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * normals).sum(axis=1) < 0
+    turned = triangles.copy()
+    turned[inward] = turned[inward][:, ::-1]
+    return turned
+
+
+# --- The surface of an object as a triangle mesh: depth of rendered views, fused (Curless 1996).
+# The object alone is drawn from all around. In a grid of voxels, each view says of a voxel how far
+# in front of the surface it is, up to a few voxels, or that it sees past the object; the mean of
+# that is a signed distance whose zero is the surface. A voxel that no view sees into is inside, so
+# the mesh is closed. Views from below only cut at the outline: most objects were never seen from
+# there, and through an open bottom one would see their inner side.
+
 
 STEP = "Mesh the surface"
 _RINGS = ((0.0, 12), (30.0, 8), (65.0, 5), (-30.0, 8), (-65.0, 4))  # elevation, views around
