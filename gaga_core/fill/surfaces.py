@@ -293,7 +293,7 @@ def _views_of(
     if len(found) > config.most_views:
         places = np.linspace(0, len(found) - 1, config.most_views).round().astype(int)
         found = [found[i] for i in places]
-    return tuple(_small(camera, config.view_pixels) for camera in found)
+    return tuple(camera.at_most(config.view_pixels) for camera in found)
 
 
 def _around(points: DoubleArray, config: FillConfig) -> tuple[Camera, ...]:
@@ -309,9 +309,3 @@ def _around(points: DoubleArray, config: FillConfig) -> tuple[Camera, ...]:
     return tuple(
         Camera(K, look_at(middle + _FROM * radius * d, middle, _UP), side, side) for d in towards
     )
-
-
-def _small(camera: Camera, most: int) -> Camera:
-    factor = min(1.0, most / max(camera.width, camera.height))
-    width, height = (max(1, round(side * factor)) for side in (camera.width, camera.height))
-    return camera.resized(width, height)

@@ -78,7 +78,12 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
                         else:
                             below, rows = read_rows(target, level - 1, start, stop, n_sh)
                         splats, rows = merged_level(below, rows)
-                        file.write(_packed(splats, rows))
+                        packed = np.empty(len(splats), row_type(n_sh))
+                        packed["means"], packed["quats"] = splats.means, splats.quats
+                        packed["log_scales"] = splats.log_scales
+                        packed["logit"], packed["sh"] = splats.logit_opacities, splats.sh
+                        packed["row"] = rows
+                        file.write(packed.tobytes())
                     nodes.append(_nodes(splats, is_merged=level > 0))
                     finite = splats.log_scales[np.isfinite(splats.log_scales)]
                     low = min(low, float(finite.min(initial=np.inf)))
@@ -147,14 +152,6 @@ def _faces(log_scales: FloatArray) -> DoubleArray:
     a, b, c = np.exp(np.minimum(log_scales, np.float32(30)).astype(np.float64).T)
     faces: DoubleArray = a * b + b * c + c * a
     return faces
-
-
-def _packed(splats: Gaussians, rows: IntArray) -> bytes:
-    packed = np.empty(len(splats), row_type(splats.sh.shape[1]))
-    packed["means"], packed["quats"] = splats.means, splats.quats
-    packed["log_scales"], packed["logit"] = splats.log_scales, splats.logit_opacities
-    packed["sh"], packed["row"] = splats.sh, rows
-    return packed.tobytes()
 
 
 def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:

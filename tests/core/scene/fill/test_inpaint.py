@@ -4,6 +4,7 @@ import hashlib
 import json
 import sys
 from multiprocessing import active_children
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from time import monotonic
 
@@ -39,6 +40,12 @@ def table() -> Table:
 @pytest.fixture(scope="module")
 def red(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return models.saved(models.Red(), tmp_path_factory.mktemp("models") / "red.pt")
+
+
+@pytest.fixture(autouse=True)
+def _fast(programs: ForkServerContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models run in processes that have torch; that of `found` starts as a user's does."""
+    monkeypatch.setattr("gaga_core.fill.inpaint.SpawnContext", lambda: programs)
 
 
 @pytest.fixture(scope="module")
