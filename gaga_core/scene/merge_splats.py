@@ -12,6 +12,8 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.gaussians import Gaussians
+from gaga_core.raster.cpu.prepare import for_kernel
+from gaga_core.scene.splat_kernels import merge_rows
 from gaga_core.threads import run_chunks
 
 _CHUNK = 1 << 13  # runs that one thread takes at once
@@ -21,9 +23,6 @@ def kernel_columns(
     g: Gaussians,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Means, quats, log scales, logit opacities and SH as kernels take them."""
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.raster.cpu.prepare import for_kernel
-
     m, q, s, o, sh = (
         for_kernel(column, np.float32)
         for column in (g.means, g.quats, g.log_scales, g.logit_opacities, g.sh)
@@ -59,8 +58,6 @@ def merge_runs(
     ends = np.r_[starts, n].astype(np.int64)
     if n_runs and (ends[0] != 0 or not (np.diff(ends) > 0).all()):
         raise ValueError("starts: expected ascending rows from 0 on")
-    from gaga_core.scene.splat_kernels import merge_rows
-
     averaged = [k for k, column in gaussians.extra.items() if column.dtype == np.float32]
     others = np.empty((n, len(averaged)), np.float32)
     for k, name in enumerate(averaged):

@@ -204,25 +204,23 @@ class Scene:
 
         Splats of an added file are in no doubt: 255.
         """
-        if self.confidence is None:
-            return None
-        if not self.added:
-            return self.confidence[self.source]
-        rows = np.minimum(self.source, len(self.confidence))
-        return np.append(self.confidence, np.uint8(255))[rows]
+        return self._by_splat(self.confidence, 255)
 
     def identity_colors_of(self) -> UInt8Array | None:
         """RGB (N, 3) of each splat's identity encoding; gray where splats were added.
 
         None without encodings. A duplicate has its original's.
         """
-        colors = self.identities.colors
-        if colors is None:
+        return self._by_splat(self.identities.colors, 128)
+
+    def _by_splat(self, column: UInt8Array | None, added: int) -> UInt8Array | None:
+        """A column (M, ...) of the opened file for each splat (N, ...); others get ``added``."""
+        if column is None:
             return None
         if not self.added:
-            return colors[self.source]
-        gray = np.full((1, 3), 128, np.uint8)
-        return np.concatenate([colors, gray])[np.minimum(self.source, len(colors))]
+            return column[self.source]
+        filled = np.concatenate([column, np.full((1, *column.shape[1:]), added, np.uint8)])
+        return filled[np.minimum(self.source, len(column))]
 
     def motion_of(self, source: int) -> DoubleArray:
         """Motion (4, 4) of the scene as a whole since a splat came into it; ``source``: its row."""

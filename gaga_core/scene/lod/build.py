@@ -12,6 +12,7 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene.lod.build_kernels import cluster_windows, hilbert_keys
 from gaga_core.scene.lod.tree import (
     CHUNK,
     FAN,
@@ -104,9 +105,6 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
 
 def curve_order(means: FloatArray) -> IntArray:
     """Rows (N,) of ``means`` (N, 3) along a Hilbert curve through the scene."""
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.build_kernels import hilbert_keys
-
     sample = means[:: -(-len(means) // _SAMPLE)].astype(np.float64)
     low, middle, high = np.percentile(sample, [2, 50, 98], axis=0)
     half = max(float((high - low).max()) / 2, 1e-12)
@@ -138,8 +136,6 @@ def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]
 
 def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
     """Rows (K,) of splats, those that become one next to each other, and where runs begin (P,)."""
-    from gaga_core.scene.lod.build_kernels import cluster_windows
-
     n = len(splats)
     order, starts = np.empty(n, np.int64), np.empty(-(-n // FAN), np.int64)
     work = partial(cluster_windows, *kernel_columns(splats), WINDOW, FAN, order, starts)

@@ -17,6 +17,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import NEAR
 from gaga_core.scene.bake import bake
 from gaga_core.scene.lod.build import merged_level
+from gaga_core.scene.lod.cut_kernels import leaf_facts, node_errors
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_core.threads import run_chunks
@@ -47,9 +48,6 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
     if not (state & np.uint8(_BITS)).any() and not placement.any():
         none, few = np.zeros(tree.n_nodes, np.bool_), np.zeros(n_leaves, np.bool_)
         return NodeFacts(none, none, none, None, few)
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.cut_kernels import leaf_facts
-
     leaf_mixed, leaf_torn = np.empty(n_leaves, np.bool_), np.empty(n_leaves, np.bool_)
     states = np.empty(n_leaves, np.uint8)
     found = np.full((n_leaves, _MOST_PLACEMENTS), -1, np.int32)
@@ -171,9 +169,6 @@ class PickBoxes:
 
         Splats that were added behind those of the tree are all among them.
         """
-        # Imported when first needed: importing numba takes a large part of the launch time.
-        from gaga_core.scene.lod.cut_kernels import node_errors
-
         tree, K = self.tree, camera.K
         n_leaves = int(tree.first_nodes[1])
         errors, seen = np.empty(n_leaves, np.float32), np.empty(n_leaves, np.bool_)

@@ -11,6 +11,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import selectable, world_means
 
 _LUMA = LUMA.astype(np.float32)
+_TAILS = (0.1, 99.9)  # percentiles between which the bins of a histogram lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +77,13 @@ def histogram(
     if not high > low:
         low, high = low - 0.5, high + 0.5
     edges = np.linspace(low, high, n_bins + 1)
-    counts = _counts(values[usable], edges)
     mask = np.zeros(len(scene), np.bool_)
     mask[among if among is not None else []] = True
-    return Histogram(edges, counts, _counts(values[usable & mask], edges))
+    counts, chosen = (
+        np.histogram(np.clip(values[rows], edges[0], edges[-1]), edges)[0]
+        for rows in (usable, usable & mask)
+    )
+    return Histogram(edges, counts, chosen)
 
 
 def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray:
@@ -89,14 +93,6 @@ def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray
     """
     far = np.abs(shown_colors(scene) - np.asarray(rgb, np.float32)).max(axis=1)
     return np.flatnonzero((far <= tolerance) & selectable(scene)).astype(np.int32)
-
-
-_TAILS = (0.1, 99.9)
-
-
-def _counts(values: FloatArray, edges: DoubleArray) -> LongArray:
-    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
-    return counts
 
 
 def _opacity(scene: Scene) -> FloatArray:

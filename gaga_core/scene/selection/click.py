@@ -43,6 +43,7 @@ from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.orientation import estimate_up, views_around
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.selection.selection_kernels import vote_of_samples
 from gaga_core.segmentation.regions import regions
 from gaga_core.threads import n_threads, run_chunks
 
@@ -86,9 +87,6 @@ class ClickGraph:
 
     def splats(self, samples: BoolArray) -> IntArray:
         """Splats (M,), ascending, that chosen samples (S,) bool make chosen."""
-        # Imported when first needed: importing numba takes a large part of the launch time.
-        from gaga_core.scene.selection.selection_kernels import vote_of_samples
-
         result = np.empty(len(self.rows), np.bool_)
         work = partial(vote_of_samples, self.nearest, self.weights, samples, result)
         run_chunks(work, len(self.rows), _CHUNK)

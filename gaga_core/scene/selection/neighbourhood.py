@@ -89,10 +89,7 @@ def _near(scene: Scene, asking: BoolArray, splats: IntArray, reach: float) -> In
     if len(own) == 0 or reach <= 0:
         return np.zeros(0, np.int32)
     lo, hi = own.min(axis=0) - reach, own.max(axis=0) + reach
-    asking = asking.copy()
-    for axis in range(3):
-        asking &= (points[:, axis] >= lo[axis]) & (points[:, axis] <= hi[axis])
-    rows = np.flatnonzero(asking)
+    rows = np.flatnonzero(asking & ((points >= lo) & (points <= hi)).all(axis=1))
     tree = cKDTree(own, balanced_tree=False, compact_nodes=False)
     distance, _ = tree.query(points[rows], distance_upper_bound=reach * 1.0001, workers=n_threads())
     return rows[distance <= reach].astype(np.int32)
