@@ -1,6 +1,7 @@
 """Find what a removed object hid, and make the splats and colors that fill it."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -142,21 +143,19 @@ def _laid_out(
             if not part.any():
                 continue
             middle = middles[rng.integers(len(middles))]
-            from_uv = _uv(chart, middle[0] + 0.5, middle[1] + 0.5)
-            to_uv = _uv(chart, top + side / 2, left + side / 2)
+            from_uv, to_uv = (
+                np.array(
+                    [chart.corner[0] + chart.step * column, chart.corner[1] - chart.step * row]
+                )
+                for row, column in (middle + 0.5, (top + side / 2, left + side / 2))
+            )
             near = (np.abs(local - from_uv) < piece / 2).all(axis=1)
             moved = local[near] + (to_uv - from_uv)
             r, c, ok = chart.cells(moved)
             ok &= chart.hole[r, c]
             taken.append(rows[near][ok])
             places.append(moved[ok])
-    donors = np.concatenate(taken) if taken else np.zeros(0, np.int64)
-    found = np.concatenate(places) if places else np.zeros((0, 2))
-    return donors, found
-
-
-def _uv(chart: Chart, row: float, column: float) -> DoubleArray:
-    return np.array([chart.corner[0] + chart.step * column, chart.corner[1] - chart.step * row])
+    return np.concatenate([rows[:0], *taken]), np.concatenate([np.zeros((0, 2)), *places])
 
 
 def _colored(
@@ -176,9 +175,6 @@ def _colored(
         rgb = rgb + np.clip(chart.at(wrong, local), -_MOST_GAIN, _MOST_GAIN)
     sh[:, 0] = dc_from_rgb(rgb.astype(np.float32))
     return replace(fresh, sh=sh)
-
-
-# --- Find what a removed object hid, and make the splats and colors that fill it.
 
 
 # --- Look at a filled hole: whatever new splats change next to it is taken out again.
@@ -274,14 +270,11 @@ def _looks(
     rest: Gaussians, chart: Chart, views: tuple[SeenView, ...], rasterizer: Rasterizer
 ) -> list[_Look]:
     """The views that show most of the hole, with it open."""
-    found: list[tuple[SeenView, BoolArray, DoubleArray]] = []
-    for view in views:
-        points, hits = _on_plane(view.camera, chart)
-        if hits.any():
-            found.append((view, hits, points))
-    found.sort(key=lambda one: -int(one[1].sum()))
+    found = [(view, *_on_plane(view.camera, chart)) for view in views]
+    found = [one for one in found if one[2].any()]
+    found.sort(key=lambda one: -int(one[2].sum()))
     looks = []
-    for view, hits, points in found[:_VIEWS]:
+    for view, points, hits in found[:_VIEWS]:
         frame = rasterizer.render(rest, view.camera)
         above = above_surface(view.camera, frame.median_depth.ravel(), points, chart.plane)
         shows = above < tolerance_of(chart)  # nothing that stays stands before it
@@ -366,13 +359,6 @@ class Work:
         for chart in charts:  # what lies on a surface is not in the object
             within &= ~_on_surface(chart, self.points)
         self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
-        yield from self._fill_charts(charts, within, own)
-
-    def _fill_charts(self, charts: list[Chart], within: BoolArray, own: DoubleArray) -> Stage[None]:
-        """Fill the holes of charts, without the splats ``within`` (N,), and lighten shadows.
-
-        ``own``: (K, 3) the splats that cast them.
-        """
         hidden = ~self.is_object & ~self.is_known
         n_filled = 0
         for chart in charts:
@@ -383,8 +369,11 @@ class Work:
                 continue
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
-            goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
-            goes |= within
+            local = chart.plane.local(self.points)
+            row, column, inside = chart.cells(local)
+            low = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
+            under = inside & low & chart.hole[row, column]
+            goes = ((hidden | (small & ~self.is_object)) & under) | within
             n_filled += yield from self._fill_chart(chart, goes & ~self.locked, shadow)
 
     def _fill_chart(self, chart: Chart, goes: BoolArray, shadow: _Shadow) -> Stage[bool]:
@@ -397,7 +386,8 @@ class Work:
         else:
             color = yield from self.inpainter.painted_stage(*surface)
         color = np.clip(color, 0, 1.5)
-        height = _continued_height(chart)
+        base = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
+        height = np.where(chart.hole, base, chart.height)
         fresh = new_splats(self.gaussians, bright, color, height, self.rasterizer, self.config.seed)
         # What no photo showed is no surface to compare with.
         left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
@@ -458,20 +448,6 @@ def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
     return replace(gaussians, sh=sh)
 
 
-def _continued_height(chart: Chart) -> DoubleArray:
-    """Height (H, W) with the hole filled."""
-    height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
-    return np.where(chart.hole, height, chart.height)
-
-
-def _under(chart: Chart, points: DoubleArray) -> BoolArray:
-    """Splats at ``points`` (N, 3) that lie in the hole's place (N,)."""
-    local = chart.plane.local(points)
-    row, column, inside = chart.cells(local)
-    near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
-    return inside & near & chart.hole[row, column]
-
-
 def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
     """Which of ``points`` (N, 3) lie on the chart's surface, whether photos showed it or not."""
     local = chart.plane.local(points)
@@ -484,23 +460,23 @@ def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
 def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
     """Points (N,) in the convex hull of the object's splats ``own`` (K, 3)."""
     lo, hi = np.percentile(own, 1, axis=0), np.percentile(own, 99, axis=0)
-    result: BoolArray = np.all((points > lo) & (points < hi), axis=1)
+    within: BoolArray = np.all((points > lo) & (points < hi), axis=1)
     own = own[((own >= lo) & (own <= hi)).all(axis=1)]
-    if len(own) < 5 or not result.any():
-        return np.zeros(len(points), np.bool_)
+    result = np.zeros(len(points), np.bool_)
+    if len(own) < 5 or not within.any():
+        return result
     try:
         planes = ConvexHull(own[:: max(1, len(own) // 3000)]).equations
     except QhullError:  # flat: nothing is inside
-        return np.zeros(len(points), np.bool_)
-    near, slack = np.flatnonzero(result), 1e-9 * float((hi - lo).max())
+        return result
+    near, slack = np.flatnonzero(within), 1e-9 * float((hi - lo).max())
     for plane in planes:  # normals look outwards
         near = near[points[near] @ plane[:3] + plane[3] <= slack]
-    result[:] = False
     result[near] = True
     return result
 
 
-# --- Find what a removed object hid, and make the splats and colors that fill it.
+# --- The stage.
 
 
 _STAGE = "Fill the hole"
@@ -561,22 +537,21 @@ def fill_stage(
     when an inpainting model is asked for that cannot be used.
     """
     settings = FillConfig() if config is None else config
-    if not settings.model:
-        return (yield from _filled(scene, indices, cameras, rasterizer, settings, None))
-    with Inpainter(Path(settings.model), settings.model_sha256) as model:
-        yield from model.loaded_stage()
-        return (yield from _filled(scene, indices, cameras, rasterizer, settings, model))
+    model = Inpainter(Path(settings.model), settings.model_sha256) if settings.model else None
+    with model or nullcontext():
+        if model is not None:
+            yield from model.loaded_stage()
+        return (yield from _filled(scene, indices, (cameras, rasterizer, settings), model))
 
 
 def _filled(
     scene: Scene,
     indices: AnyArray,
-    cameras: Sequence[Camera],
-    rasterizer: Rasterizer,
-    settings: FillConfig,
+    how: tuple[Sequence[Camera], Rasterizer, FillConfig],
     inpainter: Inpainter | None,
 ) -> Stage[Filling]:
     """`fill_stage`; ``inpainter`` colors what is filled, None: the surroundings do."""
+    cameras, rasterizer, settings = how
     chosen = np.zeros(len(scene), np.bool_)
     chosen[sorted_indices(indices, len(scene))] = True
     # What has no place in space is never drawn: it hides nothing.
@@ -585,9 +560,17 @@ def _filled(
     labels = scene.labels[rows]
     gaussians = yield from bake_stage(scene, indices=rows)
     is_object = chosen[rows]
-    if not is_object.any():
-        return _nothing(np.flatnonzero(chosen), gaussians, settings)
-    made = _made(scene)[rows] & ~is_object
+    splats = gaussians.take(np.zeros(0, np.int64))
+    if not is_object.any():  # the removal alone
+        none, gains = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+        found = splats, np.zeros(0, np.int32), none, gains, settings.lighten
+        return Filling(np.flatnonzero(chosen), none, *found, is_refused=False)
+    made = np.zeros(len(rows), np.bool_)  # by an edit: an earlier filling for example
+    for item in scene.added:
+        if item.is_made:
+            source = scene.source[rows]
+            made |= (source >= item.first) & (source < item.first + item.n)
+    made &= ~is_object
     seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
     work = Work(gaussians, labels, is_object, seen, rasterizer, settings)
     work.inpainter = inpainter
@@ -597,7 +580,6 @@ def _filled(
         yield Progress(_STAGE, i, len(parts))
         yield from work.fill(part)
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
-    splats = gaussians.take(np.zeros(0, np.int64))
     for piece in work.made:
         splats = joined(splats, piece)
     return Filling(
@@ -611,23 +593,6 @@ def _filled(
         is_refused=work.is_refused,
         model=inpainter.name if inpainter is not None and len(splats) else "",
     )
-
-
-def _nothing(removed: LongArray, gaussians: Gaussians, config: FillConfig) -> Filling:
-    """The removal alone, of rows (R,)."""
-    none = np.zeros(0, np.int64)
-    splats, labels = gaussians.take(none), np.zeros(0, np.int32)
-    gain = np.zeros((0, 3), np.float32)
-    return Filling(removed, none, splats, labels, none, gain, config.lighten, is_refused=False)
-
-
-def _made(scene: Scene) -> BoolArray:
-    """Splats (N,) of the scene that an edit made, an earlier filling for example."""
-    result = np.zeros(len(scene), np.bool_)
-    for item in scene.added:
-        if item.is_made:
-            result |= (scene.source >= item.first) & (scene.source < item.first + item.n)
-    return result
 
 
 def _apart(
@@ -674,19 +639,13 @@ def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
             parts.append(edit)
 
     add(delete(scratch, np.concatenate([found.removed, found.unseen]), title))
-    for splats, factors in _levels(found):
-        affine = np.column_stack([np.diag(factors), np.zeros(3)])
-        add(recolor(scratch, splats, affine, title="Lighten the shadow"))
+    if len(found.stained):  # splats that are lightened alike
+        gains = found.gains.astype(np.float64)
+        key = np.log(gains @ LUMA)
+        level = np.digitize(key, np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1))
+        for k in np.unique(level):
+            factors = np.diag(gains[level == k].mean(axis=0))
+            affine = np.column_stack([factors, np.zeros(3)])
+            add(recolor(scratch, found.stained[level == k], affine, title="Lighten the shadow"))
     add(append_made(scratch, found.splats, found.labels, title, State(0)))
     return together(title, parts)
-
-
-def _levels(found: Filling) -> list[tuple[LongArray, DoubleArray]]:
-    """Splats that are lightened alike, and by which factors of red, green and blue."""
-    if len(found.stained) == 0:
-        return []
-    gains = found.gains.astype(np.float64)
-    key = np.log(gains @ LUMA)
-    edges = np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1)
-    level = np.digitize(key, edges)
-    return [(found.stained[level == k], gains[level == k].mean(axis=0)) for k in np.unique(level)]

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.color import LUMA
 from gaga_core.fill.chart import Chart, blurred, tolerance_of
 
-# --- Find the shadow that an object casts on the surface on which it stands.
-# Its outline is known but for the light: it is that of the object's own splats, moved along the
-# surface by so much for each unit of height. The light whose shadow explains the brightness of the
-# surface best is taken (between-class variance over all variance, Otsu 1979), and it is none when
-# that explains little: dark wood, stripes and the shadows of other things have other outlines.
+# --- The shadow that an object casts on the surface on which it stands. Its outline is known but
+# for the light: it is that of the object's own splats, moved along the surface by so much for each
+# unit of height. The light whose shadow explains the brightness of the surface best is taken
+# (between-class variance over all variance, Otsu 1979), and it is none when that explains little:
+# dark wood, stripes and the shadows of other things have other outlines.
 
 
 _TURNS = 24  # of the light around the object
@@ -27,6 +27,7 @@ _TURN = 2 * np.pi / _TURNS
 _LENGTHS = (0.25, 0.4, 0.6, 0.9, 1.3, 1.9)  # of a shadow, in heights of what casts it
 _MOST_POINTS = 1500  # of the object
 _CLOSE = 3  # cells between its splats
+_MARGIN = _CLOSE + 1  # cells
 _RING, _LEAST_RING = 0.15, 4  # around a shadow: in sizes of the hole, and cells
 _LEAST_CELLS, _LEAST_SHARE = 20, 0.05  # of a shadow: cells, and areas of the hole
 _NEXT, _EVERYWHERE = 0.3, 0.17  # share of variance that a shadow explains: next to it, and of all
@@ -81,10 +82,20 @@ def _outline(chart: Chart, points: DoubleArray, turn: float, length: float) -> B
     """Where the shadow (H, W) of ``points`` (K, 3), plane coordinates, falls."""
     moved = points[:, :2] + length * points[:, 2:] * [np.cos(turn), np.sin(turn)]
     row, column, inside = chart.cells(moved)
+    mask = _marked(chart, row[inside], column[inside])
+    return _closed(mask)[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] | mask
+
+
+def _marked(chart: Chart, row: LongArray, column: LongArray) -> BoolArray:
+    """Cells (H, W) of these rows and columns."""
     mask = np.zeros(chart.shape, np.bool_)
-    mask[row[inside], column[inside]] = True
-    padded = ndimage.binary_closing(np.pad(mask, _CLOSE + 1), iterations=_CLOSE)
-    return padded[_CLOSE + 1 : -_CLOSE - 1, _CLOSE + 1 : -_CLOSE - 1] | mask
+    mask[row, column] = True
+    return mask
+
+
+def _closed(mask: BoolArray) -> BoolArray:
+    """``mask`` without gaps of some cells, `_MARGIN` cells larger on each side."""
+    return ndimage.binary_closing(np.pad(mask, _MARGIN), iterations=_CLOSE)
 
 
 def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
@@ -97,11 +108,7 @@ def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
     return depth, between / max(float(both.var()), 1e-9)
 
 
-# --- Take the shadow of a removed object off the surface that it stood on.
-# How much light a place lacks is the factor by which its colors, made brighter, are those that the
-# rest of the surface has: a maximum-likelihood estimate over factors, with the colors of the
-# surroundings as distribution. So a dark square of a chessboard is no shadow, and a shadow over
-# several squares is one.
+# --- By how much light each place lacks.
 
 
 _DARK = 0.02  # color that counts as black
@@ -121,7 +128,6 @@ _AT_FOOT = 3.0  # cells from the hole
 _ONE_PIECE = 0.6  # share of the outline that lacks light without a break
 _LEAST_FOOT = 20  # cells on which a thing stands
 _BELOW = 0.03  # share of a thing's splats that are under what it stands on
-_JOIN = 3  # cells between splats of a foot
 _PENUMBRA = 0.1  # sizes of the foot over which a shadow's edge is soft
 _NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
 _SHADOW = 0.05  # mean log factor there under which nothing is a shadow
@@ -251,7 +257,10 @@ def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
     place = _anywhere(log, far)
     found = _levels(log, chart.known, place, 0.0)
     free = far & own if (far & own).any() else far
-    if not _lacks_light(found.lacking, rim, free) and not _is_dark(log, chart.known, rim, far):
+    # The rim lacks clearly more light (log) than other places do, or is clearly darker.
+    least_lacking = max(_SHADOW, _EVIDENCE * float(found.lacking[free].mean()))
+    lacks_light = found.lacking[rim].mean() >= least_lacking
+    if not lacks_light and not _is_dark(log, chart.known, rim, far):
         return None
     if not _is_one_piece(found.lacking, chart.known & (distance <= _AT_FOOT)):
         return None
@@ -310,8 +319,7 @@ def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:
     local = chart.plane.local(points)
     row, column, inside = chart.cells(local)
     over = inside & (local[:, 2] > tolerance_of(chart)) & (local[:, 2] < height)
-    found = np.zeros(chart.shape, np.bool_)
-    found[row[over], column[over]] = True
+    found = _marked(chart, row[over], column[over])
     return ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
 
 
@@ -322,16 +330,8 @@ def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
     if (local[:, 2] < -tolerance_of(chart)).mean() > _BELOW:  # the plane goes through it
         return np.zeros(chart.shape, np.bool_)
     low = inside & (np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart))
-    found = np.zeros(chart.shape, np.bool_)
-    found[row[low], column[low]] = True
-    padded = ndimage.binary_closing(np.pad(found, _JOIN + 1), iterations=_JOIN)
-    return ndimage.binary_fill_holes(padded)[_JOIN + 1 : -_JOIN - 1, _JOIN + 1 : -_JOIN - 1]
-
-
-def _lacks_light(lacking: DoubleArray, rim: BoolArray, far: BoolArray) -> bool:
-    """Whether the rim lacks clearly more light (log) than other places do."""
-    least = max(_SHADOW, _EVIDENCE * float(lacking[far].mean()))
-    return bool(lacking[rim].mean() >= least)
+    padded = ndimage.binary_fill_holes(_closed(_marked(chart, row[low], column[low])))
+    return padded[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 
 def _is_one_piece(lacking: DoubleArray, foot: BoolArray) -> bool:

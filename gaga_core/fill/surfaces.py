@@ -13,8 +13,6 @@ from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
-# --- Settings of `gaga_core.fill`.
-
 
 @dataclass(frozen=True)
 class FillConfig:
@@ -74,7 +72,7 @@ class Plane:
         return points @ self.axes.T + self.origin
 
 
-def normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:
+def _normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:
     """Shortest axis (N, 3) of each splat, and whether it is a normal: the splat is flat."""
     order = np.argsort(gaussians.log_scales, axis=1)
     turns = quats_to_matrices(gaussians.quats)
@@ -106,7 +104,7 @@ def surfaces_around(
     candidates = candidates[((points[candidates] > lo) & (points[candidates] < hi)).all(axis=1)]
     distance = np.asarray(tree.query(points[candidates])[0])
     candidates, distance = candidates[distance < reach], distance[distance < reach]
-    normals, flat = normals_of(gaussians.take(candidates))
+    normals, flat = _normals_of(gaussians.take(candidates))
     solid = gaussians.opacities[candidates] > _SOLID
     rng = np.random.default_rng(config.seed)
     found: list[Plane] = []
@@ -260,16 +258,8 @@ def seen_stage(
         yield Progress("Look behind the object", 2 * n + i, 3 * n, camera.name)
         after = rasterizer.render(rest, camera)
         share = frame.image[:, :, 0]
-        views.append(
-            SeenView(
-                camera=camera,
-                depth=frame.median_depth,
-                is_object=share > 0.5,
-                is_clear=share < _CLEAR,
-                after=after.median_depth,
-                after_alpha=after.alpha,
-            )
-        )
+        shown = camera, frame.median_depth, share > 0.5, share < _CLEAR
+        views.append(SeenView(*shown, after.median_depth, after.alpha))
     return Seen(tuple(views), known)
 
 
