@@ -5,6 +5,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import count
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -310,9 +311,13 @@ def _objects(
         name = group_name(scene, group)
         red, green, blue = group_colors(np.array([group]), scene.colors)[0].tolist()
         color = round(red, 4), round(green, 4), round(blue, 4)
-        file = _unique(slug(name) or f"group-{group}", used) + suffix
+        stem = slug(name) or f"group-{group}"
+        stem = next(n for i in count(1) if (n := f"{stem}-{i}" if i > 1 else stem) not in used)
+        used.add(stem)
         folder = scene.folders.places.get(group, "")
-        objects.append((ManifestEntry(group, name, color, 0, [], file, folder=folder), splats))
+        objects.append(
+            (ManifestEntry(group, name, color, 0, [], stem + suffix, folder=folder), splats)
+        )
     return objects
 
 
@@ -339,12 +344,3 @@ def slug(name: str) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     short = re.sub(r"[^a-z0-9]+", "-", plain)[:60].strip("-")
     return f"{short}-object" if short in _RESERVED else short
-
-
-def _unique(stem: str, used: set[str]) -> str:
-    free, i = stem, 1
-    while free in used:
-        i += 1
-        free = f"{stem}-{i}"
-    used.add(free)
-    return free

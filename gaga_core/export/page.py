@@ -24,7 +24,6 @@ from gaga_core.io.splats.web_page import (
 )
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_path import (
-    CameraPath,
     Shot,
     carried_bookmarks,
     carried_path,
@@ -80,17 +79,25 @@ def write_scene_page_stage(
         objects.append(replace(entry, is_locked=entry.id in locked))
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin
+    for k, entry in enumerate(objects):
+        x, y, z = (world[:3, :3] @ np.array(entry.centre) + world[:3, 3]).tolist()
+        objects[k] = replace(entry, centre=(x, y, z), radius=entry.radius * options.scale)
     marks = carried_bookmarks(options.page.bookmarks, world)
+    film, path_shown = carried_path(options.page.path, world), None
+    if len(film.keyframes) > 1:
+        n = int(np.clip(round(film.seconds * _FPS), 2, _MOST_SHOTS)) + 1
+        shots = tuple(_row(film.shot(t)) for t in np.linspace(0, film.seconds, n).tolist())
+        path_shown = PagePath(shots, film.seconds, film.is_closed)
     page = Page(
         title=options.page.title or path.stem,
         gaussians=options.applied(gaussians, origin),
         labels=groups[1],
-        objects=tuple(_moved(entry, world) for entry in objects),
+        objects=tuple(objects),
         up=options.up,
         radius=radius * options.scale,
         start=_row(carried_shot(start, world)),
         bookmarks=tuple((mark.name, mark.key, _row(mark.shot)) for mark in marks),
-        path=_path(carried_path(options.page.path, world)),
+        path=path_shown,
     )
     yield from write_page_stage(path, page)
 
@@ -146,11 +153,6 @@ def _ball(means: DoubleArray, least: float) -> tuple[DoubleArray, float]:
     return centre, max(min(spread, extent), least, 1e-6)
 
 
-def _moved(entry: PageObject, world: DoubleArray) -> PageObject:
-    x, y, z = (float(v) for v in world[:3, :3] @ np.array(entry.centre) + world[:3, 3])
-    return replace(entry, centre=(x, y, z), radius=entry.radius * float(world[0, 0]))
-
-
 def _start(options: ExportOptions, gaussians: Gaussians) -> tuple[Shot, float]:
     """The first view, and the radius of the scene: what is wished, else a bookmark, a photo."""
     row, radius = first_view(gaussians, options.up)
@@ -170,11 +172,3 @@ def _start(options: ExportOptions, gaussians: Gaussians) -> tuple[Shot, float]:
 
 def _row(shot: Shot) -> ShotRow:
     return (*shot.eye, *shot.quat, shot.fov_x, shot.fov_y, shot.distance)
-
-
-def _path(path: CameraPath) -> PagePath | None:
-    if len(path.keyframes) < 2:
-        return None
-    n = int(np.clip(round(path.seconds * _FPS), 2, _MOST_SHOTS)) + 1
-    shots = tuple(_row(path.shot(t)) for t in np.linspace(0, path.seconds, n).tolist())
-    return PagePath(shots, path.seconds, path.is_closed)

@@ -392,7 +392,9 @@ class Work:
         # What no photo showed is no surface to compare with.
         left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
         gain = self._lit_by(chart, shadow)
-        rest = _lit(self.gaussians, gain).take(left)
+        sh = self.gaussians.sh * gain[:, None].astype(np.float32)
+        sh[:, 0] = dc_from_rgb((rgb_from_dc(self.gaussians.sh[:, 0]) * gain).astype(np.float32))
+        rest = replace(self.gaussians, sh=sh).take(left)
         kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
         if not kept.any():
             self.is_refused = True
@@ -439,13 +441,6 @@ def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:
         low, high = np.percentile(points[own], (2, 98), axis=0)
         result[own] = np.linalg.norm(high - low)
     return result
-
-
-def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
-    """The splats with their colors times ``gain`` (N, 3)."""
-    sh = gaussians.sh * gain[:, None].astype(np.float32)
-    sh[:, 0] = dc_from_rgb((rgb_from_dc(gaussians.sh[:, 0]) * gain).astype(np.float32))
-    return replace(gaussians, sh=sh)
 
 
 def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:

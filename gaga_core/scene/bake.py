@@ -1,6 +1,5 @@
 """Placements turned into plain splat parameters: what other tools read."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -108,7 +107,12 @@ def _move(motion: Motion, out: Gaussians, at: LongArray) -> None:
     if motion.turns:
         if out.sh_degree > 0:
             out.sh[at] = sh_rotation(motion.turn, out.sh_degree).astype(np.float32) @ out.sh[at]
-        _turn_normals(motion.turn, out.extra, at)
+        normals = [out.extra[name] for name in ("nx", "ny", "nz") if name in out.extra]
+        if len(normals) == 3 and all(column.dtype.kind == "f" for column in normals):
+            before = np.stack([column[at] for column in normals], axis=1)
+            if before.any():  # zeros keep their sign
+                for column, values in zip(normals, (before @ motion.turn.T).T, strict=True):
+                    column[at] = values
 
 
 def stretched(
@@ -137,18 +141,6 @@ def baked_color(sh: FloatArray, affine: DoubleArray) -> FloatArray:
     result = sh @ scale.T
     result[:, 0] += (scale @ np.full(3, 0.5) + offset - 0.5) / SH_C0
     return result.astype(np.float32)
-
-
-def _turn_normals(turn: DoubleArray, extra: Mapping[str, AnyArray], at: LongArray) -> None:
-    names = ("nx", "ny", "nz")
-    columns = [extra[name] for name in names if name in extra]
-    if len(columns) != len(names) or any(c.dtype.kind != "f" for c in columns):
-        return
-    normals = np.stack([column[at] for column in columns], axis=1)
-    if not normals.any():
-        return
-    for column, values in zip(columns, (normals @ turn.T).T, strict=True):
-        column[at] = values
 
 
 def with_groups(gaussians: Gaussians, labels: IntArray) -> Gaussians:

@@ -167,7 +167,7 @@ def common_target(cameras: Sequence[Camera]) -> DoubleArray | None:
     return point if n_before > len(cameras) / 2 else None
 
 
-# --- Maps (3, 4) of the world that arrange things: mirror, align to the ground.
+# --- Maps (3, 4) of the world that arrange things.
 
 
 _FLAT = 0.02  # height of a triangle over its longest side, below which it counts as a line

@@ -235,6 +235,11 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
         if "world" in arrays:
             check_shape("world", arrays["world"], (4, 4), np.float64)
             frame = Frame(arrays["world"], bool(arrays["is_metric"]))
+        sets: dict[str, IndexSet] = {}  # named selections, by number
+        while f"set_{len(sets)}" in arrays:
+            i = len(sets)
+            kept = np.unpackbits(arrays[f"set_{i}"], count=int(arrays[f"length_{i}"]))
+            sets[f"{i}"] = IndexSet.of(np.flatnonzero(kept), len(kept))
         untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
         return Scene(
             gaussians=gaussians if untouched else gaussians.take(source),
@@ -246,22 +251,11 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
             bank=bank_of(bank) if bank else None,
             confidence=confidence,
             identities=identities_of(arrays, n_opened),
-            named_selections=_read_named_selections(arrays),
+            named_selections=sets,
             frame=frame,
         )
     except (ValueError, KeyError, TypeError) as error:
         raise GagaError(f"{file} is damaged. {CURE}") from error
-
-
-def _read_named_selections(arrays: dict[str, AnyArray]) -> dict[str, IndexSet]:
-    """Named selections, by number."""
-    sets: dict[str, IndexSet] = {}
-    while f"set_{len(sets)}" in arrays:
-        i = len(sets)
-        n = int(arrays[f"length_{i}"])
-        rows = np.flatnonzero(np.unpackbits(arrays[f"set_{i}"], count=n))
-        sets[str(i)] = IndexSet.of(rows, n)
-    return sets
 
 
 # --- Files of splats that other programs change: noticed at every save, and replaced by a copy.

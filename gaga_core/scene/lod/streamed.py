@@ -1,6 +1,5 @@
 """A tree as streamed SOG: levels of detail that other viewers load piece by piece."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -20,10 +19,6 @@ _LEAF_LEVEL = 2  # its nodes are the leaves: 32,768 splats of level 0 each
 _CHUNK_LEAVES = 16  # of level 0, in a chunk: some 500,000 splats
 
 
-# A leaf, and its splats of each level: first and end.
-_Leaf = tuple[int, tuple[tuple[int, int], ...]]
-
-
 def write_streamed_sog_stage(folder: Path, tree: LodTree, opened: Gaussians) -> Stage[Path]:
     """Write the levels of ``tree`` into ``folder``, whole or not at all; returns the lod-meta.json.
 
@@ -32,13 +27,21 @@ def write_streamed_sog_stage(folder: Path, tree: LodTree, opened: Gaussians) -> 
     """
     folder = Path(folder)
     n_levels = min(len(tree.sizes), _MOST_LEVELS)
-    leaves = _leaves(tree, n_levels)
+    # Leaves: nodes of a level, and the splats of each level that they stand for, first and end.
+    leaf_level = min(_LEAF_LEVEL, len(tree.sizes) - 1)
+    leaves = []
+    for node in range(int(tree.first_nodes[leaf_level]), int(tree.first_nodes[leaf_level + 1])):
+        first, end = tree.opened_span(node)
+        spans = [(first // FAN**k, -(-end // FAN**k)) for k in range(n_levels)]
+        leaves.append((node, spans))
     filenames: list[str] = []
     ranges: dict[tuple[int, int], Range] = {}  # by leaf and level
     total, done = sum(tree.sizes[:n_levels]), 0
     with staging_folder(folder) as staging:
         for level in range(n_levels):
-            for k, chunk in enumerate(_chunks(leaves, level)):
+            n_leaves = _CHUNK_LEAVES * FAN**level
+            for k, start in enumerate(range(0, len(leaves), n_leaves)):
+                chunk = leaves[start : start + n_leaves]
                 name = f"{level}_{k}/{META}"
                 offset = 0
                 for node, spans in chunk:
@@ -66,23 +69,6 @@ def write_streamed_sog_stage(folder: Path, tree: LodTree, opened: Gaussians) -> 
         names = sorted({name.split("/")[0] for name in filenames})
         publish_all(staging, [*names, LOD_META], folder)
     return folder / LOD_META
-
-
-def _leaves(tree: LodTree, n_levels: int) -> list[_Leaf]:
-    """Nodes of a level as leaves, with their splats of all levels."""
-    level = min(_LEAF_LEVEL, len(tree.sizes) - 1)
-    found = []
-    for node in range(int(tree.first_nodes[level]), int(tree.first_nodes[level + 1])):
-        first, end = tree.opened_span(node)
-        spans = tuple((first // FAN**k, -(-end // FAN**k)) for k in range(n_levels))
-        found.append((node, spans))
-    return found
-
-
-def _chunks(leaves: list[_Leaf], level: int) -> Iterator[list[_Leaf]]:
-    n = _CHUNK_LEAVES * FAN**level
-    for start in range(0, len(leaves), n):
-        yield leaves[start : start + n]
 
 
 def _boxes(tree: LodTree, ranges: dict[tuple[int, int], Range], n_levels: int) -> Node:

@@ -156,7 +156,15 @@ def pick(
     None = that of the file. ``rows`` (K,) ascending: look at these splats alone (`lod.pick_rows`).
     """
     if rows is not None:
-        among = pick(_only(scene, rows), camera, u, v, antialiased=antialiased)
+        only = replace(
+            scene,
+            gaussians=replace(scene.gaussians.bare(rows), comments=scene.gaussians.comments),
+            labels=scene.labels[rows],
+            state=scene.state[rows],
+            placement=scene.placement[rows],
+            source=scene.source[rows],
+        )
+        among = pick(only, camera, u, v, antialiased=antialiased)
         if among is None:
             return None
         return replace(among, indices=rows[among.indices], splat=int(rows[among.splat]))
@@ -187,19 +195,6 @@ def pick(
         depth=depth,
         point=camera.unproject(u, v, depth),
         splat=int(index[weights.argmax()]),
-    )
-
-
-def _only(scene: Scene, rows: IntArray) -> Scene:
-    """The scene with these rows alone, as far as `pick` reads it."""
-    g = scene.gaussians
-    return replace(
-        scene,
-        gaussians=replace(g.bare(rows), comments=g.comments),
-        labels=scene.labels[rows],
-        state=scene.state[rows],
-        placement=scene.placement[rows],
-        source=scene.source[rows],
     )
 
 

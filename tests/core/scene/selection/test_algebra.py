@@ -8,6 +8,7 @@ import pytest
 from gaga_core.geometry import look_at
 from gaga_core.raster import choose
 from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.selection.by_screen import rectangle, screen
@@ -25,8 +26,7 @@ def _scene() -> Scene:
         edits.lock(scene, np.arange(60, 90)),
         edits.select(scene, np.arange(80, 150)),
     ):
-        assert edit is not None
-        edit.apply(scene)
+        History(scene).do(edit)
     return scene
 
 
