@@ -20,7 +20,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Frame, Rasterizer
-from gaga_core.scene.orientation import views_around
+from gaga_core.scene.orientation import even_directions, views_around
 from gaga_core.scene.selection.bounds import OrientedBox, oriented_box, robust_box
 
 # --- Solids that physics engines take in place of an object: a convex hull, and its oriented box.
@@ -72,11 +72,7 @@ def box_mesh(box: OrientedBox) -> TriangleMesh:
 def _normals(box: OrientedBox | None) -> DoubleArray:
     """Unit directions (P, 3) of the planes of a simplified hull."""
     sides = np.zeros((0, 3)) if box is None else np.vstack([box.axes.T, -box.axes.T])
-    n = _PLANES - len(sides)
-    height = 1 - 2 * (np.arange(n) + 0.5) / n
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)  # the golden angle: evenly over the sphere
-    across = np.sqrt(1 - height**2)
-    even = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    even = even_directions(_PLANES - len(sides))
     if box is not None:  # even where the box is a cube: long things are wrapped as tightly
         even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
         even /= np.linalg.norm(even, axis=1, keepdims=True)

@@ -35,6 +35,7 @@ from gaga_core.scene.edits.state import delete, isolate, select
 from gaga_core.scene.edits.values import Edit, SetLabels, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices, selected_groups
+from gaga_core.scene.orientation import even_directions
 from gaga_core.scene.scene import Revision, Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.threads import n_threads
@@ -200,12 +201,8 @@ def _strongest(labels: IntArray, weights: FloatArray) -> IntArray:
 def _inside_hull(points: DoubleArray, hull_of: DoubleArray) -> BoolArray:
     """Which ``points`` (Q, 3) lie in the convex hull of ``hull_of`` (K, 3), measured in 64
     directions: a little larger than the hull, exact for nothing, sound for flat sets too."""
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_N_HULL_DIRECTIONS)
-    z = 1 - 2 * (np.arange(_N_HULL_DIRECTIONS) + 0.5) / _N_HULL_DIRECTIONS
-    ring = np.sqrt(1 - z * z)
-    directions = np.stack([ring * np.cos(turn), ring * np.sin(turn), z])
     inside = np.ones(len(points), np.bool_)
-    for direction in directions.T:
+    for direction in even_directions(_N_HULL_DIRECTIONS):
         left = np.flatnonzero(inside)
         reach = hull_of @ direction
         along = points[left] @ direction

@@ -119,6 +119,14 @@ def upright_basis(up: DoubleArray) -> DoubleArray:
     return np.stack([x, np.cross(z, x), z])
 
 
+def even_directions(n: int) -> DoubleArray:
+    """Unit directions (N, 3), evenly over the sphere: turned by the golden angle one by one."""
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)
+    z = 1 - 2 * (np.arange(n) + 0.5) / n
+    ring = np.sqrt(1 - z * z)
+    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+
+
 def views_around(
     box: tuple[DoubleArray, DoubleArray],
     up: DoubleArray,
