@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from torch.jit import ScriptModule
 
 _STAGE = "Inpainting model"
-_MULTIPLE, _LEAST = 8, 64  # of the sides that a model gets, cells
+_SIDE_MULTIPLE, _LEAST_SIDE = 8, 64  # of the sides that a model gets, cells
 _SLACK = 0.5  # beyond 0..1: a result farther out has another range
 _TRIAL = 64  # side of the picture that a model is tried on
 _SECONDS = 0.1  # between two looks whether the model is done
@@ -100,8 +100,8 @@ class Inpainter:
         Raises ``GagaError`` when the model fails, or returns anything but such a picture.
         """
         rows, columns = known.shape
-        sides = (max(_LEAST, -(-side // _MULTIPLE) * _MULTIPLE) for side in known.shape)
-        pad = tuple((0, side - n) for side, n in zip(sides, known.shape, strict=True))
+        sides = [-(-side // _SIDE_MULTIPLE) * _SIDE_MULTIPLE for side in known.shape]
+        pad = tuple((0, max(_LEAST_SIDE, s) - n) for s, n in zip(sides, known.shape, strict=True))
         image = np.clip(np.where(known[:, :, None], color, 0), 0, 1)
         image = np.pad(image, (*pad, (0, 0)), mode="symmetric")
         mask = np.pad(~known | hole, pad, mode="symmetric")

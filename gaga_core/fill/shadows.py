@@ -115,13 +115,13 @@ _DARK = 0.02  # color that counts as black
 _BRIGHTEST = 1.3  # color at the upper end of the distribution
 _BINS = 48  # of it, a channel
 _UNLIKELY = 2e-6  # share of a color that the surroundings do not have
-_MOST = 5.0  # factor
+_MOST_LIGHT = 5.0  # factor: nothing is made brighter by more
 _N_LEVELS = 25  # factors that are tried
 _PRICE = 0.5  # log likelihood that a factor e costs: without evidence nothing is made brighter
 _SPREAD = 0.2  # log by which a shadow's depth varies
 _BLUR = 2.0  # cells over which the factor is the same
 _TILTS = (0.0, 0.15, 0.3, 0.45, -0.15)  # how much more red a shadow lacks than blue, in its log
-_LEAST = (0.03, 0.15)  # log of a factor that is a stain: at the hole, and from its size on
+_STAIN_LOGS = (0.03, 0.15)  # of a factor that is a stain: at the hole, and from its size on
 _FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
 _RIM = 0.25  # sizes of the hole, where its shadow begins
 _AT_FOOT = 3.0  # cells from the hole
@@ -199,7 +199,7 @@ def gains(
     stained = _touching(stained & (lacking > least), foot)
     shift = _pulled(log, lacking[:, :, None] * found.channels, stained, place.around)
     soft = ndimage.gaussian_filter(shift * (place.fade * stained)[:, :, None], (_SOFT, _SOFT, 0))
-    return np.clip(np.exp(soft), 1.0, _MOST)
+    return np.clip(np.exp(soft), 1.0, _MOST_LIGHT)
 
 
 def shadow_of(chart: Chart, foot: BoolArray, own: DoubleArray, taken: BoolArray) -> Cast | None:
@@ -235,7 +235,7 @@ def _in_shadow(chart: Chart, foot: BoolArray, taken: BoolArray, cast: Cast) -> _
         log=_even(chart, around),
         may=may,
         around=around,
-        least=np.full(chart.shape, _LEAST[0]),
+        least=np.full(chart.shape, _STAIN_LOGS[0]),
         fade=np.ones(chart.shape),
         sure=ndimage.gaussian_filter(cast.mask.astype(float), width / 2),
         depth=cast.depth,
@@ -264,7 +264,7 @@ def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
         return None
     if not _is_one_piece(found.lacking, chart.known & (distance <= _AT_FOOT)):
         return None
-    least = np.interp(distance / size, (_RIM, 1.0), _LEAST)
+    least = np.interp(distance / size, (_RIM, 1.0), _STAIN_LOGS)
     # What the shadow itself covers is no surroundings.
     around = far & ~_touching(own & (found.lacking > least), foot)
     fade = np.interp(distance / size, _WIDE, (1.0, 0.0))
@@ -340,7 +340,7 @@ def _is_one_piece(lacking: DoubleArray, foot: BoolArray) -> bool:
     A shadow begins where the object stands; dark parts of a pattern touch the outline here and
     there.
     """
-    parts, n = ndimage.label(foot & (lacking > _LEAST[0]), structure=np.ones((3, 3)))
+    parts, n = ndimage.label(foot & (lacking > _STAIN_LOGS[0]), structure=np.ones((3, 3)))
     largest = int(np.bincount(parts[foot], minlength=n + 1)[1:].max(initial=0))
     return bool(largest >= _ONE_PIECE * foot.sum())
 
@@ -372,7 +372,7 @@ def _levels(log: DoubleArray, known: BoolArray, place: _Place, tilt: float) -> _
     table = np.log(share + _UNLIKELY)
     below = np.maximum(ndimage.gaussian_filter(known.astype(float), _BLUR), 1e-6)
     best, lacking = np.full(known.shape, -np.inf), np.zeros(known.shape)
-    for level in np.linspace(0, np.log(_MOST), _N_LEVELS):
+    for level in np.linspace(0, np.log(_MOST_LIGHT), _N_LEVELS):
         at = ((log + level * channels - box[0][0]) / width - 0.5).transpose(2, 0, 1)
         likelihood = ndimage.map_coordinates(table, at, order=1, mode="nearest")
         mean = ndimage.gaussian_filter(np.where(known, likelihood, 0.0), _BLUR) / below

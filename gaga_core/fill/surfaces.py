@@ -43,7 +43,7 @@ class FillConfig:
 
 
 _TRIES = 300  # planes that are tried for each surface
-_LEAST = 30  # splats of a surface
+_N_SURFACE = 30  # splats: fewer are no surface
 _WIDE = 2.5  # reaches: so far around the object a surface that begins next to it is followed
 _FLAT = 0.5  # a splat has a normal when it is thinner than this share of its second axis
 _ALIGNED = 0.8  # cosine between its normal and the plane's
@@ -113,11 +113,11 @@ def surfaces_around(
         while len(found) < 4 * config.most_surfaces:
             firm = rows[solid[rows]]
             near = distance[firm] < config.reach * size
-            if near.sum() < _LEAST:
+            if near.sum() < _N_SURFACE:
                 break
             cloud = points[candidates[firm]]
             fit, inliers = _ransac(cloud, normals[firm], flat[firm], near, size, rng)
-            if fit is None or inliers.sum() < _LEAST:
+            if fit is None or inliers.sum() < _N_SURFACE:
                 break
             plane = _plane(cloud[inliers], fit, own.mean(axis=0), int(label))
             # With it go all splats in its layer: faint and round ones are part of what is seen.

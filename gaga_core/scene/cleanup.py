@@ -171,8 +171,7 @@ def _neighbours_of(pool: _Pool, which: LongArray, k: int) -> tuple[IntArray, Flo
 def _vote_weights(pool: _Pool, which: LongArray, near: IntArray) -> FloatArray:
     """What each neighbour's word counts (Q, k): opacity times likeness of color."""
     difference = np.zeros(near.shape, np.float32)
-    for channel in range(3):
-        color = pool.colors[:, channel]
+    for color in pool.colors.T:
         difference += (color[near] - color[which][:, None]) ** 2
     weights = np.exp(difference * np.float32(-0.5 / _COLOR_WIDTH**2))
     weights += np.float32(1e-6)  # with no neighbour of its color, all of them decide

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from gaga_core.io.json_file import PathText, read_json
 
@@ -50,7 +51,8 @@ class Manifest(msgspec.Struct, frozen=True):
 
 def write_manifest(content: Manifest, folder: Path) -> None:
     """Write groups.json into ``folder``."""
-    text = json.dumps(msgspec.to_builtins(content), indent=1, ensure_ascii=False)
+    plain = msgspec.to_builtins(content, enc_hook=np.generic.item)
+    text = json.dumps(plain, indent=1, ensure_ascii=False)
     (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 

@@ -656,7 +656,8 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         np.savez_compressed(file, **scene_arrays(scene))  # type: ignore[arg-type]
     try:
         with atomic_write(target / PROJECT_FILE) as temporary:
-            text = json.dumps(msgspec.to_builtins(document), indent=2)
+            content = msgspec.to_builtins(document, enc_hook=np.generic.item)
+            text = json.dumps(content, indent=2)
             temporary.write_text(text, encoding="utf-8")
     except GagaError:
         (target / name).unlink(missing_ok=True)

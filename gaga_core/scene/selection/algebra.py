@@ -18,7 +18,7 @@ def selectable(scene: Scene) -> BoolArray:
 
 def everything(scene: Scene) -> IntArray:
     """All splats that can be selected."""
-    return _rows(selectable(scene))
+    return rows_of(selectable(scene))
 
 
 def whole(scene: Scene) -> IntArray:
@@ -33,7 +33,7 @@ def nothing() -> IntArray:
 
 def inverted(scene: Scene) -> IntArray:
     """Those that can be selected and are not."""
-    return _rows(selectable(scene) & ~scene.has(State.SELECTED))
+    return rows_of(selectable(scene) & ~scene.has(State.SELECTED))
 
 
 def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:
@@ -42,7 +42,7 @@ def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArra
     n_labels = int(scene.labels.max(initial=0)) + 1
     total = np.bincount(scene.labels[selectable(scene)], minlength=n_labels)
     inside = np.bincount(scene.labels[splats], minlength=n_labels)
-    groups = _rows((inside > 0) & (inside >= share * total))
+    groups = rows_of((inside > 0) & (inside >= share * total))
     return groups[groups > 0]
 
 
@@ -60,7 +60,8 @@ def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
     return result
 
 
-def _rows(mask: BoolArray) -> IntArray:
+def rows_of(mask: BoolArray) -> IntArray:
+    """Rows (K,) of a mask (N,)."""
     return np.flatnonzero(mask).astype(np.int32)
 
 
@@ -92,4 +93,4 @@ def splats_under_selection(scene: Scene, *, with_locked: bool = False) -> IntArr
     taken = np.isin(scene.labels, np.array(groups, np.int32))
     left_out = State.SELECTED | State.DELETED
     taken &= ~scene.has(left_out if with_locked else left_out | State.LOCKED)
-    return np.flatnonzero(taken).astype(np.int32)
+    return rows_of(taken)

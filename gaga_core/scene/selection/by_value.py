@@ -8,7 +8,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.algebra import selectable, world_means
+from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
 
 _LUMA = LUMA.astype(np.float32)
 _TAILS = (0.1, 99.9)  # percentiles between which the bins of a histogram lie
@@ -55,8 +55,7 @@ def column(scene: Scene, name: str) -> FloatArray:
 def in_range(scene: Scene, name: str, low: float, high: float) -> IntArray:
     """Splats (K,) that can be selected with ``low <= value <= high``."""
     values = column(scene, name)
-    inside = (values >= low) & (values <= high) & selectable(scene)
-    return np.flatnonzero(inside).astype(np.int32)
+    return rows_of((values >= low) & (values <= high) & selectable(scene))
 
 
 def histogram(
@@ -92,7 +91,7 @@ def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray
     The difference is the largest of the three channels', as eyedroppers measure it.
     """
     far = np.abs(shown_colors(scene) - np.asarray(rgb, np.float32)).max(axis=1)
-    return np.flatnonzero((far <= tolerance) & selectable(scene)).astype(np.int32)
+    return rows_of((far <= tolerance) & selectable(scene))
 
 
 def _opacity(scene: Scene) -> FloatArray:

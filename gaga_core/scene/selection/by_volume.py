@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.scene.orientation import turn_between
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.algebra import selectable, world_means
+from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
 
 
 def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
@@ -17,7 +17,7 @@ def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
     check_shape("centre", np.asarray(centre), (3,))
     offsets = world_means(scene) - np.asarray(centre, np.float32)
     inside = np.einsum("nj,nj->n", offsets, offsets) <= np.float32(radius) ** 2
-    return _rows(scene, inside)
+    return rows_of(inside & selectable(scene))
 
 
 def in_box(scene: Scene, world_from_box: DoubleArray) -> IntArray:
@@ -36,11 +36,7 @@ def in_box(scene: Scene, world_from_box: DoubleArray) -> IntArray:
         row = box_from_world[axis].astype(np.float32)
         along = means @ row[:3] + row[3]
         inside &= np.abs(along) <= 0.5
-    return _rows(scene, inside)
-
-
-def _rows(scene: Scene, inside: BoolArray) -> IntArray:
-    return np.flatnonzero(inside & selectable(scene)).astype(np.int32)
+    return rows_of(inside & selectable(scene))
 
 
 # --- Points of a surface with their normals, and maps from one to another: for a clone brush.

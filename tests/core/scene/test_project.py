@@ -8,6 +8,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene import edits
+from gaga_core.scene.camera_path import Bookmark, Shot
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import save_project
 from tests.core.scene.projects import assert_same, edited, model_in, opened
@@ -84,6 +85,16 @@ def test_damaged_columns_are_a_sentence(tmp_path: Path) -> None:
     file.write_bytes(b"PK no more")
     with pytest.raises(GagaError, match="damaged"):
         opened(where)
+
+
+def test_numbers_of_numpy_are_saved(tmp_path: Path) -> None:
+    project = opened(model_in(tmp_path))
+    shot = Shot((np.float64(1), 0, 0), (1, 0, 0, 0), np.float64(1), 1, np.float64(2))
+    project.bookmarks = (Bookmark("here", shot),)
+    project.scene.colors = {1: (np.float64(0.5), 0, np.float32(1))}  # type: ignore[dict-item]
+    again = opened(save_project(project))
+    assert again.bookmarks == project.bookmarks
+    assert again.scene.colors == {1: (0.5, 0, 1)}
 
 
 def test_a_project_moves_with_its_model(tmp_path: Path) -> None:

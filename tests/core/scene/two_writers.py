@@ -1,5 +1,6 @@
 """Programs that the tests start and kill: one saves again and again, one opens again and again."""
 
+import sys
 import time
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Barrier, Event
@@ -30,4 +31,11 @@ def hold(place: Path, begin: Barrier) -> None:
     """Hold the folder until killed."""
     lock_folder(place)
     begin.wait(60)
+    time.sleep(600)
+
+
+if __name__ == "__main__":  # hold PLACE
+    lock_folder(Path(sys.argv[2]))
+    sys.stdout.write("held\n")
+    sys.stdout.flush()
     time.sleep(600)
